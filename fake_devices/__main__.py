@@ -1,4 +1,4 @@
-"""``python -m fake_devices CELL.toml``: play every device that the file names, until told to end.
+"""``python -m cellcal.fake_devices CELL.toml``: play every device that the file names, until told to end.
 
 Imitates
     The main switch of a cell.
@@ -28,7 +28,7 @@ from cellcal.fake_devices.control import ControlDoor
 def main() -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m fake_devices", description="Play the devices of a cell file."
+        prog="python -m cellcal.fake_devices", description="Play the devices of a cell file."
     )
     parser.add_argument("cell", type=Path, help="the cell file")
     parser.add_argument("--ready-fd", type=int, default=1, help="where to write the ready line (default: 1)")

@@ -43,8 +43,8 @@ from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge,
 from cellcal.procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
 from cellcal.procedures.motion.plan_words import Tour, plan_words
 from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
 from cellcal.procedures.verdict import Change, Verdict, judged, stated
 

@@ -25,6 +25,7 @@ from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Predictio
 from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from cellcal.procedures.limits import FrameLimits
 from cellcal.procedures.past import Finding
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
@@ -36,7 +37,6 @@ from cellcal.procedures.refit import (
     values_of,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict, held, known_within, stated
 
 BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))

@@ -29,7 +29,7 @@ from cellcal.drivers.interfaces import (
     Tracker,
     UserFrameStore,
 )
-from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 
 
 class MotionLevel(StrEnum):

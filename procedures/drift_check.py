@@ -54,8 +54,8 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
 from cellcal.procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
 

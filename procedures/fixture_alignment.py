@@ -32,9 +32,9 @@ from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refu
 from cellcal.procedures.limits import FrameLimits
 from cellcal.procedures.motion.plan_words import Tour, plan_words
 from cellcal.procedures.past import Finding
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.refit import Refit, Refitted, pose_values, values_of
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.mastering import same_epoch
 from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.survey.shared_fixture import (

@@ -28,6 +28,7 @@ from cellcal.procedures.judged_write import (
     with_verdict,
 )
 from cellcal.procedures.past import Finding
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
@@ -40,7 +41,6 @@ from cellcal.procedures.refit import (
     values_of,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.meters import known_points_meter, tip_in_base
 from cellcal.procedures.steps.pages import point_states, points_page, with_changes
 from cellcal.procedures.steps.teach import TaughtPose, teach

@@ -25,13 +25,14 @@ from cellcal.procedures.canonical import sha256_of
 from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.motion.detours import known_way
-from cellcal.procedures.motion.pace import Paced
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from cellcal.procedures.motion.plans import Room, plan_kit, wire_prior
+from cellcal.procedures.motors import Motors, MotorState
 from cellcal.procedures.past import Finding
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.recovery.kit_offers import KitOffers
 from cellcal.procedures.recovery.mastering_forecasts import forecast_places, forecast_record
 from cellcal.procedures.recovery.place_record import place_phases, record_places
+from cellcal.procedures.recovery.record_seal import seal, shown
 from cellcal.procedures.recovery.recovery_kit import (
     GOOD_PROBABILITY,
     GOOD_SIGMAS,
@@ -53,12 +54,10 @@ from cellcal.procedures.refit import (
     values_of,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.capture import StillCapture, capture
 from cellcal.procedures.steps.kit_bench import read_kit_bench
-from cellcal.procedures.steps.mastering import Motors, MotorState, read_motors, same_epoch
+from cellcal.procedures.steps.mastering import read_motors, same_epoch
 from cellcal.procedures.steps.motion import go_along
-from cellcal.procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
 from cellcal.procedures.verdict import SetAside, Verdict, enough, held, stated
 
 _PLACES = ("wire's exit x", "wire's exit y", "wire's exit z", "hook x", "hook y", "hook z")
@@ -209,19 +208,6 @@ def _unsealed(state: MotorState | Motors, model: str) -> MasteringRecord:
     )
 
 
-def seal(record: MasteringRecord) -> MasteringRecord:
-    """Return the record with the hash of its canonical JSON."""
-    return replace(record, sha256=seal_of(record))
-
-
-def seal_of(record: MasteringRecord) -> str:
-    """Return the hash that a record must carry."""
-    content = to_jsonable_python(replace(record, sha256=""))
-    if record.kit is None:
-        del content["kit"]  # the seal of a record without a kit is that of records older than kits
-    return sha256_of(content)
-
-
 def verdict_on_record(result: RecordResult) -> Verdict:
     """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
     if result.record.wire is None:
@@ -301,22 +287,6 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
             "The number of places is fixed by the kit, further ones by what it lacks: nothing to save.",
         ),
     )
-
-
-def shown(plan: MotionPlan) -> Instruction:
-    """Return the plan as a question for the technician."""
-    fastest_rad_s = max(plan.speeds_rad_s)
-    tour = Tour(len(plan.poses_rad), Paced(plan.travel_rad, plan.moving_s, fastest_rad_s))
-    what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    moves = Moves(
-        ways_rad=plan.ways_rad or straight(plan.poses_rad),
-        speed_rad_s=fastest_rad_s,
-        checked=WIRE_CHECKS,
-        not_checked=plan.not_checked,
-        planned=dict.fromkeys(("go to pose", "capture"), len(plan.poses_rad)),
-    )
-    return plan_page(asked, tour, moves)
 
 
 def _refuse_sick(state: MotorState | Motors) -> None:

@@ -19,6 +19,8 @@ from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.mastering_record import HOOK_WIRE
 from cellcal.procedures.motion.lost_plans import FinalPlan, plan_finals
 from cellcal.procedures.motion.turn_doubt import Turns, first_doubt, sure_to
+from cellcal.procedures.motors import MotorState
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from cellcal.procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
 from cellcal.procedures.recovery.recovery_campaign import (
@@ -47,9 +49,8 @@ from cellcal.procedures.recovery.recovery_verdict import saving, verdict_on_reco
 from cellcal.procedures.recovery.saved_counts import confirm_newest, saved_counts_page
 from cellcal.procedures.recovery.waking import Turning, Woken, wake_encoders
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.capture import capture
-from cellcal.procedures.steps.mastering import MotorState, read_motors, same_epoch, stored_record
+from cellcal.procedures.steps.mastering import read_motors, same_epoch, stored_record
 from cellcal.procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
 from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
 from cellcal.procedures.verdict import Verdict

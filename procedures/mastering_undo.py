@@ -16,11 +16,12 @@ from cellcal.procedures.canonical import sha256_of
 from cellcal.procedures.cell import Cell, MasteringBackup
 from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.motors import Motors
+from cellcal.procedures.questions import accept
 from cellcal.procedures.recovery.recovery_verdict import AFTER_MASTERING
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.shown import on_page
-from cellcal.procedures.steps.ask import accept
-from cellcal.procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 from cellcal.procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
 from cellcal.procedures.steps.write import ReadBackError, restore_mastering
 from cellcal.procedures.verdict import Change, Verdict, held

@@ -29,8 +29,8 @@ from cellcal.procedures.judged_write import (
 from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
 from cellcal.procedures.motion.pace import Paced
 from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.pages import ARM_CHECKS, Moves, plan_page
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots

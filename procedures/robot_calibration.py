@@ -55,8 +55,8 @@ from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge,
 from cellcal.procedures.judged_write import refuse_failed, with_verdict
 from cellcal.procedures.limits import CHECK, chosen
 from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.pages import plan_page, with_changes
 from cellcal.procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
 from cellcal.procedures.verdict import (

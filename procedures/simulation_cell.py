@@ -37,9 +37,9 @@ from cellcal.procedures.limits import (
     told,
 )
 from cellcal.procedures.past import Finding
+from cellcal.procedures.questions import accept
 from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
 from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
 from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict

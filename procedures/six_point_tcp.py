@@ -26,8 +26,8 @@ from cellcal.procedures.judged_write import (
     shift_told,
 )
 from cellcal.procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
 from cellcal.procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
 from cellcal.procedures.teaching.tcp_refit import refit_touches

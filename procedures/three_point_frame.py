@@ -31,8 +31,8 @@ from cellcal.procedures.judged_write import (
     shift_told,
 )
 from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
+from cellcal.procedures.questions import accept, ask
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept, ask
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.frame_refit import refit_frame
 from cellcal.procedures.teaching.frame_touches import (

@@ -14,7 +14,7 @@ from rich.console import Console
 from cellcal.service.cli.story import Teller
 from cellcal.service.demo.story import Plot, tell_story
 from cellcal.service.engineering.identification.identify import identify_file
-from cellcal.service.engineering.identification.identify_plots import draw_identification
+from cellcal.service.engineering.plots.identify_plots import draw_identification
 
 PICTURES = Path(__file__).parents[1] / "deploy" / "pictures"
 MEASURED = Path(__file__).parent / "data" / "ipa_ur10" / "series_b_joint_configurations.csv"

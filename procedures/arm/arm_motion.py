@@ -21,7 +21,7 @@ from cellcal.procedures.arm.arm_bench import Bench, Triple
 from cellcal.procedures.motion.approach import from_below
 from cellcal.procedures.motion.pace import Pace
 from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.surroundings import clearances
 from cellcal.procedures.survey import survey_motion
 
 FEWEST_POSES = 8

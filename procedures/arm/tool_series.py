@@ -17,8 +17,8 @@ from cellcal.procedures.arm.arm_motion import ordered_ways, way_between
 from cellcal.procedures.arm.arm_series import Visits
 from cellcal.procedures.arm.calibration_plan import Series, Standing, known_so_far
 from cellcal.procedures.arm.tool_plan import ToolGoal, ToolPlan, place_rows, unseen
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import ask
 from cellcal.procedures.steps.end_effector import BACK, to_point
 
 Way = tuple[Joints, ...]

@@ -14,8 +14,8 @@ from cellcal.procedures.arm.tool_result import FoundTool
 from cellcal.procedures.canonical import sha256_of
 from cellcal.procedures.judged_write import ask_to_write, shift_told
 from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.questions import accept
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.ask import accept
 from cellcal.procedures.steps.end_effector import bad_shape
 from cellcal.procedures.steps.write import write_and_read_back
 from cellcal.procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated

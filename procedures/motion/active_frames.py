@@ -4,14 +4,16 @@ A joint target means the same with any tool. But who switches the tool while a r
 hangs at the flange, or is working at this robot: points from before and after do not belong together.
 """
 
+import math
 from collections.abc import Iterable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.steps.write import same_pose
 
+WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
+WRITTEN_RAD = 5e-6
 PAYLOAD_KG = 1e-3  # what a pendant shows
 _UNTOLD = "Whether {what} was changed on the controller during the run: this robot does not tell it."
 
@@ -135,3 +137,11 @@ def _place(pose: Pose) -> str:
     w, *turn = pose.quaternion
     turned = ", ".join(f"{value:.5f}" for value in (w, *turn))
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (quaternion {turned})"
+
+
+def same_pose(left: Pose, right: Pose) -> bool:
+    """Whether two poses are equal as far as a controller can store them."""
+    apart_m = math.dist(left.position_m, right.position_m)
+    cosine = min(abs(sum(a * b for a, b in zip(left.quaternion, right.quaternion, strict=True))), 1.0)
+    chord = math.sqrt(max(2.0 - 2.0 * cosine, 0.0))  # half the angle; acos would lose eight digits here
+    return apart_m <= WRITTEN_M and 2.0 * chord <= WRITTEN_RAD

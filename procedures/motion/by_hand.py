@@ -7,10 +7,10 @@ import numpy as np
 
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionLevel
+from cellcal.procedures.motors import motor_store
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.steps.ask import ask
-from cellcal.procedures.steps.mastering import motor_store
-from cellcal.procedures.steps.pages import asked_by_hand
+from cellcal.procedures.shown import Shown, on_page
 
 TRIES = 4
 STILL_RAD = 1e-3
@@ -103,3 +103,10 @@ def _words(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str:
 
 def _shown(joints_rad: Joints) -> str:
     return ", ".join(f"J{k} {math.degrees(q):.2f}" for k, q in enumerate(joints_rad, 1)) + " deg"
+
+
+def asked_by_hand(asked: Instruction, target_rad: Joints, tolerance_rad: float, *, wired: bool) -> Shown:
+    """Return a move that a person makes on its page; with a wire the next thing is a capture of its length."""
+    target = {"joints_rad": list(target_rad), "tolerance_rad": tolerance_rad}
+    plan = {"poses": [{"name": "", "joints_rad": list(target_rad), "way_rad": []}]}
+    return on_page(asked, "capture" if wired else "teach", target=target, plan=plan)

@@ -16,7 +16,7 @@ from cellcal.procedures.motion.lost_plans import candidates, unmeasured, unreach
 from cellcal.procedures.motion.plan_ways import travel_order
 from cellcal.procedures.motion.plans import MotionPlan, Room, timed
 from cellcal.procedures.motion.turn_doubt import Turns, lost_limits, sure_to
-from cellcal.procedures.steps.mastering import MotorState
+from cellcal.procedures.motors import MotorState
 
 VERIFICATION_SIGMAS = 6.0
 DRAWS = 3  # of poses to choose from: the soonest checks of them are taken

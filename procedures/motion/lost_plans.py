@@ -26,9 +26,9 @@ from cellcal.procedures.motion.plan_ways import (
     way_allowed,
 )
 from cellcal.procedures.motion.plans import MotionPlan, Room, checked, motion_limits, timed
-from cellcal.procedures.motion.surroundings import clearances
 from cellcal.procedures.motion.turn_doubt import Turns, lost_limits, posture_doubt
-from cellcal.procedures.steps.mastering import MotorState
+from cellcal.procedures.motors import MotorState
+from cellcal.procedures.surroundings import clearances
 
 SAME_POSE_RAD = 0.02
 SPARE_CANDIDATES = 60

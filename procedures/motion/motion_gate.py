@@ -24,10 +24,10 @@ from cellcal.procedures.cell import Cell, MotionLevel, MotionMemory
 from cellcal.procedures.motion.active_frames import same_frames
 from cellcal.procedures.motion.by_hand import jog_by_hand, move_by_hand
 from cellcal.procedures.motion.pace import Pace
-from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.motors import PositionLostAgainError, axis_jog
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
-from cellcal.procedures.steps.ask import ask
-from cellcal.procedures.steps.mastering import PositionLostAgainError, axis_jog
+from cellcal.procedures.surroundings import clearances
 
 MARGIN_RAD = 0.034907  # 2 deg from a joint's limit: plans keep 3, and stops from below overshoot by 1
 HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant

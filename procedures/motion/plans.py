@@ -18,8 +18,8 @@ from cellcal.calibration.wires.model import WirePrior
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.motion.detours import ways_through
 from cellcal.procedures.motion.plan_ways import arrive, as_way, corners_of, refuse_broken, wire_has_side
-from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearances
-from cellcal.procedures.steps.mastering import MotorState
+from cellcal.procedures.motors import MotorState
+from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings, clearances
 
 Triple = tuple[float, float, float]
 

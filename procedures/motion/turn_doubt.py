@@ -10,7 +10,7 @@ from cellcal.calibration.motion.doubt import PostureDoubt
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.procedures.motion.plans import Room, motion_limits
-from cellcal.procedures.steps.mastering import MotorState
+from cellcal.procedures.motors import MotorState
 
 Turns = tuple[float, ...]
 HALF_TURN = (

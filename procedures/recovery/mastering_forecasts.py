@@ -27,10 +27,10 @@ from cellcal.procedures.motion.approach import OVERSHOOT_RAD
 from cellcal.procedures.motion.lost_plans import index_travel, plan_first
 from cellcal.procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
 from cellcal.procedures.motion.turn_doubt import first_doubt
+from cellcal.procedures.motors import MotorState
 from cellcal.procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
 from cellcal.procedures.recovery.recovery_kit import KitSpec
 from cellcal.procedures.recovery.waking import INDEX_TURNS
-from cellcal.procedures.steps.mastering import MotorState
 
 ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
 ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame nobody has read yet

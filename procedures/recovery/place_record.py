@@ -13,6 +13,7 @@ from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.canonical import sha256_of
 from cellcal.procedures.entry import Phase
 from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.questions import accept
 from cellcal.procedures.recovery.kit_offers import (
     KitOffer,
     KitOffers,
@@ -29,7 +30,6 @@ from cellcal.procedures.recovery.recovery_kit import (
     visited,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept
 from cellcal.procedures.steps.kit_bench import KitBench, choose_kit
 from cellcal.procedures.steps.place import PlaceKind
 

@@ -14,6 +14,8 @@ from cellcal.calibration.mastering.place_recovery import places_to_fit, recover_
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Counts, Instruction
 from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.motors import Motors
+from cellcal.procedures.questions import accept
 from cellcal.procedures.recovery.recovery_result import (
     Effort,
     RecoveryResult,
@@ -28,8 +30,7 @@ from cellcal.procedures.recovery.recovery_spec import (
     refuse_unknown_axes,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept
-from cellcal.procedures.steps.mastering import Motors, read_motors_alone, same_epoch
+from cellcal.procedures.steps.mastering import read_motors_alone, same_epoch
 from cellcal.procedures.steps.place import PlaceKind, visit_place
 from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
 

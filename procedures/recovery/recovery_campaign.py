@@ -9,7 +9,6 @@ from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.mastering_record import shown
 from cellcal.procedures.motion.check_plans import Known, plan_checks
 from cellcal.procedures.motion.lost_plans import (
     compare_drawn,
@@ -21,6 +20,9 @@ from cellcal.procedures.motion.lost_plans import (
 from cellcal.procedures.motion.pace import Pace
 from cellcal.procedures.motion.plans import MotionPlan
 from cellcal.procedures.motion.turn_doubt import Turns, doubt_after
+from cellcal.procedures.motors import MotorState
+from cellcal.procedures.questions import accept
+from cellcal.procedures.recovery.record_seal import shown
 from cellcal.procedures.recovery.recovery_result import (
     MEMORY_POWER,
     Effort,
@@ -34,9 +36,7 @@ from cellcal.procedures.recovery.recovery_result import (
 )
 from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.ask import accept
 from cellcal.procedures.steps.capture import StillCapture, capture
-from cellcal.procedures.steps.mastering import MotorState
 from cellcal.procedures.steps.motion import CountsToJoints, jog_to
 
 FULL_CALIBRATION = "Have the robot inspected; a full calibration is advised before it works again."

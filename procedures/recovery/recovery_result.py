@@ -17,7 +17,7 @@ from cellcal.calibration.mastering.turn_recovery import (
 )
 from cellcal.calibration.mastering.turn_verification import motors_alone
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
-from cellcal.procedures.mastering_record import seal
+from cellcal.procedures.recovery.record_seal import seal
 from cellcal.procedures.recovery.recovery_pages import correction_page
 
 POWER_CHECK = "verification power"

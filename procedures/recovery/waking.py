@@ -10,8 +10,8 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.lost_plans import index_travel
 from cellcal.procedures.motion.plans import Room
 from cellcal.procedures.motion.turn_doubt import Turns, posture_doubt
+from cellcal.procedures.questions import ask, let_move
 from cellcal.procedures.run import ProcedureError, Run
-from cellcal.procedures.steps.ask import ask, let_move
 from cellcal.procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot
 from cellcal.procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
 

@@ -9,8 +9,9 @@ from cellcal.calibration.mastering.counts import WireCapture
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motors import motor_store
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.steps.mastering import length_gauge, motor_store
+from cellcal.procedures.steps.mastering import length_gauge
 
 TRIES = 3
 SPREAD_SIGMAS = 6.0

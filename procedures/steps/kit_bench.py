@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from cellcal.drivers.interfaces import Question
 from cellcal.procedures.cell import Cell, MotionLimits
 from cellcal.procedures.instruments import Instruments, instruments_of
+from cellcal.procedures.motors import Motors
+from cellcal.procedures.questions import enter
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.steps.ask import enter
-from cellcal.procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 
 ASKED_AGAIN = 3
 _SHORTEST_TOOL_M = 0.02  # a shorter tool frame is none: nobody typed it in

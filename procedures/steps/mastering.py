@@ -1,68 +1,27 @@
 """Steps that read what a robot knows about its motors."""
 
 import asyncio
-from dataclasses import dataclass
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import (
     Condition,
     Counts,
     DistanceGauge,
-    Identity,
-    JogsAxes,
     Joints,
-    MasteringData,
-    MasteringStore,
     Readiness,
 )
-from cellcal.procedures.cell import Cell, GaugeSetup, MotionLimits
-from cellcal.procedures.run import NeedsUnmetError, ProcedureError, RefusalError
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motors import Motors, MotorState, PositionLostAgainError, motor_store
+from cellcal.procedures.run import NeedsUnmetError, RefusalError
 
 MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 BOOT_DEADLINE_S = 300.0
 BOOT_PAUSE_S = 0.5
-
-
-class PositionLostAgainError(ProcedureError):
-    """The encoders lost their position while the run was under way: its captures cannot be combined."""
-
-    code = "procedure.position_lost_again"
-
-
-@dataclass(frozen=True, slots=True)
-class MotorState:
-    """What the controller says about itself at one moment."""
-
-    identity: Identity
-    condition: Condition
-    model: str
-    counts: Counts
-    joints_rad: Joints
-    mastering: MasteringData
-    drive: DriveTrain
-    epoch: int
-    gauge_setup: GaugeSetup
-    gauge_range_m: float
-    gauge_sigma_m: float
-    limits: MotionLimits
-
-
-@dataclass(frozen=True, slots=True)
-class Motors:
-    """What the controller says about its motors, in a cell with or without a draw-wire."""
-
-    identity: Identity
-    condition: Condition
-    counts: Counts
-    joints_rad: Joints
-    mastering: MasteringData
-    drive: DriveTrain
-    epoch: int
 
 
 async def read_motors_alone(cell: Cell) -> Motors:
@@ -193,20 +152,6 @@ async def reset_alarms(cell: Cell) -> Condition:
     await motor_store(cell).reset_position_alarms()
     cell.motion.epoch = None  # what follows is a new beginning for the encoders
     return await cell.robot.condition()
-
-
-def motor_store(cell: Cell) -> MasteringStore:
-    """Return the robot's mastering, which the catalogue has made sure of."""
-    if cell.mastering is None:
-        raise NeedsUnmetError("the robot's mastering is out of reach", missing=("writes_mastering",))
-    return cell.mastering
-
-
-def axis_jog(cell: Cell) -> JogsAxes:
-    """Return the robot's jog."""
-    if cell.jogs is None:
-        raise NeedsUnmetError("the robot does not jog single axes", missing=("jogs_single_axes",))
-    return cell.jogs
 
 
 def length_gauge(cell: Cell) -> DistanceGauge:

@@ -16,7 +16,7 @@ from cellcal.procedures.motion import motion_gate
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
 from cellcal.procedures.motion.motion_gate import Care, Jog, refuse_off_target
 from cellcal.procedures.motion.pace import Pace
-from cellcal.procedures.steps.mastering import motor_store
+from cellcal.procedures.motors import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
 ALREADY_TURNED = 0.5  # of a motor's way past its index

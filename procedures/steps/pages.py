@@ -16,9 +16,9 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.drivers.interfaces import Instruction, Joints
-from cellcal.procedures.cell import Cell
 from cellcal.procedures.forecast import Prediction
 from cellcal.procedures.motion.plan_words import Tour
+from cellcal.procedures.questions import tips_at
 from cellcal.procedures.shown import Shown, on_page, page_of
 from cellcal.procedures.verdict import Change, Verdict
 
@@ -105,7 +105,7 @@ def joint_displacement(
 ) -> dict[str, float | str]:
     """Return by how much the tip is displaced at most, over postures, if every joint is off by ``turned_rad``."""
     here = np.array([tuple(q) for q in joints_rad])
-    tips = [_tips(model, q, tip_in_flange_m) for q in (here, here + np.array(turned_rad))]
+    tips = [tips_at(model, q, tip_in_flange_m) for q in (here, here + np.array(turned_rad))]
     return {"most_m": float(np.linalg.norm(tips[1] - tips[0], axis=1).max()), "at": "postures"}
 
 
@@ -115,36 +115,12 @@ def axis_levers(
     """Return for each axis by how much a tenth of a degree displaces the tip in a posture [m]."""
     here = np.array([joints_rad])
     turned = here + np.eye(model.axes) * TENTH_RAD
-    away = _tips(model, turned, tip_in_flange_m) - _tips(model, here, tip_in_flange_m)
+    away = tips_at(model, turned, tip_in_flange_m) - tips_at(model, here, tip_in_flange_m)
     lengths = np.linalg.norm(away, axis=1)
     return [
         {"name": name, "tenth_degree_m": float(length)}
         for name, length in zip(model.joint_names, lengths, strict=True)
     ]
-
-
-def seen_from_here(cell: Cell, asked: Instruction) -> Instruction:
-    """Return an instruction with what only the cell knows: what is selected on the controller, and planned tips."""
-    if not isinstance(asked, Shown):
-        return asked
-    data: dict[str, Any] = {}
-    if cell.motion.frames is not None:
-        data["frames"] = cell.motion.frames
-    plan = asked.page.data.get("plan")
-    if plan is not None and cell.model is not None:
-        data["plan"] = {
-            **plan,
-            "poses": _with_tips(cell, cell.model, plan["poses"]),
-            "level": cell.level.value,
-        }
-    return on_page(asked, asked.page.kind, **data)
-
-
-def asked_by_hand(asked: Instruction, target_rad: Joints, tolerance_rad: float, *, wired: bool) -> Shown:
-    """Return a move that a person makes on its page; with a wire the next thing is a capture of its length."""
-    target = {"joints_rad": list(target_rad), "tolerance_rad": tolerance_rad}
-    plan = {"poses": [{"name": "", "joints_rad": list(target_rad), "way_rad": []}]}
-    return on_page(asked, "capture" if wired else "teach", target=target, plan=plan)
 
 
 def points_page(
@@ -162,17 +138,6 @@ def points_page(
 def point_states(names: Sequence[str], now: int) -> list[tuple[str, str]]:
     """Return points that are taught one after the other, the one at ``now`` being asked for."""
     return [(name, "recorded" if k < now else "now" if k == now else "to_do") for k, name in enumerate(names)]
-
-
-def _with_tips(cell: Cell, model: RobotModel, poses: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
-    found = _tips(model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axes), tip)
-    return [{**pose, "tip_in_base_m": place.tolist()} for pose, place in zip(poses, found, strict=True)]
-
-
-def _tips(model: RobotModel, joints_rad: Any, tip_in_flange_m: Sequence[float]) -> Any:
-    flanges = model.base_flange(joints_rad)
-    return flanges[:, :3, :3] @ np.array(tip_in_flange_m) + flanges[:, :3, 3]
 
 
 def _told(one: Prediction) -> dict[str, Any]:

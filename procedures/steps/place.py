@@ -7,10 +7,10 @@ from cellcal.calibration.mastering.counts import PlaceCapture
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motors import motor_store
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.steps.ask import ask
 from cellcal.procedures.steps.capture import NotAtRestError
-from cellcal.procedures.steps.mastering import motor_store
 from cellcal.procedures.steps.measure_point import measure_point
 
 PlaceKind = Literal["point", "seat", "target", "nest"]

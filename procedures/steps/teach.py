@@ -7,9 +7,9 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Instruction, JointReading, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.shown import Shown, on_page
-from cellcal.procedures.steps.ask import ask
 
 STILL_RAD = 1e-4
 STILL_TRIES = 20

@@ -1,16 +1,13 @@
 """Steps that change a controller: each states a goal, writes only what does not hold yet, reads all back."""
 
-import math
 from dataclasses import replace
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motors import motor_store
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
-from cellcal.procedures.steps.mastering import motor_store
-
-WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
-WRITTEN_RAD = 5e-6
 
 
 class ReadBackError(ProcedureError):
@@ -99,14 +96,6 @@ async def still_in_force(cell: Cell, written: Counts) -> MasteringData:
             "start a new run.",
         )
     return found
-
-
-def same_pose(left: Pose, right: Pose) -> bool:
-    """Whether two poses are equal as far as a controller can store them."""
-    apart_m = math.dist(left.position_m, right.position_m)
-    cosine = min(abs(sum(a * b for a, b in zip(left.quaternion, right.quaternion, strict=True))), 1.0)
-    chord = math.sqrt(max(2.0 - 2.0 * cosine, 0.0))  # half the angle; acos would lose eight digits here
-    return apart_m <= WRITTEN_M and 2.0 * chord <= WRITTEN_RAD
 
 
 def _kept(what: str, found: Pose, goal: Pose) -> Pose:

@@ -14,7 +14,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allo
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.motion.approach import from_below
 from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.motion.surroundings import Surroundings, clearances
+from cellcal.procedures.surroundings import Surroundings, clearances
 
 Triple = tuple[float, float, float]
 Wire = tuple[Triple, Triple, float]  # exit in the base, hook in the flange, range [m]

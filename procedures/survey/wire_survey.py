@@ -10,9 +10,9 @@ from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.questions import ask
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
-from cellcal.procedures.steps.ask import ask
 from cellcal.procedures.steps.length import LengthCapture, capture_length
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
 from cellcal.procedures.steps.motion import follow

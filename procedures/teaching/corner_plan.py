@@ -32,8 +32,8 @@ from cellcal.procedures.cell import MotionLimits as Caps
 from cellcal.procedures.motion.plan_ways import as_joints, refuse_broken
 from cellcal.procedures.motion.plans import MotionPlan, Room, checked
 from cellcal.procedures.motion.probe_line import joints_for_tip
-from cellcal.procedures.motion.surroundings import clearances
 from cellcal.procedures.steps.touch import PROBING_CAP_M_S, Approach, TouchedPoint
+from cellcal.procedures.surroundings import clearances
 from cellcal.procedures.survey.survey_motion import survey_limits
 
 Triple = tuple[float, float, float]

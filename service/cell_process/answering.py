@@ -5,7 +5,7 @@ import asyncio
 from cellcal.procedures.past import Kind
 from cellcal.service.cell_process.messages import AnswerIt, Command, Resume, SignOff, Start
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.journal_files import open_journal
 
 
 class Answering:

@@ -51,14 +51,15 @@ from cellcal.service.cell_process.screen_operator import DeskOperator
 from cellcal.service.cell_process.unselected_robots import OtherRobots
 from cellcal.service.cell_process.watching import DeskWatch
 from cellcal.service.certificates.certificate import issue
-from cellcal.service.certificates.journal_end import end_in_words, refuse_missing_end
 from cellcal.service.certificates.printing import print_beside
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
+from cellcal.service.record.journal_end import end_in_words, refuse_missing_end
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.launch import go_on_with, start_on
-from cellcal.service.runs.open_cell import open_cell, open_journal
+from cellcal.service.runs.open_cell import open_cell
 from cellcal.service.runs.run_procedure import Conditions
 from cellcal.service.runs.settings import build_spec
 from cellcal.service.watching.automatic_operator import StandingAnswers

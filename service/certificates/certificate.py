@@ -19,15 +19,15 @@ from cellcal.procedures.entry import Entry
 from cellcal.procedures.past import Kind
 from cellcal.service.certificates.points import airs, answers, raw_data_sha256, readings
 from cellcal.service.certificates.sign_offs import sign_offs
-from cellcal.service.certificates.signing import Finding, StationKey, check, station_key
 from cellcal.service.certificates.text import as_text
 from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
 from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.record.journal import Event, Journal
+from cellcal.service.record.journal_files import certificates_folder, open_journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.record.signing import Finding, StationKey, check, station_key
 from cellcal.service.runs.instruments import instruments_behind
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.photos import told_pictures
 
 FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
@@ -81,11 +81,6 @@ class Issued:
     text_path: Path
     sha256: str
     key: StationKey
-
-
-def certificates_folder(config: CellConfig) -> Path:
-    """Return where certificates are kept."""
-    return config.cell.data_dir / "certificates"
 
 
 def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:

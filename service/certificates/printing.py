@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.signing import check, read_document
 from cellcal.service.files import SHARED_FILE, replace_file
+from cellcal.service.record.signing import check, read_document
 from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:

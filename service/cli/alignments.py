@@ -16,8 +16,8 @@ def show(*, cell: CellFile) -> int:
     """Print every alignment of the cell's journal, oldest first."""
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.record.journal_files import open_journal
     from cellcal.service.record.run_store import Store
-    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         for one in Store(journal).alignments():
@@ -44,8 +44,8 @@ def export(*, cell: CellFile, out: Path) -> int:
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.files import SHARED_FILE, replace_file
+    from cellcal.service.record.journal_files import open_journal
     from cellcal.service.record.run_store import Store
-    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         stored = Store(journal).alignments()

@@ -118,10 +118,10 @@ def restore(  # noqa: PLR0913  a command's options are its arguments
         a certificate of the cell.
     """
     from cellcal.calibration.errors import CellError
-    from cellcal.service.certificates.signing import read_public_key
     from cellcal.service.cli.printing import print_json
     from cellcal.service.export.restore import prove
     from cellcal.service.export.restore import restore as put_back
+    from cellcal.service.record.signing import read_public_key
 
     if (cell is None) != check:
         raise CellError(
@@ -194,8 +194,8 @@ def _passphrase(file: Path | None, *, twice: bool) -> str:
 
 def _refuse_missing_end(config: "CellConfig", *, accepted: bool) -> None:
     """Refuse to keep a journal whose end is missing: with --keep it would drive the whole ones out."""
-    from cellcal.service.certificates.journal_end import refuse_missing_end
-    from cellcal.service.runs.open_cell import journal_path, open_journal
+    from cellcal.service.record.journal_end import refuse_missing_end
+    from cellcal.service.record.journal_files import journal_path, open_journal
 
     if journal_path(config).exists():
         with open_journal(config) as journal:

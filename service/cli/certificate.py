@@ -10,7 +10,7 @@ from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
     from cellcal.service.certificates.certificate import Issued
-    from cellcal.service.certificates.signing import StationKey
+    from cellcal.service.record.signing import StationKey
 
 certificate = App(name="certificate", help="Write the signed certificate of a finished run, or show the key.")
 
@@ -80,9 +80,9 @@ def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> in
     """
     import sys
 
-    from cellcal.service.certificates.signing import station_key
     from cellcal.service.cli.printing import EN_ROUTE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.record.signing import station_key
 
     config = read_cell_file(cell)
     found = station_key(config.cell.data_dir)
@@ -118,8 +118,8 @@ def verify(file: Path, /, *, key: str | None = None, as_json: Json = False) -> i
     key
         The public key that must have signed it, from `cellcal certificate key`, or a file that holds it.
     """
-    from cellcal.service.certificates.signing import Checked, check, read_document, read_public_key
     from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.record.signing import Checked, check, read_document, read_public_key
 
     expected = None if key is None else read_public_key(key)
     raw = read_document(file)

@@ -222,7 +222,7 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
 
 def _draw(report: "IdentifyReport", folder: Path) -> None:
     from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.engineering.identification.identify_plots import draw_identification
+    from cellcal.service.engineering.plots.identify_plots import draw_identification
 
     for path in draw_identification(report, folder):
         EN_ROUTE.print(f"wrote {path}", markup=False)

@@ -109,7 +109,7 @@ def _write(command: CellCommand, report: "CellReport") -> None:
             lost = f", without {' and '.join(one.missing)}, which a description cannot hold"
             EN_ROUTE.print(f"wrote {one.path}{lost if one.missing else ''}", markup=False)
     if command.plot is not None:
-        from cellcal.service.engineering.identification.cell_plots import draw_cell
+        from cellcal.service.engineering.plots.cell_plots import draw_cell
 
         for path in draw_cell(report, command.plot):
             EN_ROUTE.print(f"wrote {path}", markup=False)

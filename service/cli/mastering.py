@@ -105,10 +105,10 @@ def take_in(
 def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_json: bool) -> int:
     import getpass
 
-    from cellcal.service.certificates.signing import read_public_key
     from cellcal.service.cli.printing import EN_ROUTE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.mastering_files import import_record
+    from cellcal.service.record.signing import read_public_key
 
     config = read_cell_file(cell)
     expected = None if key is None else read_public_key(key)

@@ -140,9 +140,9 @@ def _print_picture(listener: "Listener", *, as_json: bool) -> int:
 
 
 def _print_certificate(listener: "Listener", named: str) -> int:
-    from cellcal.service.certificates.signing import Finding
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.exit_codes import ExitCode
+    from cellcal.service.record.signing import Finding
 
     cell, _, run_id = named.partition("/")
     raw, checked = listener.certificate(cell, run_id)

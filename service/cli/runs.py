@@ -267,7 +267,7 @@ class _Opened:
 
     def __init__(self, cell: Path) -> None:
         from cellcal.service.configuration.cell_file import read_cell_file
-        from cellcal.service.runs.open_cell import open_journal
+        from cellcal.service.record.journal_files import open_journal
 
         self._journal = open_journal(read_cell_file(cell))
 

@@ -45,7 +45,8 @@ def serve(
     listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
     from cellcal.service.settled import settle
-    from cellcal.service.web.app import Settings, create_app  # the heavy part last
+    from cellcal.service.web.app import create_app  # the heavy part last
+    from cellcal.service.web.context import Settings
     from cellcal.service.web.server import Server, bind_address, run_server
 
     address = f"{listening.scheme}://{listening.name}:{port}"

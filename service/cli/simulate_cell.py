@@ -161,8 +161,8 @@ def export(
     """
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.simulated_cells import result_of_run
+    from cellcal.service.record.journal_files import open_journal
     from cellcal.service.record.run_store import Store
-    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         store = Store(journal)

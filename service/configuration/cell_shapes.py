@@ -16,7 +16,7 @@ from cellcal.calibration.geometry import Pose, homogeneous
 from cellcal.calibration.motion.collision import Capsule, CellShape, Plane, Sphere
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.calibration.orientation import rotation_from
-from cellcal.procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
+from cellcal.procedures.surroundings import Block, Surroundings, cell_shape, clearances
 
 Place = tuple[float, float, float]
 _TABLES = ("capsule", "box", "sphere", "plane")

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.cell import MotionLevel
-from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 from cellcal.service.configuration.cell_shapes import check_shapes, surroundings_of
 
 MOTION_KEYS = ("motion", "space", "active")  # of [[robot]]; no driver knows them

@@ -42,7 +42,7 @@ def read_usual(table: Mapping[str, Any], where: str, faults: list[tuple[str, str
 def _settings(
     kind: type, given: dict[str, Any], where: str, faults: list[tuple[str, str]]
 ) -> Mapping[str, Any]:
-    from cellcal.service.engineering.parameters.simulated_cells import file_settings  # noqa: PLC0415  as above
+    from cellcal.service.configuration.file_settings import file_settings  # noqa: PLC0415  as above
 
     hints, files, found = get_type_hints(kind, include_extras=True), file_settings(kind), dict[str, Any]()
     for name, value in given.items():

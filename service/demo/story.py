@@ -21,14 +21,16 @@ from cellcal.service.demo.fake_cell import QUICKLY, free_address, running_fakes,
 from cellcal.service.demo.report import DemoReport, JointReport, TcpError
 from cellcal.service.demo.technician import DemoTechnician
 from cellcal.service.demo.timing import RobotTime, StepClock
+from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.runs.cell_check import check_cell
-from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.open_cell import lend_record, open_cell
 from cellcal.service.runs.run_procedure import Conditions, run_procedure
 from cellcal.service.runs.settings import build_spec
 from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
-from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch
+from cellcal.service.watching.watch import PositionLoss, Watch
 
 ROBOT = "fanuc"
 NOTICE_WITHIN_S = 60.0

@@ -133,6 +133,22 @@ class DemoLink(DeskLink):
         )
 
 
+@dataclass(frozen=True)
+class DemoExtension:
+    """What a demo adds to the service: the routes of its buttons, and a line with hands."""
+
+    door: Door
+
+    @property
+    def router(self) -> APIRouter:
+        """The routes of the demo's bar."""
+        return router
+
+    def make_link(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> DeskLink:
+        """Return a line to the cell's process that does in the world what a person says was done."""
+        return DemoLink(cell_file, on_event, DemoWorld(self.door))
+
+
 @router.get("")
 async def shown(request: Request, who: Who) -> dict[str, Any]:
     """Return the mishaps that there are, what was pressed, the truth, and whether the arm can be jogged now."""

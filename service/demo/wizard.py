@@ -106,9 +106,11 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
     async with running_fakes(path) as door:
         await loading
         from cellcal.service.demo.opening import Opening  # noqa: PLC0415  loaded by now
-        from cellcal.service.web.app import Settings, create_app  # noqa: PLC0415  as above
+        from cellcal.service.demo.web_routes import DemoExtension  # noqa: PLC0415  as above
+        from cellcal.service.web.app import create_app  # noqa: PLC0415  as above
+        from cellcal.service.web.context import Settings  # noqa: PLC0415  as above
 
-        app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
+        app = create_app(Settings(path, demo=True, open_access=True, extension=DemoExtension(door)))
         server = _Server(app)
         settle()
         opening = start_task("opening of the demo", Opening(app.state.house.link, staging.time_factor).play)

@@ -17,8 +17,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.signing import Finding, StationKey, check
 from cellcal.service.export.kept_names import is_kept_name
+from cellcal.service.record.signing import Finding, StationKey, check
 
 FORMAT = "cellcal backup 1"
 MANIFEST = "manifest.json"

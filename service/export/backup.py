@@ -18,15 +18,14 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
-from cellcal.service.certificates.certificate import certificates_folder
-from cellcal.service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.archive import BackupError, write_archive
 from cellcal.service.export.kept_names import is_kept_name
 from cellcal.service.export.sealed_keys import seal_keys
 from cellcal.service.people.pin_hashing import PEPPER_NAME
 from cellcal.service.record.journal import Journal
-from cellcal.service.runs.open_cell import journal_path
+from cellcal.service.record.journal_files import certificates_folder, journal_path
+from cellcal.service.record.signing import KEY_NAME, Finding, check, read_document, station_key
 from cellcal.service.site.keys import chunk
 from cellcal.service.site.outbox import OUTBOX_NAME
 

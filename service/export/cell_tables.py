@@ -8,8 +8,8 @@ from cellcal.service.certificates.points import readings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.export.tables import Column, ExportError, Table, Value, unit_of
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunView, Store
-from cellcal.service.runs.open_cell import open_journal
 
 SETS = "parameter_sets"  # beside the cell file
 _MOST_COLUMNS = 4000

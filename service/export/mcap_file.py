@@ -17,8 +17,8 @@ from cellcal.service.certificates.points import readings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.journal import Event
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunView, Store
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.times import read_time
 
 _TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()

@@ -92,7 +92,7 @@ class Meter:
         yield from _tasks((session or {}).get("troubles", []))
 
     def _read_on(self) -> bool:
-        from cellcal.service.runs.open_cell import journal_path  # noqa: PLC0415  heavy: not while the service starts
+        from cellcal.service.record.journal_files import journal_path  # noqa: PLC0415  heavy: not while the service starts
         from cellcal.service.site.journal_tail import JournalTail  # noqa: PLC0415  as above
         from cellcal.service.site.ledger import Ledger  # noqa: PLC0415  as above
 

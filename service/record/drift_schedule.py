@@ -9,8 +9,8 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.runs.open_cell import journal_path
-from cellcal.service.site.journal_tail import journal_to_read
+from cellcal.service.record.journal_files import journal_path
+from cellcal.service.record.journal_reading import journal_to_read
 
 PROCEDURE = "drift_check"
 _RUNS = (

@@ -14,8 +14,8 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.review.displacement import displacement
 from cellcal.service.review.reviewer import Reviewer
 from cellcal.service.review.tcp_uncertainty import tool_doubt
+from cellcal.service.shown_paths import without_paths
 from cellcal.service.unexpected import log_in_lines, run_guarded
-from cellcal.service.web.shown_paths import without_paths
 
 _log = logging.getLogger(__name__)
 _BROKEN = {

@@ -9,10 +9,9 @@ from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.web.overlays import newest_kept
-from cellcal.service.web.parameters import FOLDER
-from cellcal.service.web.response_models import Displacement
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
+from cellcal.service.record.stored_results import newest_kept
+from cellcal.service.review.review_models import Displacement
 
 POSTURES = 400
 

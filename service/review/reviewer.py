@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunView, Store
 from cellcal.service.review.arm_review import ArmSeries, chosen_rows, review_arm, series_of, spread_of
 from cellcal.service.review.fit_review import FitSeries, fit_of_run, review_fit
 from cellcal.service.review.review_models import CheckPoint, Review, Validation
-from cellcal.service.runs.open_cell import open_journal
 
 CALIBRATION, ACCURACY = "robot_calibration", "accuracy_check"
 _KEPT = 4

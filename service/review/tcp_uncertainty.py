@@ -15,11 +15,10 @@ from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.poses.arm_fit import outlook_from
 from cellcal.calibration.poses.measurement_poses import TestPoses
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.stored_results import Kept, newest_kept
 from cellcal.service.review.arm_review import ArmSeries, fit_of
-from cellcal.service.review.review_models import ReviewError
+from cellcal.service.review.review_models import ReviewError, ToolDoubt
 from cellcal.service.review.reviewer import Reviewer
-from cellcal.service.web.overlays import Kept, newest_kept
-from cellcal.service.web.response_models import ToolDoubt
 
 COVERAGE = 2.0
 TOOL, ARM = "tool", "arm"

@@ -9,12 +9,12 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
-from cellcal.service.certificates.journal_end import missing_end
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Damage, Journal
+from cellcal.service.record.journal_end import missing_end
+from cellcal.service.record.journal_files import leases, open_journal
 from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import leases, open_journal
 
 IN_USE = "in use"
 OTHER_MODEL = "another model"

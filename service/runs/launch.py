@@ -8,16 +8,17 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Operator, Readiness
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.progress import ignore
-from cellcal.service.certificates.journal_end import refuse_missing_end
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
+from cellcal.service.record.journal_end import refuse_missing_end
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.old import agree_if_old
-from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.open_cell import lend_record, open_cell
 from cellcal.service.runs.redo import discard_from
 from cellcal.service.runs.run_procedure import Conditions, OnEvent, resume, run_procedure
 from cellcal.service.runs.settings import build_spec
-from cellcal.service.watching.watch import LastHealthyCounts, remember_healthy
 
 _LOG = logging.getLogger(__name__)
 _LEAVES_HEALTHY = ("mastering_record", "mastering_recovery")

@@ -12,9 +12,9 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.cell import Cell
+from cellcal.procedures.motors import motor_store
 from cellcal.procedures.past import Effect, Kind, Past
 from cellcal.procedures.run import RETRYABLE, ProcedureError, to_the_end
-from cellcal.procedures.steps.mastering import motor_store
 from cellcal.procedures.steps.write import ReadBackError, restore_mastering
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.record.mastering_backups import WRITES

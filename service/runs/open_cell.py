@@ -1,11 +1,9 @@
 """The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
 
 import os
-import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, cast
 
 from cellcal.calibration.arm.kinematics import load_model
@@ -24,7 +22,8 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.procedures.cell import Cell, GaugeSetup, HeldCertificate, MotionLimits, ProbeSetup, TrackerSetup
 from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
-from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import leases
 from cellcal.service.record.robot_lock import DEVICES, lease
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.pendant_programs import program_shelf
@@ -98,36 +97,6 @@ def _paper_gauge(entry: GaugeEntry | None) -> Any:
 async def lend_record(cell: Cell, journal: Journal) -> Cell:
     """Return the cell with what the journal holds of its very robot, and all alignments."""
     return Store(journal).lend(cell, (await cell.robot.identify()).serial)
-
-
-def journal_path(config: CellConfig) -> Path:
-    """Return where the cell's journal lives."""
-    return config.cell.data_dir / "journal.db"
-
-
-def leases(config: CellConfig) -> Path:
-    """Return where it is kept who works on which robot."""
-    return config.cell.data_dir / "leases"
-
-
-def open_journal(config: CellConfig) -> Journal:
-    """Open the cell's journal, or create it.
-
-    Raises
-    ------
-    StoreError
-        The folder that the cell file names cannot be used.
-    """
-    path = journal_path(config)
-    remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
-    try:
-        return Journal.open(path)
-    except (OSError, sqlite3.Error) as error:
-        raise StoreError(
-            f"the journal {path} cannot be opened: {error}", remedy=remedy, code="store.io"
-        ) from error
-    except StoreError as error:
-        raise StoreError(error.message, remedy=error.remedy or remedy, code=error.code) from error
 
 
 def _opened(device: Any, operator: Operator) -> Any:

@@ -17,10 +17,11 @@ from cellcal.procedures.run import RefusalError
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.quantities import quantity
 from cellcal.service.record.drift_schedule import PROCEDURE, next_drift_checks
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.runs.open_cell import on_paper
 from cellcal.service.runs.settings import build_spec, chosen_by_cell
-from cellcal.service.watching.watch import LastHealthyCounts
 
 
 class ClassOutOfReachError(CellError):

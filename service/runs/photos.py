@@ -17,8 +17,8 @@ from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.record.journal import Event
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
 
 MOST_BYTES = 180 * 1024  # what a page may send holds it as base64
 MOST_A_RUN = 12

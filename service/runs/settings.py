@@ -10,11 +10,11 @@ from cellcal.calibration.errors import CellError
 from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.catalogue import entry_named
 from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
 from cellcal.service.engineering.parameters.simulated_cells import with_files
-from cellcal.service.watching.watch import LastHealthyCounts
+from cellcal.service.record.healthy_counts import LastHealthyCounts
 
 
 def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[str, Any]) -> Any:

@@ -8,7 +8,8 @@ from typing import Any
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.record.journal import Event
-from cellcal.service.site.journal_tail import journal_to_read, told
+from cellcal.service.record.journal_reading import journal_to_read
+from cellcal.service.site.journal_tail import told
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.ledger import Ledger
 from cellcal.service.site.outbox import rows_between

@@ -17,9 +17,9 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
-from cellcal.service.certificates.signing import read_public_key, station_key
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.files import replace_file
+from cellcal.service.record.signing import read_public_key, station_key
 from cellcal.service.site.access import Config, cell_config, monitor_config, router_config
 from cellcal.service.site.authority import Authority, new_authority, read_authority, write_new
 from cellcal.service.site.keys import MONITOR_NAME, ROUTER_NAME, SiteError, checked_identifier, chunk

@@ -5,30 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.service.record.journal import Event
-from cellcal.service.site.outbox import read_only
+from cellcal.service.record.journal_reading import journal_to_read
 
 _COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
 LONGEST_BODY = 1_000_000
-
-
-def journal_to_read(path: Path) -> sqlite3.Connection | None:
-    """Open a cell's journal; None while there is none: no file, or one whose first writer has not got to its table.
-
-    Raises
-    ------
-    sqlite3.Error
-        It is there and cannot be read.
-    """
-    if not path.exists():
-        return None
-    database = read_only(path)
-    begun = False
-    try:
-        begun = database.execute("SELECT 1 FROM sqlite_schema WHERE name = 'event'").fetchone() is not None
-    finally:
-        if not begun:
-            database.close()
-    return database if begun else None
 
 
 class JournalTail:

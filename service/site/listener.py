@@ -17,7 +17,7 @@ from zenoh.handlers import FifoChannel
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.supervision import guarded, start_thread
-from cellcal.service.certificates.signing import Checked, check
+from cellcal.service.record.signing import Checked, check
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
 from cellcal.service.site.journal_tail import chain_flaw
 from cellcal.service.site.keys import SiteError, StationKeys, cell_of, checked_identifier

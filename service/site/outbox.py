@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Self
 
 from cellcal.service.files import create_private_file, make_private_folder
+from cellcal.service.record.journal_reading import read_only
 from cellcal.service.site.keys import SiteError
 
 OUTBOX_NAME = "site_outbox.sqlite"
@@ -156,15 +157,6 @@ def rows_between(path: Path, first: int, most: int) -> list[Sent]:
         return [Sent(*row) for row in database.execute(sql, (first, most)).fetchall()]
     finally:
         database.close()
-
-
-def read_only(path: Path) -> sqlite3.Connection:
-    """Open a database that this process must not change."""
-    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
-    database.execute("PRAGMA busy_timeout=5000")
-    database.execute("PRAGMA query_only=ON")
-    database.execute("PRAGMA trusted_schema=OFF")
-    return database
 
 
 def _locked(path: Path) -> int:

@@ -19,10 +19,10 @@ from typing import Any, BinaryIO
 
 import zenoh
 
-from cellcal.service.certificates.signing import station_key
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import Event
-from cellcal.service.runs.open_cell import journal_path
+from cellcal.service.record.journal_files import journal_path
+from cellcal.service.record.signing import station_key
 from cellcal.service.site.alarms import Alarm
 from cellcal.service.site.answers import Answers
 from cellcal.service.site.desk_tap import DeskTap

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.canonical import canonical_json
-from cellcal.service.certificates.signing import StationKey
+from cellcal.service.record.signing import StationKey
 from cellcal.service.times import read_time
 
 LONGEST_MESSAGE = 2_000_000

@@ -52,13 +52,17 @@ class Reach:
         return max(self.known - self.upto, 0)
 
 
+_IN_MEMORY = ":memory:"  # SQLite's name of a database without a file
+
+
 class SiteStore:
     """One monitor's file. Used by one thread at a time."""
 
     def __init__(self, path: Path) -> None:
         try:
             make_private_folder(path.parent)
-            create_private_file(path)
+            if path.name != _IN_MEMORY:
+                create_private_file(path)
             self._database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
             for sql in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(sql).fetchall()

@@ -12,11 +12,12 @@ from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
 from cellcal.drivers.supervision import supervise
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import leases
 from cellcal.service.record.robot_lock import DEVICES, is_held
-from cellcal.service.runs.open_cell import leases
 from cellcal.service.watching.loss_modes import wrong_robot
 from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
-from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
+from cellcal.service.watching.watch import PositionLoss, Watch, WatchedRobot
 from cellcal.service.watching.watched import watched
 
 _LOG = logging.getLogger(__name__)

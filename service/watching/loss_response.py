@@ -15,8 +15,8 @@ from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import Store, stored_body
-from cellcal.service.runs.open_cell import journal_path, open_journal
 from cellcal.service.times import read_time
 from cellcal.service.watching.watch import PositionLoss
 

@@ -15,9 +15,9 @@ from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Counts, MasteringData, MasteringStore
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import Store
 from cellcal.service.record.unconfirmed_mastering import Unconfirmed
-from cellcal.service.runs.open_cell import journal_path, open_journal
 from cellcal.service.watching.loss_modes import Suspicion, old_backup, unconfirmed
 
 _LOG = logging.getLogger(__name__)

@@ -8,23 +8,19 @@ loss they tell to within a few turns where each motor stood.
 """
 
 import asyncio
-import json
 import logging
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
-from cellcal.service.files import make_private_folder, replace_file
+from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.watching.loss_modes import (
     LossMode,
     Suspicion,
@@ -45,16 +41,6 @@ class WatchedRobot(Robot, MasteringStore, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class HealthyCounts:
-    """Where the motors stood when all was well."""
-
-    robot: str
-    counts: Counts
-    epoch: int
-    seen_utc: str
-
-
-@dataclass(frozen=True, slots=True)
 class PositionLoss:
     """What the watch saw, in words for the technician, and what it knew before."""
 
@@ -65,44 +51,6 @@ class PositionLoss:
     suspicion: Suspicion = field(default_factory=lambda: suspect(()))
     follows_another: bool = False  # something was reported before it, and nobody has cleared that yet
     during_run: bool = False  # the robot was not seen healthy since a run had it
-
-
-class LastHealthyCounts:
-    """One small file per robot, replaced atomically: an observation, not a record."""
-
-    def __init__(self, data_dir: Path) -> None:
-        self._dir = data_dir
-
-    def load(self, robot: str) -> HealthyCounts | None:
-        """Return what was seen last, or None where nothing (readable) is stored."""
-        try:
-            document = parse_json(read_plain_text(self._path(robot)))
-            counts = tuple(int(count) for count in document["counts"])
-            return HealthyCounts(
-                str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])
-            )
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _LOG.warning("the last healthy counts of %s cannot be read and are ignored: %s", robot, error)
-            return None
-
-    def save(self, seen: HealthyCounts) -> None:
-        """Replace the file so that a crash leaves the old or the new one, never half of it."""
-        make_private_folder(self._dir)
-        path = self._path(seen.robot)
-        replace_file(path, json.dumps(asdict(seen)))
-
-    def _path(self, robot: str) -> Path:
-        return self._dir / f"last_healthy_{robot}.json"
-
-
-async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHealthyCounts) -> HealthyCounts:
-    """Keep the present counts as healthy: after a record was taken, or a recovery has passed."""
-    counts, epoch = await encoders.encoder_counts(), await encoders.encoder_epoch()
-    seen = HealthyCounts(robot, counts, epoch, datetime.now(UTC).isoformat())
-    memory.save(seen)
-    return seen
 
 
 class Watch:
@@ -235,11 +183,12 @@ class Watch:
             self._memory.save(self._saved)
             self._disk = ""
         except OSError as error:  # the eyes on the encoders matter more than the disk
-            if self._disk != str(error):
+            reason = error.strerror or str(error)  # without the name of the draft, which is another each time
+            if self._disk != reason:
                 self._warn(
-                    f"{self._robot.name}: its healthy counts cannot be kept: {error}. Make room on the disk."
+                    f"{self._robot.name}: its healthy counts cannot be kept: {reason}. Make room on the disk."
                 )
-            self._disk = str(error)
+            self._disk = reason
 
     async def _drive_train(self) -> DriveTrain:
         if self._drive is None:

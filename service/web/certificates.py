@@ -7,8 +7,8 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from pydantic import BaseModel, ConfigDict
 
-from cellcal.service.certificates.signing import Finding, check, read_document, station_key
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.signing import Finding, check, read_document, station_key
 from cellcal.service.translation import Locale
 from cellcal.service.web.door import Who, house_of
 from cellcal.service.web.worker import issue, open_journal, store_of
@@ -38,7 +38,7 @@ async def certificate_check(run_id: str, request: Request, who: Who) -> Verified
 
 
 def _checked(config: CellConfig, run_id: str) -> Verified:
-    from cellcal.service.certificates.certificate import certificates_folder  # noqa: PLC0415  not while the service starts
+    from cellcal.service.record.journal_files import certificates_folder  # noqa: PLC0415  not while the service starts
 
     with open_journal(config) as journal:
         store = store_of(journal)

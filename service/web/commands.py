@@ -11,13 +11,13 @@ from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import CommandId, Hold, Order, Revision, without_conditions
 from cellcal.service.people.authorization import StaleViewError
 from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
+from cellcal.service.shown_paths import without_paths
 from cellcal.service.web.door import Who, house_of, token_of
 from cellcal.service.web.error_responses import RefusedOrder
 from cellcal.service.web.session_control import permitted, told
-from cellcal.service.web.shown_paths import without_paths
 
 if TYPE_CHECKING:
-    from cellcal.service.web.app import House
+    from cellcal.service.web.context import House
 
 router = APIRouter()
 

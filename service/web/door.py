@@ -10,7 +10,7 @@ from cellcal.service.people.errors import NotSignedInError
 from cellcal.service.people.roles import Right
 
 if TYPE_CHECKING:
-    from cellcal.service.web.app import House
+    from cellcal.service.web.context import House
 
 
 def house_of(connection: HTTPConnection) -> "House":

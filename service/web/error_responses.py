@@ -9,8 +9,8 @@ from pydantic import BaseModel
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.people.errors import PeopleError
+from cellcal.service.shown_paths import without_paths
 from cellcal.service.web.cell_client import DeskGoneError
-from cellcal.service.web.shown_paths import without_paths
 
 
 class Refused(BaseModel):

@@ -22,9 +22,9 @@ from starlette.requests import HTTPConnection
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
-from cellcal.service.certificates.signing import Checked, Finding
 from cellcal.service.people.authentication import Entrance
 from cellcal.service.people.errors import NotSignedInError
+from cellcal.service.record.signing import Checked, Finding
 from cellcal.service.site.fleet import Fleet
 from cellcal.service.site.keys import SiteError
 from cellcal.service.web.door import Who, person_of

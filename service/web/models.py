@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cellcal.calibration.arm.kinematics import RobotModel
     from cellcal.calibration.geometry import Array
     from cellcal.calibration.motion.collision import Capsule
-    from cellcal.procedures.motion.surroundings import Surroundings
+    from cellcal.procedures.surroundings import Surroundings
 
 router = APIRouter()
 Triple = tuple[float, float, float]
@@ -182,7 +182,7 @@ def _space(config: CellConfig, robot: str) -> "Surroundings":
 
 def _shapes(config: CellConfig, robot: str) -> tuple["RobotModel", tuple["Capsule", ...], tuple[str, ...]]:
     from cellcal.calibration.arm.kinematics import load_model  # noqa: PLC0415  # heavy, as above
-    from cellcal.procedures.motion.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
+    from cellcal.procedures.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
 
     model = load_model(config.robot(robot).model)
     gauge = config.gauge_for(robot)

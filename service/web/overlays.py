@@ -1,17 +1,17 @@
 """What is drawn over the robot: the frames that runs found, and how surely its tool's tip is known."""
 
 import asyncio
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 
-from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.stored_results import Kept, all_kept
+from cellcal.service.review.review_models import ToolDoubt
 from cellcal.service.web.door import Who, house_of
 from cellcal.service.web.residuals import solver_of
-from cellcal.service.web.response_models import ToolDoubt, answering
+from cellcal.service.web.response_models import answering
 
 router = APIRouter()
 RobotName = Annotated[str, Path(max_length=64)]
@@ -21,17 +21,6 @@ _SHOWN = {  # what is kept: its kind on the screen, what it is fixed in, and whe
     "user_frame": ("user", "base", "read_back"),
     "alignment": ("fixture", "base", "base_fixture"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """A result that outlived its run."""
-
-    run_id: str
-    what: str
-    subject: str
-    at_utc: str
-    value: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,27 +78,6 @@ def frames_of(config: CellConfig, robot: str) -> list[FrameSeen]:
             newest.pop((kept.what, kept.subject), None)
             newest[kept.what, kept.subject] = kept
     return [_seen(kept) for kept in newest.values()]
-
-
-def newest_kept(config: CellConfig, serial: str, what: str) -> Kept | None:
-    """Return the newest result of one kind that was kept for a robot."""
-    found = [kept for kept in all_kept(config, serial) if kept.what == what]
-    return found[-1] if found else None
-
-
-def all_kept(config: CellConfig, serial: str) -> list[Kept]:
-    """Return every result that was kept for a robot, oldest first."""
-    from cellcal.procedures.past import Kind  # noqa: PLC0415  # heavy: not at the start of the service
-    from cellcal.service.runs.open_cell import open_journal  # noqa: PLC0415  # heavy, as above
-
-    with open_journal(config) as journal:
-        events = [event for event in journal.events() if event.kind == Kind.STORED]
-    told = [(event, parse_json(event.body)) for event in events]
-    return [
-        Kept(event.run_id, body["what"], str(body["subject"]), event.wall_utc, body["value"])
-        for event, body in told
-        if body["robot_serial"] == serial
-    ]
 
 
 def _seen(kept: Kept) -> FrameSeen:

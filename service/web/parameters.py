@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import (
+    FOLDER,
     Change,
     ParameterSet,
     ParameterSets,
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from cellcal.service.record.run_store import RunView
 
 router = APIRouter()
-FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` keeps them when it runs there
 
 Named = Annotated[str, Query(min_length=1, max_length=64)]
 Version = Annotated[int, Query(ge=1)]

@@ -71,8 +71,8 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
         There is no such run.
     """
     from cellcal.service.certificates.points import readings  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.service.record.journal_files import open_journal  # noqa: PLC0415  # heavy, as above
     from cellcal.service.record.run_store import Store  # noqa: PLC0415  # heavy, as above
-    from cellcal.service.runs.open_cell import open_journal  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
         view, events = Store(journal).with_events(run_id)

@@ -63,8 +63,8 @@ def _possible(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
 def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
     """Return the settings as JSON schema; those that are files say so; what the cell decides is the usual value."""
     from cellcal.procedures.catalogue import entry_named  # noqa: PLC0415  as above
+    from cellcal.service.configuration.file_settings import file_settings, tag_settings  # noqa: PLC0415  as above
     from cellcal.service.engineering.measured.tag_files import WRITTEN  # noqa: PLC0415  as above
-    from cellcal.service.engineering.parameters.simulated_cells import file_settings, tag_settings  # noqa: PLC0415  as above
     from cellcal.service.runs.settings import chosen_by_cell  # noqa: PLC0415  as above
     from cellcal.service.runs.settings_told import schema_of  # noqa: PLC0415  as above
 

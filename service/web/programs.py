@@ -14,7 +14,7 @@ from fastapi import APIRouter, FastAPI, Path, Query, Request, Response
 from starlette.requests import HTTPConnection
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.engineering.programs.jobs.files import kept_projects
 from cellcal.service.engineering.programs.jobs.jobs import Jobs
 from cellcal.service.engineering.programs.jobs.shapes import (
@@ -32,7 +32,6 @@ from cellcal.service.people.roles import Right
 from cellcal.service.web.door import Who, house_of
 from cellcal.service.web.error_responses import Refused
 from cellcal.service.web.overlays import frames_of
-from cellcal.service.web.parameters import FOLDER
 
 JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {

@@ -4,7 +4,6 @@
 procedure (``GET /api/procedures``), not by the route.
 """
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from fastapi.responses import JSONResponse
@@ -363,28 +362,3 @@ class SignedDocument(Shape):
     format: str
     sha256: str
     signature: dict[str, str]
-
-
-@dataclass(frozen=True, slots=True)
-class Displacement:
-    """The largest displacement of the tip over postures drawn evenly between the joint limits."""
-
-    most_m: float
-    mean_m: float
-    postures: int
-    tip_in_flange_m: tuple[float, float, float]  # of the newest tool that was found; zeros: the flange
-    left_out: tuple[str, ...]  # parameters that differ and that a rigid arm has no place for
-
-
-@dataclass(frozen=True, slots=True)
-class ToolDoubt:
-    """An ellipsoid about the tip; without parts nothing is known."""
-
-    joints_rad: tuple[float, ...]
-    tip_in_flange_m: tuple[float, float, float]
-    parts: tuple[str, ...]  # of ``tool`` and ``arm``, those that somebody measured
-    semi_axes_m: tuple[float, ...] = ()  # k = 2, longest first
-    base_ellipsoid: tuple[
-        float, ...
-    ] = ()  # (3, 3) row by row: its axes as columns, right-handed, in the base
-    runs: tuple[str, ...] = ()  # where the parts come from

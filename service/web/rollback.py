@@ -15,13 +15,14 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import AnswerIt, Name
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.errors import PeopleError
+from cellcal.service.review.review_models import Displacement
 from cellcal.service.web.door import Who, house_of
 from cellcal.service.web.error_responses import Refused
-from cellcal.service.web.parameters import FOLDER, Head, Version
+from cellcal.service.web.parameters import Head, Version
 from cellcal.service.web.residuals import solver_of
-from cellcal.service.web.response_models import Displacement, answering
+from cellcal.service.web.response_models import answering
 from cellcal.service.web.session_control import permitted
 
 router = APIRouter()

@@ -18,7 +18,7 @@ from cellcal.service.web.response_models import ControlSeen, answering
 from cellcal.service.web.websocket_hub import Screen, framed
 
 if TYPE_CHECKING:
-    from cellcal.service.web.app import House
+    from cellcal.service.web.context import House
 
 router = APIRouter()
 

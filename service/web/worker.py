@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 def open_journal(config: CellConfig) -> "Journal":
     """Open the cell's journal."""
-    from cellcal.service.runs import open_cell as cell  # noqa: PLC0415  heavy
+    from cellcal.service.record import journal_files  # noqa: PLC0415  heavy
 
-    return cell.open_journal(config)
+    return journal_files.open_journal(config)
 
 
 def store_of(journal: "Journal") -> "Store":

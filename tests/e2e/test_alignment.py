@@ -14,9 +14,10 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from cellcal.service.demo.technician import DemoTechnician
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.open_cell import lend_record, open_cell
 from cellcal.service.runs.run_procedure import run_procedure
 from cellcal.service.runs.settings import build_spec
 

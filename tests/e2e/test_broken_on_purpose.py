@@ -282,7 +282,7 @@ async def test_a_demo_that_is_cancelled_leaves_no_fake_behind() -> None:
 async def test_fakes_behind_a_script_end_when_they_are_told_to(tmp_path: Path) -> None:
     with free_address() as address:
         path = write_cell_file(tmp_path, address, seed=1, time_factor=600.0)
-    ignoring = f"trap '' INT; exec {shlex.quote(sys.executable)} -m service fakes {shlex.quote(str(path))}"
+    ignoring = f"trap '' INT; exec {shlex.quote(sys.executable)} -m cellcal fakes {shlex.quote(str(path))}"
     process = await asyncio.create_subprocess_exec(
         "sh", "-c", ignoring, cwd=ROOT, stdout=asyncio.subprocess.PIPE
     )

@@ -8,12 +8,12 @@ from pathlib import Path
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.launch import Where, start
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.watching.loss_response import WATCH
-from cellcal.service.watching.watch import HealthyCounts, LastHealthyCounts
 from tests.machine_speed import stretched_s
 
 PATIENCE_S = stretched_s(120.0)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import Conditions, run_procedure
 from tests.procedures.cells import Scene
 

@@ -26,12 +26,13 @@ from cellcal.service.certificates.certificate import (
     content_of,
     issue,
 )
-from cellcal.service.certificates.journal_end import missing_end
-from cellcal.service.certificates.signing import Finding, check
 from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
+from cellcal.service.record.journal_end import missing_end
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.record.signing import Finding, check
+from cellcal.service.runs.open_cell import on_paper
 from cellcal.service.runs.run_procedure import forget_from, resume
 from cellcal.service.site.standing import DueDates
 from tests.procedures.cells import (

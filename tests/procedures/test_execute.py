@@ -10,12 +10,12 @@ from cellcal.procedures.past import Kind
 from cellcal.procedures.run import DeclinedError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.runs.launch import go_on_with, start_on
 from cellcal.service.runs.old import agree_if_old
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import Conditions
-from cellcal.service.watching.watch import LastHealthyCounts
 from tests.procedures.cells import LOST, recording
 
 
@@ -40,12 +40,12 @@ async def test_resuming_a_run_that_has_passed_forgets_nothing_after_a_loss(confi
     assert memory.load(made.arm.name) == healthy
 
 
-async def test_a_full_disk_takes_nothing_from_a_run_that_has_passed(
+async def test_a_disk_that_takes_nothing_takes_nothing_from_a_run_that_has_passed(
     config: CellConfig, caplog: pytest.LogCaptureFixture
 ) -> None:
     made = recording()
     config.cell.data_dir.mkdir(parents=True, exist_ok=True)
-    (config.cell.data_dir / f"last_healthy_{made.arm.name}.draft").symlink_to("/dev/full")
+    (config.cell.data_dir / f"last_healthy_{made.arm.name}.json").mkdir()  # no file can take its place
     with caplog.at_level(logging.WARNING):
         outcome = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
     assert outcome.verdict is Verdict.PASSED

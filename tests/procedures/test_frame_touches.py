@@ -7,8 +7,8 @@ import pytest
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.frames import PointsDisagreeError
+from cellcal.procedures.motion.active_frames import same_pose
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.write import same_pose
 from cellcal.procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
 from cellcal.procedures.verdict import UNDECIDED
 from tests.procedures.cells import FRAME, Scene, pointing

@@ -11,10 +11,10 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Answer, Instruction
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.motion.active_frames import same_pose
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.write import same_pose
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import forget_from, resume
 from tests.procedures.cells import Scene, moved_workpiece, pointing, tool_pose, touching
 from tests.procedures.certified import HOW, cell_config, run_in

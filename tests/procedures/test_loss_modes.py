@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.interfaces import MasteringData
-from cellcal.procedures.mastering_record import seal
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.recovery.record_seal import seal
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.motion import CountsToJoints

@@ -9,8 +9,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.procedures.mastering_record import seal
-from cellcal.service.certificates.signing import check, station_key
+from cellcal.procedures.recovery.record_seal import seal
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.mastering_files import (
@@ -21,8 +20,10 @@ from cellcal.service.engineering.parameters.mastering_files import (
     in_force,
 )
 from cellcal.service.record.journal import StoreError
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.record.signing import check, station_key
+from cellcal.service.runs.open_cell import on_paper
 from cellcal.service.runs.outline import remembered
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config

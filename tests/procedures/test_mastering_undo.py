@@ -10,9 +10,9 @@ from cellcal.procedures.canonical import canonical_json
 from cellcal.procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering_undo
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import run_procedure
 from tests.procedures.cells import WRITTEN, Scene, calibrating, recovering, undoing
 from tests.procedures.certified import HOW, cell_config, run_in

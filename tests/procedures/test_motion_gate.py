@@ -29,10 +29,10 @@ from cellcal.procedures.motion.motion_gate import (
     refuse_off_target,
 )
 from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.motion.surroundings import Surroundings
+from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.run import DeclinedError, Run
-from cellcal.procedures.steps.mastering import PositionLostAgainError
 from cellcal.procedures.steps.motion import IndexTurn, come_from_below, pass_index
+from cellcal.procedures.surroundings import Surroundings
 from cellcal.service.record.robot_lock import LeaseLostError, lease
 from cellcal.service.runs.pendant_programs import Programs
 from tests.procedures.cells import Scene, recovering, scene

@@ -17,10 +17,11 @@ from cellcal.procedures.entry import lacking
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.door import Door
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMasteringError
-from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.open_cell import lend_record, open_cell
 from cellcal.service.runs.outline import dry_run, possible
 from cellcal.service.runs.run_procedure import resume, run_procedure
 from cellcal.service.runs.settings import build_spec

@@ -10,9 +10,10 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import exp_rotation
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.entry import missing
-from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
 from cellcal.procedures.motion.turn_doubt import first_doubt
+from cellcal.procedures.recovery.record_seal import seal, seal_of
 from cellcal.procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.recovery.waking import AlarmCodes, Turning, wake_encoders

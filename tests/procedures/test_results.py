@@ -10,14 +10,16 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.entry import missing
-from cellcal.procedures.mastering_record import RecordResult, mastering_record, seal_of
+from cellcal.procedures.mastering_record import RecordResult, mastering_record
 from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motors import PositionLostAgainError
+from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.six_point_tcp import SixPointTcp, six_point_tcp
 from cellcal.procedures.steps.capture import NotAtRestError, capture
-from cellcal.procedures.steps.mastering import PositionLostAgainError
-from cellcal.procedures.steps.write import ReadBackError, same_pose
+from cellcal.procedures.steps.write import ReadBackError
 from cellcal.procedures.three_point_frame import three_point_frame
 from tests.procedures.cells import (
     FRAME,

@@ -10,8 +10,8 @@ from cellcal.drivers.interfaces import Answer, Instruction
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.past import Kind, Past
 from cellcal.procedures.progress import Gate, Progress
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
-from cellcal.procedures.steps.ask import ask
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.runs.run_procedure import JournalLedger
 from tests.procedures.ideal import Hands, IdealArm

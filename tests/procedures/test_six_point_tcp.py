@@ -13,9 +13,9 @@ from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
 from cellcal.calibration.uncertainty import coverage_in_space
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.motion.active_frames import same_pose
 from cellcal.procedures.run import OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
-from cellcal.procedures.steps.write import same_pose
 from cellcal.procedures.teaching.tcp_verdict import arm_u, axes_u
 from tests.procedures.cells import TIP, Scene, tool_pose, tool_rotation, touching
 from tests.procedures.ledgers import MemoryLedger

@@ -13,10 +13,10 @@ from cellcal.procedures.catalogue import entry_named
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.pace import Paced
 from cellcal.procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
+from cellcal.procedures.questions import ask
 from cellcal.procedures.run import DeclinedError, Run
 from cellcal.procedures.shown import StepKind, on_page, page_of
 from cellcal.procedures.six_point_tcp import SixPointTcp
-from cellcal.procedures.steps.ask import ask
 from cellcal.procedures.steps.meters import frame_meter, known_points_meter, move_meter, read_meter, tip_meter
 from cellcal.procedures.steps.pages import (
     Moves,

@@ -16,6 +16,7 @@ from cellcal.procedures.past import Kind
 from cellcal.procedures.progress import Progress
 from cellcal.service.cli.runs import runs, show
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
 from cellcal.service.record.unconfirmed_mastering import (
@@ -24,7 +25,6 @@ from cellcal.service.record.unconfirmed_mastering import (
     unconfirmed_masterings,
 )
 from cellcal.service.runs import mastering_rollback as put_back
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
 from tests.procedures.cells import Scene, calibrating, recovering
 from tests.procedures.certified import HOW, cell_config

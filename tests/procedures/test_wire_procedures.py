@@ -18,10 +18,10 @@ from cellcal.procedures.fixture_alignment import AlignmentResult, fixture_alignm
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.frame_offset import OffsetResult, frame_offset
 from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.motion.active_frames import same_pose
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture
-from cellcal.procedures.steps.write import same_pose
 from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
 from cellcal.procedures.survey.survey_choice import Standing, choose_pose
 from cellcal.procedures.survey.wire_survey import read_survey_state

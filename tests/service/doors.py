@@ -20,7 +20,8 @@ from cellcal.service.people.authentication import Entrance
 from cellcal.service.people.pin_hashing import Hasher, pepper_of
 from cellcal.service.people.roles import Role
 from cellcal.service.web import programs, residuals
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.described import Described
 
 ORIGIN = "http://127.0.0.1"

@@ -25,7 +25,7 @@ from cellcal.service.certificates.blocks import (
 from cellcal.service.certificates.languages import spoken
 from cellcal.service.certificates.page import page_of
 from cellcal.service.certificates.printing import html_from, page_from, pdf_from
-from cellcal.service.certificates.signing import check
+from cellcal.service.record.signing import check
 from cellcal.service.translation import LOCALES, Locale, Sayings
 from tests.service.spoken import ROOT, SENTENCE
 

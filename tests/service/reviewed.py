@@ -11,8 +11,7 @@ from cellcal.drivers.interfaces import PointReading
 from cellcal.procedures.arm.series_rules import SeriesRules
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.parameters.calibrated_runs import keep_calibration
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.web.parameters import FOLDER
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from tests.procedures.cells import (
     TARGETS,
     Scene,

@@ -12,7 +12,8 @@ from fastapi import FastAPI
 from playwright.async_api import Browser, BrowserContext, Page
 
 from cellcal.service.people.authentication import Entrance
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import (
     COUNT_ASKED,
     NO_WEBGL,

@@ -14,11 +14,11 @@ from typing import Any
 
 import zenoh
 
-from cellcal.service.certificates.signing import station_key
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.journal import NewEvent
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.journal_files import open_journal
+from cellcal.service.record.signing import station_key
 from cellcal.service.site.enrolment import Applicant, NewSite, enroll
 from cellcal.service.site.keys import StationKeys
 from cellcal.service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_folder

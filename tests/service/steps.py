@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array, exp_rotation, log_rotation
 from cellcal.service.demo.door import Door
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import PATIENCE_MS, at_rest
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at

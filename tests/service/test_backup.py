@@ -19,7 +19,6 @@ import pytest
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.certificate import issue
-from cellcal.service.certificates.signing import StationKey, station_key
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
@@ -31,7 +30,8 @@ from cellcal.service.people.accounts import Register
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.people.roles import Role
 from cellcal.service.record.journal import NewEvent
-from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.record.signing import StationKey, station_key
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import quick

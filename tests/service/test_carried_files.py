@@ -8,7 +8,8 @@ import pytest
 
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.simulation_cell import SimulationCell
-from cellcal.service.engineering.parameters.simulated_cells import file_settings, refuse_paths
+from cellcal.service.configuration.file_settings import file_settings
+from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
 from cellcal.service.runs.settings import spec_of
 from tests.service.desks import at_desk
 

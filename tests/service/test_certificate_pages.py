@@ -30,10 +30,10 @@ from cellcal.service.certificates.pictures import (
 )
 from cellcal.service.certificates.printing import PrintingError, page_from, print_beside
 from cellcal.service.certificates.qr import code_of, code_text
-from cellcal.service.certificates.signing import Finding, check, station_key
 from cellcal.service.cli.certificate import write
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.record.signing import Finding, check, station_key
 from cellcal.service.runs.run_procedure import NO_MODE
 from cellcal.service.web import history
 from cellcal.service.web.door import Person, person_of

@@ -6,8 +6,9 @@ from pathlib import Path
 from playwright.async_api import Browser, Page, expect
 
 from cellcal.service.demo.mishaps import MISHAPS
-from cellcal.service.demo.web_routes import MENDED
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.demo.web_routes import MENDED, DemoExtension
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,
@@ -33,7 +34,7 @@ HANDS = (
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, door):
-        app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
+        app = create_app(Settings(path, demo=True, open_access=True, extension=DemoExtension(door)))
         async with served(app) as url, chromium() as browser:
             await _look(browser, f"{url}/")
 

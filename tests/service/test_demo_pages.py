@@ -20,7 +20,8 @@ from cellcal.service.demo import mishaps
 from cellcal.service.demo.door import Door
 from cellcal.service.demo.mishaps import MISHAPS
 from cellcal.service.demo.web_routes import DemoLink, DemoWorld
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.machine_speed import stretched_s
 from tests.service.desks import a_cell
 

@@ -8,9 +8,9 @@ import pytest
 from pydantic import ValidationError
 
 from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
-from cellcal.service.watching.watch import LastHealthyCounts
 from tests.service.desks import (
     COMMAND,
     RECORD,

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.watching.automatic_operator import CELL_FILE
 from cellcal.service.watching.loss_response import WATCH
-from cellcal.service.watching.watch import LastHealthyCounts
 from tests.service.desks import RECORD, AtDesk, a_cell, ended, say_yes_until_it_ends, take_the_record
 
 ALONE = "recover_alone = true\ncell_closed = true\n"

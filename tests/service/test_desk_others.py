@@ -6,10 +6,10 @@ from typing import Any
 
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.export.meter import Meter
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import leases
 from cellcal.service.record.robot_lock import DEVICES, lease
-from cellcal.service.runs.open_cell import leases
 from cellcal.service.site.alarms import wrong_in
-from cellcal.service.watching.watch import LastHealthyCounts
 from tests.machine_speed import stretched_s
 from tests.service.desks import RECORD, AtDesk, at_desk, ended, say_yes_until_it_ends, take_the_record
 

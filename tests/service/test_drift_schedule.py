@@ -9,7 +9,7 @@ from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig, ConfigError, read_cell_file
 from cellcal.service.record.drift_schedule import Reminder, next_drift_checks
 from cellcal.service.record.journal import NewEvent
-from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.runs.outline import possible
 from cellcal.service.site.desk_tap import DeskTap
 from cellcal.service.site.standing import DueDates

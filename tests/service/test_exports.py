@@ -30,7 +30,7 @@ from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.cell_tables import history_table, parameters_table, points_table, runs_table
 from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
 from cellcal.service.export.tables import Column, ExportError, Table, Value, unit_of
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.journal_files import open_journal
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import a_door

@@ -16,8 +16,8 @@ import pytest
 from fastapi.routing import APIRoute, APIWebSocketRoute, iter_route_contexts
 from playwright.async_api import Page, expect
 
-from cellcal.service.certificates.signing import Checked, check, station_key
 from cellcal.service.people.authentication import Entrance
+from cellcal.service.record.signing import Checked, check, station_key
 from cellcal.service.site import fleet
 from cellcal.service.site.alarms import Alarm
 from cellcal.service.site.fleet import Fleet

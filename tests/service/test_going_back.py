@@ -3,9 +3,14 @@
 from pathlib import Path
 
 from cellcal.service.cell_process.messages import Pause
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value, to_text
+from cellcal.service.engineering.parameters.parameter_sets import (
+    FOLDER,
+    ParameterSet,
+    ParameterSets,
+    Value,
+    to_text,
+)
 from cellcal.service.people.session_control import Seat
-from cellcal.service.web.parameters import FOLDER
 from tests.service.doors import a_door
 
 SERIAL = "F-104711"

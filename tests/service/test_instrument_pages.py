@@ -9,7 +9,8 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import LOCALES, ROOT, comes, go, hold_to_rules
 from tests.service.instruments import full_cell
 from tests.service.test_pages import Looking, looking_at

@@ -17,8 +17,9 @@ from cellcal.service.export.exposition import Family, rendered
 from cellcal.service.export.meter import DESK_SILENT_S, Meter
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.record.journal import NewEvent
-from cellcal.service.runs.open_cell import journal_path, open_journal
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import Clock, a_door

@@ -10,7 +10,7 @@ from cellcal.service.certificates.certificate import issue
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.runs.open_cell import journal_path
+from cellcal.service.record.journal_files import journal_path
 from tests.procedures.cells import touching
 from tests.procedures.certified import cell_config, run_in
 from tests.service.desks import RECORD, at_desk, take_the_record

@@ -11,7 +11,8 @@ from fastapi.responses import JSONResponse, PlainTextResponse
 from pydantic import BaseModel
 
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from cellcal.service.web.fleet import create_fleet_app
 from tests.service.described import Described
 from tests.service.test_fleet import Hall

@@ -20,7 +20,8 @@ from fastapi import FastAPI
 from playwright.async_api import Browser, Page, expect
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,

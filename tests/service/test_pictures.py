@@ -12,7 +12,7 @@ from cellcal.procedures.past import Kind
 from cellcal.service.certificates.certificate import issue
 from cellcal.service.certificates.printing import html_from, pdf_from
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.runs.photos import MOST_BYTES, PictureError, keep_picture, plain_picture
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in

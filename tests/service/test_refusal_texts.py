@@ -61,7 +61,7 @@ WHOLE = (
     "calibration/poses/measurement_poses.py",
     "calibration/poses/optimal_design.py",
     "calibration/poses/shortfall.py",
-    "service/certificates/signing.py",
+    "service/record/signing.py",
     "service/demo/door.py",
     "service/demo/mishaps.py",
     "service/engineering/measured/carried.py",

@@ -12,8 +12,7 @@ import pytest_asyncio
 from openpyxl import load_workbook
 from playwright.async_api import Locator, Page, expect
 
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.web.parameters import FOLDER
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from tests.service.browsers import LOCALES, at_rest, comes, cramped, go, hold_to_rules, speaks
 from tests.service.longer import lengthened
 from tests.service.lookers import looking_back

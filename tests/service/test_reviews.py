@@ -15,13 +15,13 @@ from cellcal.procedures.arm.calibration_result import HoldOut
 from cellcal.procedures.past import Finding
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.authentication import Entrance
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunView, Store
 from cellcal.service.review.compute_client import Solver, SolverError
-from cellcal.service.runs.open_cell import open_journal
-from cellcal.service.web.app import Settings, create_app
-from cellcal.service.web.parameters import FOLDER
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.doors import Clock, Door, another_browser, quick, with_people
 from tests.service.reviewed import ROBOT, SERIAL, SLIPPED_STEP, SPOILT_STEP, Past, with_a_past
 

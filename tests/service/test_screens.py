@@ -16,7 +16,8 @@ from websockets.asyncio.client import ClientConnection, connect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web import websocket_hub as rules
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from cellcal.service.web.websocket_hub import Screen, Screens
 from tests.service.browsers import PATIENCE_S, comes, served
 

@@ -16,7 +16,8 @@ import pytest
 from websockets.asyncio.client import connect
 
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.desks import PATIENCE_S, RECORD, a_cell
 from tests.service.doors import another_browser
 from tests.soak.served import address_of

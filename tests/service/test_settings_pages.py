@@ -10,7 +10,8 @@ from playwright.async_api import Page, expect
 
 from cellcal.procedures.catalogue import ENTRIES
 from cellcal.procedures.limits import in_reach
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import go, hold_to_rules, speaks
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at, looking_at_a_cell

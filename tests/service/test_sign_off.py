@@ -11,10 +11,9 @@ from cellcal.service.cell_process.answering import Answering
 from cellcal.service.cell_process.cell_process import Desk
 from cellcal.service.cell_process.messages import AnswerIt, Command, Signer, SignOff, Start
 from cellcal.service.cell_process.running import Running
-from cellcal.service.certificates.certificate import certificates_folder, issue
+from cellcal.service.certificates.certificate import issue
 from cellcal.service.certificates.page import page_of
 from cellcal.service.certificates.printing import html_from, pdf_from
-from cellcal.service.certificates.signing import Finding, check
 from cellcal.service.certificates.text import as_text
 from cellcal.service.cli.runs import show
 from cellcal.service.configuration.cell_file import CellConfig
@@ -23,8 +22,9 @@ from cellcal.service.people.authorization import Permits
 from cellcal.service.people.errors import SecondPersonError
 from cellcal.service.people.roles import Role
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import certificates_folder, open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.signing import Finding, check
 from tests.procedures.cells import pointing, recovering
 from tests.procedures.certified import cell_config, run_in
 from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper

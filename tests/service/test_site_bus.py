@@ -12,9 +12,9 @@ import pytest
 import zenoh
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.signing import Finding, station_key
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.signing import Finding, station_key
 from cellcal.service.site.access import MOST_JOINTS_HZ
 from cellcal.service.site.authority import new_authority, read_authority
 from cellcal.service.site.keys import MONITOR_NAME
@@ -22,7 +22,8 @@ from cellcal.service.site.link_files import MONITOR_FILE, read_link_folder
 from cellcal.service.site.listener import Listener
 from cellcal.service.site.outbox import Outbox
 from cellcal.service.site.sealed import Sealer
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
 
 RUN = "drift_check-0123456789ab"

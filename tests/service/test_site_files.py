@@ -12,13 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.certificate import certificates_folder
-from cellcal.service.certificates.signing import StationKey, station_key
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import certificates_folder
+from cellcal.service.record.signing import StationKey, station_key
 from cellcal.service.site.access import ASKING, SAYING, cell_access, router_access
 from cellcal.service.site.alarms import CALM_S, Alarm, Alarms, wrong_in
 from cellcal.service.site.answers import Answers

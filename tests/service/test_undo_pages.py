@@ -16,8 +16,8 @@ from cellcal.procedures.canonical import canonical_json
 from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.mastering_backups import mastering_backups
-from cellcal.service.runs.open_cell import open_journal
 from tests.service.browsers import comes, hold_to_rules, hold_to_rules_in_every_language
 from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
 

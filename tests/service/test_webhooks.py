@@ -22,7 +22,8 @@ from cellcal.service.export.webhook_outbox import WebhookOutbox
 from cellcal.service.export.webhook_sender import Delivery, read_secret, send
 from cellcal.service.export.webhook_target import WebhookError, target_of
 from cellcal.service.site.alarms import Alarm
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.procedures.certified import cell_config
 from tests.service.receivers import SECRET, Receiver, table
 from tests.service.sites import PATIENCE_S, free_port, live_of, session_of, until

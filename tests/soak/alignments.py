@@ -16,8 +16,9 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.door import Door
 from cellcal.service.demo.technician import DemoTechnician
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.open_cell import lend_record, open_cell
 from cellcal.service.runs.run_procedure import run_procedure
 from cellcal.service.runs.settings import build_spec
 from tests.soak.figures import Figures

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from playwright.async_api import BrowserContext, Page
 
-from cellcal.service.certificates.signing import station_key
+from cellcal.service.record.signing import station_key
 from cellcal.service.settled import settle
 from cellcal.service.site.enrolment import Applicant, NewSite, enroll
 from cellcal.service.site.listener import Listener

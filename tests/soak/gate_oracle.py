@@ -11,7 +11,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import Capsule, Sphere
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import GaugeSetup
-from cellcal.procedures.motion.surroundings import Surroundings
+from cellcal.procedures.surroundings import Surroundings
 
 _STEP_RAD = 0.01
 _CONTACT_M = 0.005  # what the gate keeps, less what may happen between two of its looks

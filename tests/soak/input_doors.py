@@ -16,7 +16,6 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.points.alignment import read_alignments
 from cellcal.drivers.program_registry import read_program
-from cellcal.service.certificates.signing import check, station_key
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.demo.fake_cell import write_cell_file
@@ -39,6 +38,7 @@ from cellcal.service.engineering.parameters.ur_files import read_calibration_con
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_arms import nominal_arm
 from cellcal.service.export.restore import prove
+from cellcal.service.record.signing import check, station_key
 from cellcal.service.runs.photos import plain_picture
 from tests.programs.fuzz import sources
 

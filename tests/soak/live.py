@@ -15,7 +15,8 @@ from typing import Any
 
 from playwright.async_api import Page
 
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import comes, go
 from tests.service.desks import a_cell
 from tests.service.lookers import looking_back

@@ -14,7 +14,7 @@ from cellcal.calibration.motion.collision import Plane, Sphere, arm_shape
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
 from cellcal.procedures.motion.motion_gate import Care, move_along
-from cellcal.procedures.motion.surroundings import Block, Surroundings
+from cellcal.procedures.surroundings import Block, Surroundings
 from tests.procedures.ideal import Hands, IdealArm, IdealWire
 from tests.soak.figures import Figures
 from tests.soak.gate_oracle import Oracle

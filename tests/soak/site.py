@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from cellcal.service.certificates.signing import StationKey, station_key
+from cellcal.service.record.signing import StationKey, station_key
 from cellcal.service.site.enrolment import Applicant, NewSite, enroll
 from cellcal.service.site.keys import StationKeys
 from cellcal.service.site.link_files import CELL_FILE, close, read_link_folder

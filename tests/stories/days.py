@@ -12,7 +12,8 @@ from typing import Any
 from playwright.async_api import Page, ViewportSize, expect
 from playwright.async_api import TimeoutError as NotThere
 
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.machine_speed import stretched_s
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
 from tests.stories.day_cell import PACE, day_cell

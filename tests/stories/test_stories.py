@@ -9,7 +9,8 @@ from playwright.async_api import Page, expect
 
 from cellcal.service.cli.certificate import verify
 from cellcal.service.demo.door import Door
-from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.app import create_app
+from cellcal.service.web.context import Settings
 from tests.service.browsers import hold_to_rules_in_every_language
 from tests.service.desks import without_a_wire_to_the_gauge
 from tests.service.doors import Clock

@@ -17,8 +17,8 @@ from cellcal.service.engineering.parameters.calibrated_models import calibrated_
 from cellcal.service.engineering.parameters.calibrated_runs import draft_of, keep_calibration
 from cellcal.service.engineering.parameters.parameter_files import Who
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError, ParameterSets
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import stored_body
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.outline import remembered
 
 SERIAL = "F-104711"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.procedures.mastering_record import seal_of
+from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.procedures.run import RefusalError
 from cellcal.procedures.steps.mastering import stored_record
 from cellcal.service.cli.mastering import mastering
@@ -20,8 +20,8 @@ from cellcal.service.engineering.parameters.mastering_files import (
     import_record,
     in_force,
 )
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 from tests.unit.helpers.fanuc_va import Controller

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
-from cellcal.service.engineering.identification.identify_plots import draw_identification
 from cellcal.service.engineering.plots.correlations import strong_pairs
 from cellcal.service.engineering.plots.evidence import Evidence, places_of, thinned
+from cellcal.service.engineering.plots.identify_plots import draw_identification
 from cellcal.service.engineering.plots.residuals import by_joint, held_out_by_row
 from cellcal.service.engineering.plots.style import new_figure, write_figures
 from cellcal.service.engineering.plots.workspace import error_map

@@ -13,11 +13,12 @@ from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.motion_config import RobotMotion
 from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.healthy_counts import HealthyCounts
+from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import journal_path, open_journal
 from cellcal.service.watching.loss_modes import LossMode, battery_warning, old_backup, suspect, wrong_robot
 from cellcal.service.watching.loss_response import DETECTION, answer_to, journal_detection, prepare_answer
-from cellcal.service.watching.watch import HealthyCounts, PositionLoss
+from cellcal.service.watching.watch import PositionLoss
 
 BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2, AlarmKind.TURNS)
 ENCODER = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:4)", 3, AlarmKind.ENCODER)

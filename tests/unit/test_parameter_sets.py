@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.ur_factory import factory_model
-from cellcal.service.engineering.identification.identify import IdentifiedParameter
 from cellcal.service.engineering.parameters.calibrated_models import (
     calibrated_model,
     nominal_sha256,
     values_of_identification,
     values_of_model,
 )
+from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,

@@ -7,9 +7,9 @@ import pytest
 
 from cellcal.service.files import create_private_file, make_private_folder, replace_file
 from cellcal.service.record.journal import Journal
+from cellcal.service.shown_paths import without_paths
 from cellcal.service.times import read_time
 from cellcal.service.web.middleware import _host_name
-from cellcal.service.web.shown_paths import without_paths
 
 
 @pytest.mark.parametrize("umask", [0o000, 0o022, 0o777])

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cellcal.procedures.canonical import canonical_json
-from cellcal.service.certificates.signing import (
+from cellcal.service.record.signing import (
     Checked,
     Finding,
     SigningError,

@@ -8,16 +8,11 @@ import pytest
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
+from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts, remember_healthy
 from cellcal.service.record.unconfirmed_mastering import Unconfirmed
 from cellcal.service.watching.loss_modes import LossMode, What
 from cellcal.service.watching.mastering_comparison import HeldMastering, Journalled
-from cellcal.service.watching.watch import (
-    HealthyCounts,
-    LastHealthyCounts,
-    PositionLoss,
-    Watch,
-    remember_healthy,
-)
+from cellcal.service.watching.watch import PositionLoss, Watch
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 

@@ -18,8 +18,8 @@ from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.motion_gate import Jog, MotionRefusedError, jog_axis, move_along
-from cellcal.procedures.motion.surroundings import NOTHING_KNOWN
-from cellcal.procedures.steps.mastering import PositionLostAgainError
+from cellcal.procedures.motors import PositionLostAgainError
+from cellcal.procedures.surroundings import NOTHING_KNOWN
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.door import Door
 from cellcal.service.runs.open_cell import open_cell

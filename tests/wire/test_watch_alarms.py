@@ -9,8 +9,9 @@ import pytest
 from cellcal.drivers.interfaces import AlarmKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.door import Door
+from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
 from cellcal.service.watching.loss_response import PreparedAnswer, prepare_answer
-from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch, remember_healthy
+from cellcal.service.watching.watch import PositionLoss, Watch
 
 NOTHING = None
 DRIFT, RECOVERY = "drift_check", "mastering_recovery"

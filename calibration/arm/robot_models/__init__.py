@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.mounting import gravity_of
+from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
 
@@ -36,7 +37,10 @@ def model_fields(name: str) -> dict[str, Any]:
 
 def parse_model(name: str, text: str) -> dict[str, Any]:
     """Read the text of a model file; refuses unknown keys, missing sources and columns of another length."""
-    data = parse_toml(text)
+    try:
+        data = parse_toml(text)
+    except DocumentError as error:
+        raise CalibrationError(f"robot model {name}: {error.message}", remedy=error.remedy) from error
     missing = _KEYS - {"sign", "interaction", "interaction_source", "mounting"} - data.keys()
     if missing or data.keys() - _KEYS:
         raise CalibrationError(

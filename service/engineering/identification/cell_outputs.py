@@ -19,10 +19,10 @@ from cellcal.calibration.identification.model_error import HeldOut, expanded_in_
 from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
 from cellcal.service.engineering.identification.cell_identify import ArmReport, CellReport
-from cellcal.service.engineering.identification.identify import IdentifiedParameter
 from cellcal.service.engineering.identification.identify_at import TipsAt, statement_of, tips_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
+from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 from cellcal.service.engineering.parameters.parameter_files import Who
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
 

@@ -44,6 +44,7 @@ from cellcal.service.engineering.identification.identify_start import (
 from cellcal.service.engineering.identification.identify_verdicts import Limits, Verdicts, judge_limits
 from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, ReadOptions, RejectedRow
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,18 +59,6 @@ class IdentifyOptions:
     start: StartOptions = field(default_factory=StartOptions)
     residual_model: bool = False
     limits: Limits = field(default_factory=Limits)
-
-
-@dataclass(frozen=True, slots=True)
-class IdentifiedParameter:
-    """One parameter in SI, with its standard deviation and what its prior allowed."""
-
-    name: str
-    unit: str
-    value: float
-    sigma: float
-    prior: float
-    held: bool = False  # not fitted: as it was known before
 
 
 @dataclass(frozen=True, eq=False)

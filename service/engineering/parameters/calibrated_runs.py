@@ -13,8 +13,8 @@ from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSets,
     Value,
 )
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
 
 
 def keep_calibration(

@@ -13,11 +13,11 @@ from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, instructions
 from cellcal.drivers.fanuc.program_files.va_mastering import Drives, GroupMastering
-from cellcal.procedures.mastering_record import seal
+from cellcal.procedures.recovery.record_seal import seal
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_files import RecordFileError, kept_as
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import open_journal
 
 _UNTOLD = (
     "wire lengths and places: lost turns cannot be found with this record",

@@ -9,15 +9,15 @@ from pydantic import TypeAdapter, ValidationError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.procedures.mastering_record import seal_of
 from cellcal.procedures.past import Kind
-from cellcal.service.certificates.signing import Checked, Finding, check, read_document, station_key
+from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_sheet import as_sheet
 from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.journal import Event, Journal
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RECORD, Store
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.signing import Checked, Finding, check, read_document, station_key
 
 FORMAT = "cellcal mastering record 1"
 _RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)

@@ -16,7 +16,6 @@ from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import log_transform
-from cellcal.service.engineering.identification.identify import IdentifiedParameter
 from cellcal.service.engineering.parameters.calibrated_models import (
     CalibratedModel,
     calibrated_description,
@@ -25,6 +24,7 @@ from cellcal.service.engineering.parameters.calibrated_models import (
     values_of_identification,
     values_of_model,
 )
+from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,

@@ -351,3 +351,6 @@ def _write_new(path: Path, text: str) -> None:
         ) from taken
     finally:
         draft.unlink()
+
+
+FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` keeps them when it runs there

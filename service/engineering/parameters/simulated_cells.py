@@ -16,6 +16,7 @@ from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPath
 from cellcal.procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
+from cellcal.service.configuration.file_settings import file_settings
 from cellcal.service.engineering.measured.carried import file_of, is_carried
 from cellcal.service.engineering.measured.tag_files import read_description, tags_of_setting
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
@@ -38,16 +39,6 @@ def with_files(kind: type, settings: dict[str, Any]) -> dict[str, Any]:
             with file_of(value, key) as path:
                 read[key] = read_description(path)
     return read
-
-
-def file_settings(kind: type) -> tuple[str, ...]:
-    """Return the names of those settings of a procedure that are files."""
-    return tuple(name for name, hint in get_type_hints(kind).items() if hint in (TagPath, Description))
-
-
-def tag_settings(kind: type) -> tuple[str, ...]:
-    """Return the names of those settings that are files of tags, whose unit can be told."""
-    return tuple(name for name, hint in get_type_hints(kind).items() if hint is TagPath)
 
 
 def refuse_paths(kind: type, settings: dict[str, Any]) -> None:

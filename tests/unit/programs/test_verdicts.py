@@ -13,7 +13,7 @@ from cellcal.service.engineering.programs.postures import (
     UNREACHABLE,
 )
 from cellcal.service.engineering.programs.verdicts import VERDICTS, place_in, verdict_of
-from cellcal.service.web.shown_paths import without_paths
+from cellcal.service.shown_paths import without_paths
 
 
 def test_every_reason_has_its_verdict() -> None:

@@ -21,6 +21,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER
 from cellcal.service.engineering.programs.jobs.files import (
     ALL,
     ARCHIVE,
@@ -40,9 +41,8 @@ from cellcal.service.engineering.programs.jobs.shapes import (
     Wanted,
     spelled,
 )
-from cellcal.service.web.overlays import all_kept
-from cellcal.service.web.parameters import FOLDER
-from cellcal.service.web.shown_paths import without_paths
+from cellcal.service.record.stored_results import all_kept
+from cellcal.service.shown_paths import without_paths
 
 _WORK_MODULE = "cellcal.service.engineering.programs.jobs.work"
 _log = logging.getLogger(__name__)

@@ -32,7 +32,7 @@ from cellcal.service.engineering.programs.report_texts import Language
 from cellcal.service.engineering.programs.report_words import heading, points_off, problems
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED
 from cellcal.service.engineering.programs.verdicts import counted, place_in, verdict_of
-from cellcal.service.web.shown_paths import without_paths
+from cellcal.service.shown_paths import without_paths
 
 PAGE = 100
 _REPORTS = ("report.html", "report.csv", "report.json")

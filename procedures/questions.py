@@ -1,12 +1,17 @@
 """Steps that ask the technician."""
 
 import asyncio
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import DeclinedError
-from cellcal.procedures.steps.pages import seen_from_here
+from cellcal.procedures.shown import Shown, on_page
 
 
 async def ask(cell: Cell, instruction: Instruction) -> Answer:
@@ -46,3 +51,32 @@ async def let_move(cell: Cell, instruction: Instruction) -> Answer:
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
+
+
+def seen_from_here(cell: Cell, asked: Instruction) -> Instruction:
+    """Return an instruction with what only the cell knows: what is selected on the controller, and planned tips."""
+    if not isinstance(asked, Shown):
+        return asked
+    data: dict[str, Any] = {}
+    if cell.motion.frames is not None:
+        data["frames"] = cell.motion.frames
+    plan = asked.page.data.get("plan")
+    if plan is not None and cell.model is not None:
+        data["plan"] = {
+            **plan,
+            "poses": _with_tips(cell, cell.model, plan["poses"]),
+            "level": cell.level.value,
+        }
+    return on_page(asked, asked.page.kind, **data)
+
+
+def _with_tips(cell: Cell, model: RobotModel, poses: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
+    found = tips_at(model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axes), tip)
+    return [{**pose, "tip_in_base_m": place.tolist()} for pose, place in zip(poses, found, strict=True)]
+
+
+def tips_at(model: RobotModel, joints_rad: Any, tip_in_flange_m: Sequence[float]) -> Any:
+    """Return where the tip (N, 3) [m] is in the base at postures (N, n) [rad]."""
+    flanges = model.base_flange(joints_rad)
+    return flanges[:, :3, :3] @ np.array(tip_in_flange_m) + flanges[:, :3, 3]

@@ -5,10 +5,9 @@ A chain of hashes shows what was changed; that its end was cut off, or the whole
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
-from cellcal.service.certificates.certificate import certificates_folder
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.record.journal_files import certificates_folder, open_journal
 
 NOT_ACCEPTED = "store.end_missing"
 

@@ -1,0 +1,59 @@
+"""What every route of the service has: the cell file, the cell's process, the open screens, who may come in."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from fastapi import APIRouter
+
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.authorization import Permits
+from cellcal.service.people.session_control import Control
+from cellcal.service.web.cell_client import DeskLink
+from cellcal.service.web.websocket_hub import Screens
+
+
+class ServiceExtension(Protocol):
+    """Further routes of the service, and its own line to the cell's process: what a demo adds."""
+
+    @property
+    def router(self) -> APIRouter:
+        """The routes, below ``/api``."""
+        ...
+
+    def make_link(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> DeskLink:
+        """Return the line to the cell's process."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How the service is run.
+
+    ``open_access`` lets everybody in as the local technician: for demos on loopback, where no robot is. ``extension``
+    adds such a demo's routes: with them the pages have buttons that make things go wrong. Names
+    other than this computer's own loopback ones are answered only where they stand in ``allowed_hosts``.
+    """
+
+    cell_file: Path
+    demo: bool = False
+    open_access: bool = False
+    extension: ServiceExtension | None = None
+    tls: bool = False
+    allowed_hosts: tuple[str, ...] = ()
+    on_console_token: Callable[[str], None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """What every route is lent: the cell's file, its desk, the open screens, who may come in."""
+
+    settings: Settings
+    config: CellConfig
+    link: DeskLink
+    screens: Screens
+    entrance: Entrance
+    permits: Permits
+    control: Control
