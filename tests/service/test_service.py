@@ -124,7 +124,7 @@ async def test_two_screens_see_the_same_and_a_double_tap_counts_once(tmp_path: P
         b"[]",
         b'{"id": "1", "rev": NaN, "order": {"op": "pause"}}',
         b'{"id": "1", "rev": 1, "order": {"op": "move", "joints": [0]}}',
-        b'{"id": "1", "rev": 1, "order": {"op": "stop"}, "who": "the boss"}',
+        b'{"id": "1", "rev": 1, "order": {"op": "pause"}, "who": "the boss"}',
         json.dumps({"id": "1", "rev": 1, "order": {"op": "answer", "prompt_id": "x" * 9000}}).encode(),
     ],
 )
@@ -134,7 +134,7 @@ async def test_what_is_no_order_is_refused_at_the_door(tmp_path: Path, body: byt
             "/api/commands", content=body, headers={"content-type": "application/json"}
         )
         assert answer.status_code == 422
-        assert answer.json()["code"] == "request"
+        assert answer.json()["code"] in ("request", "guard.json")  # no order, or no JSON
 
 
 async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
