@@ -72,7 +72,16 @@ async def test_a_backup_with_a_wrong_zero_is_put_right(axis: int) -> None:
     assert (result.mode, made.arm.data.counts_at_zero) == ("memory", ZERO)
 
 
-@pytest.mark.parametrize("axis", [0, 2, 5])
+async def test_a_new_j6_that_a_moved_hook_explains_as_well_is_not_taken_without_a_report() -> None:
+    made = await _healthy()
+    _shift(made, (0.0, 0.0, 0.0, 0.0, 0.0, 0.3))
+    made.arm.data = MasteringData((0,) * 6, mastered=False)
+    with pytest.raises(RefusalError, match=r"the reference of J6 is new.*or .*the wire is not as recorded"):
+        await _recover(made)
+    assert not made.arm.data.mastered
+
+
+@pytest.mark.parametrize("axis", [0, 2])
 async def test_a_fraction_of_a_turn_is_no_lost_memory(axis: int) -> None:
     made = await _healthy()
     _shift(made, tuple(0.3 * (j == axis) for j in range(6)))

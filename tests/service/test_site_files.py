@@ -179,7 +179,8 @@ _KEY = StationKey(Path("none"), Ed25519PrivateKey.generate(), created=True)
 
 @given(st.integers(min_value=0), st.integers(min_value=0, max_value=255))
 def test_no_byte_of_a_message_can_be_changed(place: int, value: int) -> None:
-    raw = Sealer(_KEY, "cell-07", "e").seal("k", 1, {"a": [1.5, "ü", None], "b": {"c": 1e-9}}, "2026-01-01T00:00:00+00:00")
+    body = {"a": [1.5, "ü", None], "b": {"c": 1e-9}}
+    raw = Sealer(_KEY, "cell-07", "e").seal("k", 1, body, "2026-01-01T00:00:00+00:00")
     public = public_key(_KEY.public)
     assert isinstance(opened(raw, "k", "cell-07", public), Message)
     changed = bytearray(raw)

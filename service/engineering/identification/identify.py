@@ -101,7 +101,6 @@ class IdentifyReport:
             "robot": self.robot,
             "level": self.level,
             "rows": self.rows,
-            "usable": len(self.measurements.rows),
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
@@ -113,6 +112,7 @@ class IdentifyReport:
                 for item in found.not_identified
             ],
             "seconds": self.seconds,
+            "usable": len(self.measurements.rows),
             "level_name": LEVEL_NAMES[self.level],
             "level_reasons": list(found.level_reasons),
             "break_reasons": list(found.break_reasons),
