@@ -51,13 +51,12 @@ _MOST_ANSWERS = 1 << 20  # bytes
 
 
 def _read_answers(path: Path) -> dict[str, str]:
-
     from cellcal.calibration.errors import CellError
 
     try:
         found = parse_json(read_plain_bytes(path, _MOST_ANSWERS))
     except ValueError as error:  # also what is no text
-        found, why = None, f"is not JSON that holds answers: {error}"
+        found, why = None, f"is not JSON that holds answers: {str(error).rstrip('.')}"
     else:
         why = 'is not one object of texts, {"instruction key": "yes"}'
     if isinstance(found, dict) and all(isinstance(answer, str) for answer in found.values()):
