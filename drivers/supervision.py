@@ -173,6 +173,16 @@ async def supervise(
             raise
 
 
+def raise_lost_cancellation() -> None:
+    """Raise CancelledError where this task was cancelled and nothing came of it.
+
+    ``asyncio.wait_for`` of Python 3.11 loses a cancellation that comes in the turn in which its work ends; an
+    endless loop would go on.
+    """
+    if _is_cancelled():
+        raise asyncio.CancelledError
+
+
 def start_task(
     name: str, work: Callable[[], Awaitable[None]], register: Supervisor = SUPERVISOR
 ) -> asyncio.Task[None]:

@@ -17,7 +17,14 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.interfaces import JogsAxes, Readiness, Robot
-from cellcal.drivers.supervision import SUPERVISOR, guarded, start_task, supervise, words_of
+from cellcal.drivers.supervision import (
+    SUPERVISOR,
+    guarded,
+    raise_lost_cancellation,
+    start_task,
+    supervise,
+    words_of,
+)
 from cellcal.procedures.catalogue import entry_named
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.entry import Phase
@@ -167,6 +174,7 @@ class Desk:
             self._journal_end = await asyncio.to_thread(end_in_words, self._config)
             await self._others.follow_all_but(self._robot)
             await self._attend_once()
+            raise_lost_cancellation()
             self._decided()
             await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
 
@@ -219,6 +227,7 @@ class Desk:
     async def _look_until_left(self, glance: Glance) -> None:
         cell, gone_since_s = glance.cell, None
         while not self._leave.is_set():
+            raise_lost_cancellation()
             began_s = self._clock()
             busy = self._busy
             await glance.look()

@@ -10,7 +10,7 @@ from typing import Any, cast
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
-from cellcal.drivers.supervision import supervise
+from cellcal.drivers.supervision import raise_lost_cancellation, supervise
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import leases
@@ -93,6 +93,7 @@ async def follow_robot(watches: Watches, entry: Any, listener: Listener) -> None
     """
     told = ""
     while True:
+        raise_lost_cancellation()
         if not _is_free(watches, entry):
             listener.missed(entry.name, None)
             await asyncio.sleep(_RETRY_S)

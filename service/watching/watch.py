@@ -20,6 +20,7 @@ import numpy as np
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.watching.loss_modes import (
     LossMode,
@@ -82,6 +83,7 @@ class Watch:
     async def run(self) -> None:
         """Watch until cancelled. An unreachable robot is no loss: it is looked for again."""
         while True:
+            raise_lost_cancellation()
             try:
                 await self.look()
             except DeviceError as error:
