@@ -25,6 +25,17 @@ _POLL_S = 0.05
 _HEARTBEATS_MISSED = 2.5
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF in the identifier of an error frame, linux/can/error.h
 FOREIGN_S = 2.0
+# What the library raises of a broken bus and of frames that it cannot read; anything else is a fault of the program.
+_UNREADABLE = (
+    can.CanError,
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    struct.error,
+)
 _WIRING = "Check the power and the cable of the device, and the CAN termination; then try again."
 
 
@@ -174,7 +185,7 @@ class CanSession:
                 message = self._bus.recv(_POLL_S)
                 if message is not None:
                     self._take(message)
-            except Exception as error:  # noqa: BLE001  whatever the library raises, the session ends with its name
+            except _UNREADABLE as error:
                 self._die(f"receiving from the CAN bus failed ({type(error).__name__})")
                 break
             self._check_heartbeat(idle=message is None)
