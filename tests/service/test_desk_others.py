@@ -43,7 +43,7 @@ async def test_a_stop_of_an_unselected_robot_is_told_to_the_site_and_the_figures
     tmp_path: Path,
 ) -> None:
     async with at_desk(tmp_path) as person:
-        await until_device(person, "ur", lambda device: device["state"] == "ready")
+        await until_device(person, "ur", lambda device: device["state"] == "ready" and device["value"])
         assert len(device_of(person, "ur")["value"]["joints_rad"]) == 6
         await person.order(RECORD | {"hold_to_move": False})
         await person.answer("wire_is_hooked")
