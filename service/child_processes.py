@@ -8,6 +8,7 @@ from cellcal.calibration.errors import CellError
 
 _KEPT_BYTES = 4096
 _CHUNK = 4096
+_LEAVE_S = 5.0
 
 
 class ChildEndedError(CellError):
@@ -41,3 +42,17 @@ class LastWords:
         """Return the last line that says anything."""
         lines = self._kept.decode(errors="replace").split("\n")
         return next((line.strip()[:300] for line in reversed(lines) if line.strip()), "")
+
+
+async def end_child(process: asyncio.subprocess.Process) -> None:
+    """Close a child's standard input, at which it ends by itself; kill one that does not."""
+    if process.returncode is not None:
+        return
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        async with asyncio.timeout(_LEAVE_S):
+            await process.wait()
+    except TimeoutError:
+        process.kill()
+        await process.wait()

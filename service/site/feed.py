@@ -14,10 +14,9 @@ from typing import Any
 import orjson
 
 from cellcal.drivers.supervision import start_task
-from cellcal.service.child_processes import ChildEndedError, LastWords
+from cellcal.service.child_processes import ChildEndedError, LastWords, end_child
 
 _MOST_WAITING = 1 << 20  # bytes in the pipe
-_LEAVE_S = 5.0
 _SESSION_AGAIN_S = 2.0
 
 
@@ -84,14 +83,5 @@ class Feed:
                 process.stdin.write(line)
 
     async def _leave(self) -> None:
-        process = self._process
-        if process is None or process.returncode is not None:
-            return
-        if process.stdin is not None:
-            process.stdin.close()
-        try:
-            async with asyncio.timeout(_LEAVE_S):
-                await process.wait()
-        except TimeoutError:
-            process.kill()
-            await process.wait()
+        if self._process is not None:
+            await end_child(self._process)

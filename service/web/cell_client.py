@@ -16,10 +16,9 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task, supervise
 from cellcal.service.cell_process.messages import LONGEST_LINE
-from cellcal.service.child_processes import ChildEndedError, LastWords
+from cellcal.service.child_processes import ChildEndedError, LastWords, end_child
 
 ANSWER_S = 10.0
-_LEAVE_S = 5.0
 TASK = "process of the cell"
 _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
@@ -146,14 +145,5 @@ class DeskLink:
             answer.set_result(message["reply"])
 
     async def _leave(self) -> None:
-        process = self._process
-        if process is None or process.returncode is not None:
-            return
-        if process.stdin is not None:
-            process.stdin.close()
-        try:
-            async with asyncio.timeout(_LEAVE_S):
-                await process.wait()
-        except TimeoutError:
-            process.kill()
-            await process.wait()
+        if self._process is not None:
+            await end_child(self._process)
