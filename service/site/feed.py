@@ -36,16 +36,6 @@ class Feed:
             self._session = line
         self._write(line)
 
-    async def keep(self) -> None:
-        """Keep the process until cancelled."""
-        tasks = self.start()
-        try:
-            await asyncio.wait(tasks)
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.wait(tasks)
-
     def start(self) -> list[asyncio.Task[None]]:
         """Begin to keep the process; it leaves when the tasks are cancelled."""
         return [

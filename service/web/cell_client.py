@@ -14,7 +14,7 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
-from cellcal.drivers.supervision import start_task, supervise
+from cellcal.drivers.supervision import start_task
 from cellcal.service.cell_process.messages import LONGEST_LINE
 from cellcal.service.child_processes import ChildEndedError, LastWords, end_child
 
@@ -57,10 +57,6 @@ class DeskLink:
         self._process: asyncio.subprocess.Process | None = None
         self.session: dict[str, Any] | None = None
         self._live: tuple[float, dict[str, Any]] | None = None
-
-    async def keep(self) -> None:
-        """Run the desk until cancelled, then let it end its run and leave."""
-        await supervise(TASK, self._run_once)
 
     def start(self) -> asyncio.Task[None]:
         """Begin to run the desk; it leaves when the task is cancelled."""
