@@ -1,4 +1,4 @@
-"""Refuse a commit message whose subject line is empty or longer than 72 characters (a `commit-msg` hook of pre-commit)."""
+"""Refuse a commit message whose subject is missing or longer than 72 characters (`commit-msg` hook of pre-commit)."""
 
 import sys
 from pathlib import Path
