@@ -26,7 +26,7 @@ _RP_VARIANCE = 1 + 9 * 2.1082 / 4 + 3 * 0.4857
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class AccuracyConditions:
     """How the robot was moved; all of it is printed beside the result."""
 
     load_share: float  # of the rated load
@@ -56,7 +56,7 @@ class AccuracyTest:
     title: str
     poses: tuple[PoseResult, ...]
     cycles: int
-    conditions: Conditions
+    conditions: AccuracyConditions
     departures: tuple[str, ...]  # from the full test
 
     @property
@@ -76,7 +76,7 @@ class AccuracyTest:
 
 
 @dataclass(frozen=True, slots=True)
-class BeforeAfter:
+class AccuracyChange:
     """What a calibration changed, at the same poses under the same conditions."""
 
     before: AccuracyTest
@@ -87,7 +87,7 @@ class BeforeAfter:
 
 
 @dataclass(frozen=True, eq=False)
-class Attained:
+class AttainedPoses:
     """Where the robot was commanded, and where an instrument saw it, all in the base frame."""
 
     commanded_m: Array  # (P, 3)
@@ -134,7 +134,9 @@ def cube_positions(centre_m: Triple, side_m: float, plane: int = 0) -> Array:
     return positions
 
 
-def evaluate(attained: Attained, conditions: Conditions, *, fitted_joints_rad: Array) -> AccuracyTest:
+def evaluate_accuracy(
+    attained: AttainedPoses, conditions: AccuracyConditions, *, fitted_joints_rad: Array
+) -> AccuracyTest:
     """Evaluate pose accuracy AP and repeatability RP at poses that took no part in a fit.
 
     Parameters
@@ -170,11 +172,11 @@ def evaluate(attained: Attained, conditions: Conditions, *, fitted_joints_rad: A
     refuse_fitted(attained.joints_rad, fitted_joints_rad)
     cycles = attained.positions_m.shape[1]
     poses = tuple(_pose_result(attained, index) for index in range(len(attained.positions_m)))
-    departures = _departures(len(poses), cycles, conditions)
+    departures = _list_departures(len(poses), cycles, conditions)
     return AccuracyTest(REDUCED_TITLE if departures else FULL_TITLE, poses, cycles, conditions, departures)
 
 
-def compare(before: AccuracyTest, after: AccuracyTest) -> BeforeAfter:
+def compare_accuracy(before: AccuracyTest, after: AccuracyTest) -> AccuracyChange:
     """Compare two tests of the same poses; a change within its uncertainty (k = 2) is called neither way.
 
     Raises
@@ -189,14 +191,14 @@ def compare(before: AccuracyTest, after: AccuracyTest) -> BeforeAfter:
     changes, verdicts = [], []
     for old, new in zip(before.poses, after.poses, strict=True):
         change = new.ap_m - old.ap_m
-        doubt = 2 * math.hypot(old.ap_sigma_m, new.ap_sigma_m)
+        uncertainty = 2 * math.hypot(old.ap_sigma_m, new.ap_sigma_m)
         changes.append(change)
-        verdicts.append(None if abs(change) <= doubt else change < 0)
+        verdicts.append(None if abs(change) <= uncertainty else change < 0)
     alike = all(
         abs(new.rp_m - old.rp_m) <= 3 * math.hypot(old.rp_sigma_m, new.rp_sigma_m)
         for old, new in zip(before.poses, after.poses, strict=True)
     )
-    return BeforeAfter(before, after, tuple(changes), tuple(verdicts), alike)
+    return AccuracyChange(before, after, tuple(changes), tuple(verdicts), alike)
 
 
 def refuse_fitted(
@@ -228,7 +230,7 @@ def refuse_fitted(
         )
 
 
-def _pose_result(attained: Attained, index: int) -> PoseResult:
+def _pose_result(attained: AttainedPoses, index: int) -> PoseResult:
     positions = attained.positions_m[index]
     n = len(positions)
     mean = positions.mean(axis=0)
@@ -239,26 +241,26 @@ def _pose_result(attained: Attained, index: int) -> PoseResult:
     covariance = np.cov(positions.T) / n
     # Where the accuracy vanishes its direction means nothing: the worst direction stands for it.
     along = parts / accuracy if accuracy > 0 else np.linalg.eigh(covariance)[1][:, -1]
-    turns = _turns(attained, index)
+    turns = _attained_turns(attained, index)
     return PoseResult(
         ap_m=accuracy,
-        ap_parts_m=_triple(parts),
+        ap_parts_m=_to_triple(parts),
         ap_sigma_m=math.sqrt(float(along @ covariance @ along) + attained.device_sigma_m**2),
         rp_m=float(distances.mean()) + 3 * spread,
         rp_sigma_m=spread * math.sqrt(_RP_VARIANCE / n),
         cycles=n,
-        ap_turns_rad=None if turns is None else _triple(turns.mean(axis=0)),
-        rp_turns_rad=None if turns is None else _triple(3 * turns.std(axis=0, ddof=1)),
+        ap_turns_rad=None if turns is None else _to_triple(turns.mean(axis=0)),
+        rp_turns_rad=None if turns is None else _to_triple(3 * turns.std(axis=0, ddof=1)),
     )
 
 
-def _turns(attained: Attained, index: int) -> Array | None:
+def _attained_turns(attained: AttainedPoses, index: int) -> Array | None:
     if attained.rotations is None or attained.commanded_rotations is None:
         return None
     return log_rotation(attained.rotations[index] @ attained.commanded_rotations[index].T)
 
 
-def _departures(poses: int, cycles: int, conditions: Conditions) -> tuple[str, ...]:
+def _list_departures(poses: int, cycles: int, conditions: AccuracyConditions) -> tuple[str, ...]:
     checks = [
         (cycles >= FULL_CYCLES, f"{cycles} cycles instead of {FULL_CYCLES}"),
         (poses == FULL_POSES, f"{poses} poses instead of {FULL_POSES}"),
@@ -267,9 +269,9 @@ def _departures(poses: int, cycles: int, conditions: Conditions) -> tuple[str, .
         (conditions.warmed_up, "not warmed up"),
         (conditions.one_direction, "approached from different sides"),
     ]
-    return tuple(text for kept, text in checks if not kept)
+    return tuple(text for fulfilled, text in checks if not fulfilled)
 
 
-def _triple(values: Array) -> Triple:
+def _to_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)

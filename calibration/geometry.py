@@ -30,20 +30,20 @@ class Pose:
 
     def __matmul__(self, other: "Pose") -> "Pose":
         """Chain frames: ``base_tip = base_flange @ flange_tip``."""
-        return Pose.from_matrix(self.matrix() @ other.matrix())
+        return Pose.from_matrix(self.to_matrix() @ other.to_matrix())
 
     def inverse(self) -> "Pose":
         """Return the other frame seen from this one: ``flange_base = base_flange.inverse()``."""
-        rotation = self.rotation()
-        return Pose.from_matrix(homogeneous(rotation.T, -rotation.T @ np.array(self.position_m)))
+        rotation = self.rotation_matrix()
+        return Pose.from_matrix(homogeneous_matrix(rotation.T, -rotation.T @ np.array(self.position_m)))
 
-    def rotation(self) -> Array:
+    def rotation_matrix(self) -> Array:
         """Return the (3, 3) rotation matrix."""
         return rotation_from_quaternion(np.array(self.quaternion))
 
-    def matrix(self) -> Array:
+    def to_matrix(self) -> Array:
         """Return the (4, 4) homogeneous matrix."""
-        return homogeneous(self.rotation(), np.array(self.position_m))
+        return homogeneous_matrix(self.rotation_matrix(), np.array(self.position_m))
 
     @classmethod
     def from_matrix(cls, matrix: Array) -> "Pose":
@@ -56,7 +56,7 @@ class Pose:
         return cls((x, y, z), (w, qx, qy, qz))
 
 
-def homogeneous(rotation: Array, translation_m: Array) -> Array:
+def homogeneous_matrix(rotation: Array, translation_m: Array) -> Array:
     """Assemble (…, 4, 4) from rotations (…, 3, 3) and translations (…, 3)."""
     rotation, translation_m = np.asarray(rotation), np.asarray(translation_m)
     shape = np.broadcast_shapes(rotation.shape[:-2], translation_m.shape[:-1])
@@ -71,7 +71,7 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     """Return (…, 3, 3) rotations from (…, 4) unit quaternions w, x, y, z."""
     quaternion = np.asarray(quaternion, dtype=float)
     w, v = quaternion[..., :1, None], quaternion[..., 1:]
-    turn = skew(v)
+    turn = skew_matrix(v)
     rotation: Array = np.eye(3) + 2.0 * (w * turn + turn @ turn)
     return rotation
 
@@ -101,12 +101,12 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     return unique
 
 
-def adjoint(transform: Array) -> Array:
+def adjoint_matrix(transform: Array) -> Array:
     """Return (6, 6): twists (v, w) seen through a rigid transform, ``T exp(x) = exp(Ad x) T``."""
     rotation, position = transform[:3, :3], transform[:3, 3]
     matrix = np.zeros((6, 6))
     matrix[:3, :3] = matrix[3:, 3:] = rotation
-    matrix[:3, 3:] = skew(position) @ rotation
+    matrix[:3, 3:] = skew_matrix(position) @ rotation
     return matrix
 
 
@@ -114,7 +114,7 @@ def inverse_transform(matrix: Array) -> Array:
     """Return the inverses of rigid transforms (…, 4, 4)."""
     matrix = np.asarray(matrix, dtype=float)
     transposed = np.swapaxes(matrix[..., :3, :3], -1, -2)
-    return homogeneous(transposed, -(transposed @ matrix[..., :3, 3:])[..., 0])
+    return homogeneous_matrix(transposed, -(transposed @ matrix[..., :3, 3:])[..., 0])
 
 
 def is_rigid(matrix: Array, *, tolerance: float = 1e-6) -> bool:
@@ -136,7 +136,7 @@ def is_rotation(rotation: Array, *, tolerance: float = 1e-6) -> bool:
     return bool(defect <= tolerance) and bool((np.linalg.det(rotation) > 0).all())
 
 
-def skew(vector: Array) -> Array:
+def skew_matrix(vector: Array) -> Array:
     """Return (…, 3, 3) with ``skew(v) @ w == v x w``."""
     vector = np.asarray(vector, dtype=float)
     matrix = np.zeros((*vector.shape, 3))
@@ -177,14 +177,14 @@ def exp_twist(twist: Array) -> Array:
     twist = np.asarray(twist, dtype=float)
     v, w = twist[..., :3], twist[..., 3:]
     angle = np.sqrt((w * w).sum(axis=-1))[..., None, None]
-    cross = skew(w)
+    cross = skew_matrix(w)
     twice = cross @ cross
     # np.sinc(x) is sin(pi x) / (pi x): right down to zero.
     sine, first = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     small = angle < 1e-3
     second = np.where(small, 1 / 6 - angle**2 / 120, (1.0 - sine) / np.where(small, 1.0, angle) ** 2)
-    left = np.eye(3) + first * cross + second * twice
-    return homogeneous(np.eye(3) + sine * cross + first * twice, (left @ v[..., None])[..., 0])
+    v_matrix = np.eye(3) + first * cross + second * twice
+    return homogeneous_matrix(np.eye(3) + sine * cross + first * twice, (v_matrix @ v[..., None])[..., 0])
 
 
 def log_transform(matrix: Array) -> Array:
@@ -192,7 +192,7 @@ def log_transform(matrix: Array) -> Array:
     matrix = np.asarray(matrix, dtype=float)
     w = log_rotation(matrix[..., :3, :3])
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
-    cross = skew(w)
+    cross = skew_matrix(w)
     small = angle < 1e-3
     safe = np.where(small, 1.0, angle)
     second = np.where(

@@ -69,11 +69,11 @@ def evaluate_lengths(
         A test pose was fitted; fewer than two cycles; numbers that are not finite.
     """
     refuse_fitted(joints_rad, fitted_joints_rad)
-    lengths, wanted = np.asarray(lengths_m, dtype=float), np.asarray(commanded_m, dtype=float)
+    lengths, commanded = np.asarray(lengths_m, dtype=float), np.asarray(commanded_m, dtype=float)
     if (
         lengths.ndim != 2
-        or wanted.shape != lengths.shape[:1]
-        or not np.isfinite([*lengths.ravel(), *wanted]).all()
+        or commanded.shape != lengths.shape[:1]
+        or not np.isfinite([*lengths.ravel(), *commanded]).all()
     ):
         raise CalibrationError("lengths (P, n) need P finite lengths commanded")
     cycles = lengths.shape[1]
@@ -82,8 +82,8 @@ def evaluate_lengths(
             "one cycle says nothing about repeatability.", remedy="Go round five times or more."
         )
     poses = []
-    every_time = np.broadcast_to(device_sigma_m, wanted.shape)
-    for found, goal, device_m in zip(lengths, wanted, every_time, strict=True):
+    every_time = np.broadcast_to(device_sigma_m, commanded.shape)
+    for found, goal, device_m in zip(lengths, commanded, every_time, strict=True):
         off, spread = float(found.mean() - goal), float(found.std(ddof=1))
         sigma = math.hypot(spread / math.sqrt(cycles), device_m)
         poses.append(

@@ -27,7 +27,7 @@ LOCK_RAD = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Convention:
+class OrientationConvention:
     """One way to write an orientation as numbers."""
 
     name: str
@@ -45,7 +45,7 @@ def rotation_from(convention: str, values: Array) -> Array:
     CalibrationError
         Unknown convention, wrong count, a number that is not finite, a quaternion that is not of unit length.
     """
-    rule = _rule(convention)
+    rule = _find_convention(convention)
     numbers = np.asarray(values, dtype=float)
     if numbers.ndim == 0 or numbers.shape[-1] != len(rule.fields):
         raise CalibrationError(
@@ -64,7 +64,7 @@ def values_from(convention: str, rotation: Array) -> Array:
     CalibrationError
         Unknown convention, or a matrix that is not a right-handed rotation within 1e-6.
     """
-    rule = _rule(convention)
+    rule = _find_convention(convention)
     matrix = np.asarray(rotation, dtype=float)
     if not is_rotation(matrix):
         raise CalibrationError(f"{convention}: not a finite, orthonormal, right-handed rotation")
@@ -74,7 +74,7 @@ def values_from(convention: str, rotation: Array) -> Array:
 def euler_rotation(axes: str, angles_rad: Array) -> Array:
     """Return the product of elementary rotations, leftmost first: ``zyx`` is ``Rz(a) Ry(b) Rx(c)``."""
     angles = np.asarray(angles_rad, dtype=float)
-    first, second, third = (elementary(axis, angles[..., i]) for i, axis in enumerate(axes))
+    first, second, third = (elementary_rotation(axis, angles[..., i]) for i, axis in enumerate(axes))
     return first @ second @ third
 
 
@@ -96,16 +96,16 @@ def euler_angles(axes: str, rotation: Array) -> Array:
         (image[..., j], -parity * image[..., k]) if repeated else (-parity * image[..., j], image[..., k])
     )
     a = np.where(np.hypot(*bearing) < LOCK_RAD, 0.0, np.arctan2(*bearing))
-    rest = np.swapaxes(elementary(axes[0], a), -1, -2) @ rotation
+    rest = np.swapaxes(elementary_rotation(axes[0], a), -1, -2) @ rotation
     image = rest[..., i if repeated else k]
     tilt = (-parity * image[..., k], image[..., i]) if repeated else (parity * image[..., i], image[..., k])
     b = np.arctan2(*tilt)
-    turn = np.swapaxes(elementary(axes[1], b), -1, -2) @ rest
+    turn = np.swapaxes(elementary_rotation(axes[1], b), -1, -2) @ rest
     p, q = ("xyz".index(axes[2]) + 1) % 3, ("xyz".index(axes[2]) + 2) % 3
     return np.stack([a, b, np.arctan2(turn[..., q, p], turn[..., p, p])], axis=-1)
 
 
-def elementary(axis: str, angle_rad: Array) -> Array:
+def elementary_rotation(axis: str, angle_rad: Array) -> Array:
     """Return (…, 3, 3): the right-handed turn about x, y or z by (…) angles."""
     angle = np.asarray(angle_rad, dtype=float)
     i = "xyz".index(axis)
@@ -118,14 +118,14 @@ def elementary(axis: str, angle_rad: Array) -> Array:
     return rotation
 
 
-def _angles(name: str, fields: str, product: str) -> Convention:
+def _angle_convention(name: str, fields: str, product: str) -> OrientationConvention:
     """``fields`` in the maker's order; ``product`` such as "Rz(R) Ry(P) Rx(W)"."""
     names = tuple(fields.split())
     factors = [(factor[1], factor[3:-1]) for factor in product.split()]
     axes = "".join(axis for axis, _ in factors)
     order = [names.index(field) for _, field in factors]
     back = [order.index(i) for i in range(3)]
-    return Convention(
+    return OrientationConvention(
         name,
         names,
         product,
@@ -134,7 +134,7 @@ def _angles(name: str, fields: str, product: str) -> Convention:
     )
 
 
-def _quaternion(name: str, fields: str, order: list[int]) -> Convention:
+def _quaternion_convention(name: str, fields: str, order: list[int]) -> OrientationConvention:
     def to_rotation(values: Array) -> Array:
         if np.abs(np.linalg.norm(values, axis=-1) - 1.0).max(initial=0.0) > 1e-3:
             raise CalibrationError(
@@ -144,7 +144,7 @@ def _quaternion(name: str, fields: str, order: list[int]) -> Convention:
         return rotation_from_quaternion(wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True))
 
     back = [order.index(i) for i in range(4)]
-    return Convention(
+    return OrientationConvention(
         name,
         tuple(fields.split()),
         "quaternion",
@@ -153,7 +153,7 @@ def _quaternion(name: str, fields: str, order: list[int]) -> Convention:
     )
 
 
-def _rule(name: str) -> Convention:
+def _find_convention(name: str) -> OrientationConvention:
     if name not in CONVENTIONS:
         raise CalibrationError(
             f"no orientation is called {name!r}.", remedy=f"Known: {', '.join(CONVENTIONS)}."
@@ -163,26 +163,26 @@ def _rule(name: str) -> Convention:
 
 _ALL = (
     # Checked on real controllers' data (FANUC backups, UR and ABB programs) or in the maker's own manual:
-    _angles("fanuc_wpr", "W P R", "Rz(R) Ry(P) Rx(W)"),
-    Convention("ur_rotation_vector", ("rx", "ry", "rz"), "exp([r]x)", exp_rotation, log_rotation),
-    _angles("ur_rpy", "RX RY RZ", "Rz(RZ) Ry(RY) Rx(RX)"),
-    _quaternion("abb_quaternion", "q1 q2 q3 q4", [0, 1, 2, 3]),
-    _angles("abb_euler_zyx", "EZ EY EX", "Rz(EZ) Ry(EY) Rx(EX)"),
+    _angle_convention("fanuc_wpr", "W P R", "Rz(R) Ry(P) Rx(W)"),
+    OrientationConvention("ur_rotation_vector", ("rx", "ry", "rz"), "exp([r]x)", exp_rotation, log_rotation),
+    _angle_convention("ur_rpy", "RX RY RZ", "Rz(RZ) Ry(RY) Rx(RX)"),
+    _quaternion_convention("abb_quaternion", "q1 q2 q3 q4", [0, 1, 2, 3]),
+    _angle_convention("abb_euler_zyx", "EZ EY EX", "Rz(EZ) Ry(EY) Rx(EX)"),
     # By pairs of joints and pose of real controllers (drivers/kuka/README.md, drivers/yaskawa/README.md):
-    _angles("kuka_abc", "A B C", "Rz(A) Ry(B) Rx(C)"),
-    _angles("yaskawa_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
+    _angle_convention("kuka_abc", "A B C", "Rz(A) Ry(B) Rx(C)"),
+    _angle_convention("yaskawa_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
     # Common knowledge of the trade; no real controller's pair of joints and pose was recomputed here:
-    _angles("staubli_rxryrz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
-    _angles("kawasaki_oat", "O A T", "Rz(O) Ry(A) Rz(T)"),
-    _angles("comau_zyz", "A E R", "Rz(A) Ry(E) Rz(R)"),
-    _angles("mitsubishi_abc", "A B C", "Rz(C) Ry(B) Rx(A)"),
-    _angles("denso_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
-    _angles("epson_uvw", "U V W", "Rz(U) Ry(V) Rx(W)"),
-    _angles("doosan_zyz", "A B C", "Rz(A) Ry(B) Rz(C)"),
+    _angle_convention("staubli_rxryrz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
+    _angle_convention("kawasaki_oat", "O A T", "Rz(O) Ry(A) Rz(T)"),
+    _angle_convention("comau_zyz", "A E R", "Rz(A) Ry(E) Rz(R)"),
+    _angle_convention("mitsubishi_abc", "A B C", "Rz(C) Ry(B) Rx(A)"),
+    _angle_convention("denso_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
+    _angle_convention("epson_uvw", "U V W", "Rz(U) Ry(V) Rx(W)"),
+    _angle_convention("doosan_zyz", "A B C", "Rz(A) Ry(B) Rz(C)"),
     # Not a robot maker's:
-    _angles("ros_rpy", "roll pitch yaw", "Rz(yaw) Ry(pitch) Rx(roll)"),
-    _quaternion("ros_quaternion", "x y z w", [3, 0, 1, 2]),
-    _angles("instrument_xyz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
-    _angles("instrument_zyx", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
+    _angle_convention("ros_rpy", "roll pitch yaw", "Rz(yaw) Ry(pitch) Rx(roll)"),
+    _quaternion_convention("ros_quaternion", "x y z w", [3, 0, 1, 2]),
+    _angle_convention("instrument_xyz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
+    _angle_convention("instrument_zyx", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
 )
-CONVENTIONS: Mapping[str, Convention] = MappingProxyType({c.name: c for c in _ALL})
+CONVENTIONS: Mapping[str, OrientationConvention] = MappingProxyType({c.name: c for c in _ALL})

@@ -22,25 +22,25 @@ def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
     CalibrationError
         With the order.
     """
-    left = _rms(residuals)
+    rms_m = _rms_of(residuals)
     spread = float(np.sqrt((target**2).sum(axis=1).mean()))
-    if left < max(_SUSPECT_M, _SUSPECT_SHARE * spread):
+    if rms_m < max(_SUSPECT_M, _SUSPECT_SHARE * spread):
         return
-    orders = np.array(list(_orders(len(source))))
+    orders = np.array(list(_list_orders(len(source))))
     if not len(orders):
         return
-    scores = _scores(source, target[orders])
+    scores = _order_scores(source, target[orders])
     best = int(np.argmin(scores))
-    if scores[best] * _BETTER > left:
+    if scores[best] * _BETTER > rms_m:
         return
     order = ", ".join(str(at + 1) for at in orders[best])
     raise CalibrationError(
-        f"the points fit {left / max(float(scores[best]), 1e-9):.0f} times better in another order: {order}.",
+        f"the points fit {rms_m / max(float(scores[best]), 1e-9):.0f} times better in another order: {order}.",
         remedy="See which point is which: the numbers say where each one of the drawing stands among those measured.",
     )
 
 
-def _orders(count: int) -> Iterator[tuple[int, ...]]:
+def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
     plain = tuple(range(count))
     if count <= _ALL_ORDERS:
         yield from (order for order in permutations(plain) if order != plain)
@@ -53,7 +53,7 @@ def _orders(count: int) -> Iterator[tuple[int, ...]]:
         yield from (turned[at:] + turned[:at] for at in range(count) if turned[at:] + turned[:at] != plain)
 
 
-def _scores(source: Array, targets: Array) -> Array:
+def _order_scores(source: Array, targets: Array) -> Array:
     """Return the RMS of the best rigid fit to each order of the target (H, n, 3)."""
     left, _, right = np.linalg.svd(np.swapaxes(targets, 1, 2) @ source)
     left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[:, None]
@@ -62,5 +62,5 @@ def _scores(source: Array, targets: Array) -> Array:
     return scores
 
 
-def _rms(residuals: Array) -> float:
+def _rms_of(residuals: Array) -> float:
     return float(np.sqrt((residuals**2).sum(axis=1).mean()))

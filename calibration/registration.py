@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, Pose, homogeneous, nearest_rotation, skew
+from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix, nearest_rotation, skew_matrix
 from cellcal.calibration.point_order import refuse_other_order
 
 Triple = tuple[float, float, float]
@@ -28,7 +28,7 @@ class RigidFit:
 
     def sigma_at(self, point_in_source_m: Sequence[float]) -> float:
         """Return the standard uncertainty (3-D, root of the trace) [m] of a point carried through the fit."""
-        jacobian = np.hstack([np.eye(3), -skew(np.array(point_in_source_m, dtype=float))])
+        jacobian = np.hstack([np.eye(3), -skew_matrix(np.array(point_in_source_m, dtype=float))])
         return float(np.sqrt(np.trace(jacobian @ np.array(self.covariance) @ jacobian.T)))
 
 
@@ -73,7 +73,7 @@ def best_fit_transform(
     W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32 (1976) 922.
     S. Umeyama, IEEE Trans. PAMI 13 (1991) 376, for the sign of the determinant.
     """
-    source, target = _points(source_m), _points(target_m)
+    source, target = _check_points(source_m), _check_points(target_m)
     if len(source) != len(target):
         raise CalibrationError(f"{len(source)} points cannot be paired with {len(target)}")
     _refuse_line(source)
@@ -86,22 +86,22 @@ def best_fit_transform(
     freedom = 3 * len(source) - 6
     sigma = math.sqrt(float((residuals**2).sum()) / freedom) if sigma_m is None else sigma_m
     translation = target.mean(axis=0) - rotation @ source.mean(axis=0)
-    jacobian = np.concatenate([np.broadcast_to(np.eye(3), (len(source), 3, 3)), -skew(source)], axis=2)
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), (len(source), 3, 3)), -skew_matrix(source)], axis=2)
     twist_covariance = np.linalg.inv(np.einsum("nij,nik->jk", jacobian, jacobian)) * sigma**2
     distances = np.linalg.norm(residuals, axis=1)
     return RigidFit(
-        target_source=Pose.from_matrix(homogeneous(rotation, translation)),
+        target_source=Pose.from_matrix(homogeneous_matrix(rotation, translation)),
         rms_m=float(np.sqrt((residuals**2).mean())),
         max_m=float(distances.max()),
         worst_pair=int(distances.argmax()),
-        residuals_m=tuple(_triple(r) for r in residuals),
+        residuals_m=tuple(_to_triple(r) for r in residuals),
         degrees_of_freedom=freedom,
         sigma_m=sigma,
         covariance=tuple(tuple(float(v) for v in row) for row in twist_covariance),
     )
 
 
-def trilaterate(
+def trilaterate_point(
     stations_m: Sequence[Sequence[float]],
     lengths_m: Sequence[float],
     *,
@@ -134,7 +134,7 @@ def trilaterate(
     ----------
     Start values: the intersection of spheres seen in the stations' own plane; refined by Gauss-Newton.
     """
-    stations, lengths = _points(stations_m), np.asarray(lengths_m, dtype=float)
+    stations, lengths = _check_points(stations_m), np.asarray(lengths_m, dtype=float)
     unknowns = 4 if fit_zero else 3
     if lengths.shape != (len(stations),) or not (np.isfinite(lengths).all() and (lengths > 0).all()):
         raise CalibrationError("every station needs one positive, finite length")
@@ -143,14 +143,14 @@ def trilaterate(
             f"{len(stations)} lengths cannot fix {unknowns} unknowns.", remedy="Measure more."
         )
     _refuse_line(stations)
-    fits = [_refine(stations, lengths, start, fit_zero) for start in _starts(stations, lengths)]
+    fits = [_refine_guess(stations, lengths, start, fit_zero) for start in _first_guesses(stations, lengths)]
     freedom = len(stations) - unknowns
     fits.sort(key=lambda fit: float((fit[1] ** 2).sum()))
-    best = _choose(fits, near_m, freedom, sigma_m)
-    return _trilateration(stations, best, freedom, sigma_m)
+    best = _choose_fit(fits, near_m, freedom, sigma_m)
+    return _make_trilateration(stations, best, freedom, sigma_m)
 
 
-def _starts(stations: Array, lengths: Array) -> list[Array]:
+def _first_guesses(stations: Array, lengths: Array) -> list[Array]:
     """Return first guesses: from all stations linearly, and the two sides of their plane."""
     centre = stations.mean(axis=0)
     _, _, axes = np.linalg.svd(stations - centre)
@@ -166,16 +166,18 @@ def _starts(stations: Array, lengths: Array) -> list[Array]:
     return [centre + axes.T @ start for start in local_starts]
 
 
-def _refine(stations: Array, lengths: Array, start: Array, fit_zero: bool) -> tuple[Array, Array, Array]:
+def _refine_guess(
+    stations: Array, lengths: Array, start: Array, fit_zero: bool
+) -> tuple[Array, Array, Array]:
     """Return (x, y, z[, zero]), residuals and the Jacobian after damped Gauss-Newton steps."""
     unknown = np.concatenate([start, [0.0]]) if fit_zero else start.copy()
     damping = 1e-6
-    residuals, jacobian = _residuals(stations, lengths, unknown)
+    residuals, jacobian = _length_residuals(stations, lengths, unknown)
     for _ in range(100):
         normal = jacobian.T @ jacobian
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -jacobian.T @ residuals)
         trial = unknown + step
-        new_residuals, new_jacobian = _residuals(stations, lengths, trial)
+        new_residuals, new_jacobian = _length_residuals(stations, lengths, trial)
         if (new_residuals**2).sum() > (residuals**2).sum():
             damping *= 10
         else:
@@ -185,7 +187,7 @@ def _refine(stations: Array, lengths: Array, start: Array, fit_zero: bool) -> tu
     return unknown, residuals, jacobian
 
 
-def _residuals(stations: Array, lengths: Array, unknown: Array) -> tuple[Array, Array]:
+def _length_residuals(stations: Array, lengths: Array, unknown: Array) -> tuple[Array, Array]:
     difference = unknown[:3] - stations
     distance = np.maximum(np.linalg.norm(difference, axis=1), 1e-12)
     jacobian = difference / distance[:, None]
@@ -194,7 +196,7 @@ def _residuals(stations: Array, lengths: Array, unknown: Array) -> tuple[Array, 
     return distance - lengths, jacobian
 
 
-def _choose(
+def _choose_fit(
     fits: list[tuple[Array, Array, Array]],
     near_m: Sequence[float] | None,
     freedom: int,
@@ -217,7 +219,7 @@ def _choose(
     return min(alike, key=lambda fit: float(np.linalg.norm(fit[0][:3] - np.array(near_m, dtype=float))))
 
 
-def _trilateration(
+def _make_trilateration(
     stations: Array, fit: tuple[Array, Array, Array], freedom: int, sigma_m: float | None
 ) -> Trilateration:
     unknown, residuals, jacobian = fit
@@ -238,7 +240,7 @@ def _trilateration(
         )
     covariance = np.linalg.inv(jacobian.T @ jacobian)[:3, :3] * sigma**2
     return Trilateration(
-        point_m=_triple(unknown[:3]),
+        point_m=_to_triple(unknown[:3]),
         zero_m=float(unknown[3]) if len(unknown) == 4 else 0.0,
         rms_m=float(np.sqrt((residuals**2).mean())),
         max_m=float(np.abs(residuals).max()),
@@ -246,12 +248,12 @@ def _trilateration(
         residuals_m=tuple(float(r) for r in residuals),
         degrees_of_freedom=freedom,
         sigma_m=sigma,
-        point_covariance_m2=(_triple(covariance[0]), _triple(covariance[1]), _triple(covariance[2])),
-        point_sigma_m=_triple(np.sqrt(np.diag(covariance))),
+        point_covariance_m2=(_to_triple(covariance[0]), _to_triple(covariance[1]), _to_triple(covariance[2])),
+        point_sigma_m=_to_triple(np.sqrt(np.diag(covariance))),
     )
 
 
-def _points(values: Sequence[Sequence[float]]) -> Array:
+def _check_points(values: Sequence[Sequence[float]]) -> Array:
     points = np.asarray(values, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError("points need three finite coordinates each")
@@ -286,6 +288,6 @@ def _refuse_mirror(covariance: Array, a: Array, b: Array, rotation: Array) -> No
         )
 
 
-def _triple(values: Array) -> Triple:
+def _to_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)

@@ -36,7 +36,7 @@ def coverage_factor(degrees_of_freedom: float = float("inf"), probability: float
 
     With unlimited degrees of freedom and 95 % it is the conventional k = 2 rather than 1.96.
     """
-    _require(
+    _require_that(
         degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"
     )
     if np.isinf(degrees_of_freedom):
@@ -80,8 +80,8 @@ def coverage_in_space_of(
     """Return `coverage_in_space` of many vectors (N,), from variances (N, n) along their principal axes."""
     v = np.asarray(variances, dtype=float)
     sound = bool(np.isfinite(v).all()) and bool((v >= 0).all()) and bool((v.sum(axis=-1) > 0).all())
-    _require(sound, "coverage needs variances >= 0, one of them above")
-    _require(
+    _require_that(sound, "coverage needs variances >= 0, one of them above")
+    _require_that(
         degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"
     )
     directions = v.sum(axis=-1) ** 2 / (v**2).sum(axis=-1)
@@ -102,11 +102,11 @@ def effective_degrees_of_freedom(components: Sequence[tuple[float, float]]) -> f
 
 def chi_square_limit(degrees_of_freedom: float, probability: float = 0.999) -> float:
     """Return the value that chi square exceeds with probability ``1 - probability``."""
-    _require(degrees_of_freedom > 0, "chi square needs at least one degree of freedom")
+    _require_that(degrees_of_freedom > 0, "chi square needs at least one degree of freedom")
     return float(scipy.special.chdtri(degrees_of_freedom, 1.0 - probability))
 
 
-def decide(
+def decide_conformity(
     value: float, standard_uncertainty: float, limit: float, *, degrees_of_freedom: float = float("inf")
 ) -> Decision:
     r"""Judge a value against an upper limit: conformity and non-conformity must both be proved.
@@ -140,24 +140,26 @@ def decide(
     ISO 14253-1, decision rules for verifying conformity or nonconformity with specifications.
     """
     finite = bool(np.isfinite([value, standard_uncertainty, limit]).all())
-    _require(finite and standard_uncertainty >= 0, "a decision needs finite numbers and an uncertainty >= 0")
-    _require(degrees_of_freedom > 0, "a decision needs at least one degree of freedom")
+    _require_that(
+        finite and standard_uncertainty >= 0, "a decision needs finite numbers and an uncertainty >= 0"
+    )
+    _require_that(degrees_of_freedom > 0, "a decision needs at least one degree of freedom")
     unlimited = np.isinf(degrees_of_freedom)
     factor = (
         float(scipy.special.ndtri(0.95))
         if unlimited
         else float(scipy.special.stdtrit(degrees_of_freedom, 0.95))
     )
-    guard = factor * standard_uncertainty
+    guard_band_width = factor * standard_uncertainty
     rule = f"proved at 95 % one-sided: guard band {factor:.2f} u (after ISO 14253-1)"
     verdict = Verdict.UNDECIDED
-    if value + guard <= limit:
+    if value + guard_band_width <= limit:
         verdict = Verdict.PASS
-    elif value - guard > limit:
+    elif value - guard_band_width > limit:
         verdict = Verdict.FAIL
-    return Decision(verdict, value, standard_uncertainty, guard, limit, rule)
+    return Decision(verdict, value, standard_uncertainty, guard_band_width, limit, rule)
 
 
-def _require(holds: bool, message: str) -> None:
+def _require_that(holds: bool, message: str) -> None:
     if not holds:
         raise CalibrationError(message)

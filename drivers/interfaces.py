@@ -124,7 +124,7 @@ class Device(Protocol):
     @property
     def name(self) -> str: ...
     async def identify(self) -> Identity: ...
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         """Never raises for a sulking device: an unreachable one has a condition too."""
         ...
 
@@ -139,7 +139,7 @@ class Robot(Device, Protocol):
 
     @property
     def capabilities(self) -> RobotCapabilities: ...
-    async def joints(self) -> JointReading: ...
+    async def read_joints(self) -> JointReading: ...
     async def flange_pose(self) -> Pose:
         """Return base_flange as the controller reports it, the active tool taken off."""
         ...
@@ -165,7 +165,7 @@ class MasteringStore(Protocol):
         """Read the pulse coder counts of all axes in one telegram."""
         ...
 
-    async def mastering(self) -> MasteringData: ...
+    async def read_mastering(self) -> MasteringData: ...
     async def drive_train(self) -> DriveTrain: ...
     async def encoder_epoch(self) -> int:
         """Return a number that changes when the encoders may have lost their position."""
@@ -250,7 +250,7 @@ class GaugeCapabilities:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class LengthReading:
     """One length. ``raw`` is the wire form, so that the journal can be evaluated again after a bug."""
 
     value_m: float
@@ -267,7 +267,7 @@ class DistanceGauge(Device, Protocol):
 
     @property
     def capabilities(self) -> GaugeCapabilities: ...
-    async def distance(self) -> Reading: ...
+    async def read_distance(self) -> LengthReading: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -331,13 +331,13 @@ class Tracker(Device, Protocol):
 
     @property
     def capabilities(self) -> TrackerCapabilities: ...
-    async def point(self) -> PointReading: ...
+    async def measure_point(self) -> PointReading: ...
 
 
 class MeasuresPoses(Protocol):
     """Trackers with capabilities.measures_poses."""
 
-    async def pose(self) -> PoseReading: ...
+    async def measure_pose(self) -> PoseReading: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,7 +350,7 @@ class ProbeCapabilities:
     overtravel_m: float  # how far the tip may give way without harm
     delay_s: float
     delay_tolerance_s: float  # the delay lies within plus and minus this
-    reaction_s: float  # longest time from a touch to the end of ``touched``
+    reaction_s: float  # longest time from a touch to the end of ``wait_for_touch``
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,14 +377,14 @@ class TouchProbe(Device, Protocol):
     """A probe whose contact closes when its tip touches. Each sentence is a test in tests/wire/contract_probe.py.
 
     A reading is fresh: taken after the call began. An image of the inputs that stands still gives no reading.
-    ``touched`` returns the first touch after the call, in bounds that hold it. A contact that is closed already is
+    ``wait_for_touch`` returns the first touch after the call, in bounds that hold it. A contact that is closed already is
     refused. A second wait during one raises BusyError at once. A cancelled wait leaves the probe usable.
     """
 
     @property
     def capabilities(self) -> ProbeCapabilities: ...
-    async def contact(self) -> ContactReading: ...
-    async def touched(self) -> ContactEdge:
+    async def read_contact(self) -> ContactReading: ...
+    async def wait_for_touch(self) -> ContactEdge:
         """Wait for a touch, as long as it takes; the caller's limit is how far the arm travels."""
         ...
 
@@ -422,4 +422,4 @@ class Operator(Protocol):
         """Return when the person says yes; raise DeclinedError-like RefusedError on no."""
         ...
 
-    async def enter(self, question: Question) -> Answer: ...
+    async def ask_question(self, question: Question) -> Answer: ...

@@ -6,22 +6,22 @@ from pathlib import PurePath
 
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
 
-def _abb() -> ProgramBrand:
+def _load_abb() -> ProgramBrand:
     from cellcal.drivers.abb.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
-def _fanuc() -> ProgramBrand:
+def _load_fanuc() -> ProgramBrand:
     from cellcal.drivers.fanuc.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
-def _kuka() -> ProgramBrand:
+def _load_kuka() -> ProgramBrand:
     from cellcal.drivers.kuka.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
@@ -33,18 +33,18 @@ def _universal_robots() -> ProgramBrand:
     return BRAND
 
 
-def _yaskawa() -> ProgramBrand:
+def _load_yaskawa() -> ProgramBrand:
     from cellcal.drivers.yaskawa.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
 _LOADED: Mapping[str, Callable[[], ProgramBrand]] = {
-    "abb": _abb,
-    "fanuc": _fanuc,
-    "kuka": _kuka,
+    "abb": _load_abb,
+    "fanuc": _load_fanuc,
+    "kuka": _load_kuka,
     "universal_robots": _universal_robots,
-    "yaskawa": _yaskawa,
+    "yaskawa": _load_yaskawa,
 }
 SUFFIXES: Mapping[str, tuple[str, ...]] = {
     "abb": (".mod", ".prg", ".sys"),
@@ -94,15 +94,17 @@ def read_programs(files: Sequence[tuple[str, bytes]]) -> list[ProgramFile | Prog
     for i, (name, data) in enumerate(files):
         brand = brand_of(name, data)
         if brand is None:
-            found[i] = _unknown(name)
+            found[i] = _unknown_program_error(name)
         else:
             by_brand.setdefault(brand.brand, []).append(i)
     for name, rows in by_brand.items():
-        found |= zip(rows, _read(brand_named(name), [files[i] for i in rows]), strict=True)
+        found |= zip(rows, _read_batch(brand_named(name), [files[i] for i in rows]), strict=True)
     return [found[i] for i in range(len(files))]
 
 
-def changed_together(programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+def change_programs(
+    programs: Sequence[ProgramFile], changes: Sequence[PositionChange]
+) -> Sequence[ProgramFile]:
     """Return programs of one brand with their changes.
 
     Raises
@@ -112,15 +114,15 @@ def changed_together(programs: Sequence[ProgramFile], changes: Sequence[Change])
     """
     together = brand_named(programs[0].brand).together if programs else None
     if together is not None:
-        return together.change(programs, changes)
-    return [program.changed(change) for program, change in zip(programs, changes, strict=True)]
+        return together.change_files(programs, changes)
+    return [program.with_changes(change) for program, change in zip(programs, changes, strict=True)]
 
 
-def _read(
+def _read_batch(
     brand: ProgramBrand, files: Sequence[tuple[str, bytes]]
 ) -> Sequence[ProgramFile | ProgramFileError]:
     if brand.together is not None:
-        return brand.together.read(files)
+        return brand.together.read_files(files)
     return [_read_alone(brand, name, data) for name, data in files]
 
 
@@ -131,8 +133,8 @@ def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | Pr
         return error
 
 
-def _unknown(name: str) -> ProgramFileError:
-    known = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
+def _unknown_program_error(name: str) -> ProgramFileError:
+    suffixes_text = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
     return ProgramFileError(
-        name, "this is not a robot program that can be read.", remedy=f"There are {known}."
+        name, "this is not a robot program that can be read.", remedy=f"There are {suffixes_text}."
     )

@@ -25,7 +25,7 @@ REMEDY = "It is started again by itself. If this stays, send the log to the make
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class TaskTrouble:
     """What went wrong in a task: shown on pages, counted in metrics."""
 
     task: str
@@ -34,14 +34,14 @@ class Trouble:
     failures: int  # one after the other
     running: bool  # whether it runs again
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return it for a screen."""
         return asdict(self)
 
 
 @dataclass(slots=True)
-class _Entry:
-    trouble: Trouble | None = None
+class _TaskEntry:
+    trouble: TaskTrouble | None = None
     failed_at_s: float = float("-inf")
     failures: int = 0  # one after the other
     total: int = 0
@@ -58,37 +58,37 @@ class Supervisor:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._lock = threading.Lock()
-        self._entries: dict[str, _Entry] = {}
+        self._entries: dict[str, _TaskEntry] = {}
         self._listeners: list[Callable[[], object]] = []
 
-    def listen(self, changed: Callable[[], None]) -> Callable[[], None]:
+    def add_listener(self, changed: Callable[[], None]) -> Callable[[], None]:
         """Call ``changed`` after every change, in the loop that runs now; return what ends that."""
         loop = asyncio.get_running_loop()
 
-        def tell() -> None:
+        def notify_listener() -> None:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(changed)
 
-        self._listeners.append(tell)
-        return lambda: self._listeners.remove(tell)
+        self._listeners.append(notify_listener)
+        return lambda: self._listeners.remove(notify_listener)
 
-    def names(self) -> list[str]:
+    def task_names(self) -> list[str]:
         """Return the tasks that are supervised just now."""
         with self._lock:
             return sorted(self._entries)
 
-    def holder(self, name: str) -> "asyncio.Task[Any] | int | None":
+    def holder_of(self, name: str) -> "asyncio.Task[Any] | int | None":
         """Return the loop's task or the thread's identifier that does a task's work now; None where none does."""
         with self._lock:
             entry = self._entries.get(name)
             return None if entry is None or not entry.running else entry.holder
 
-    def failures(self) -> dict[str, int]:
+    def failure_counts(self) -> dict[str, int]:
         """Return how often each task has failed since this process began."""
         with self._lock:
             return {name: entry.total for name, entry in self._entries.items()}
 
-    def troubles(self) -> list[Trouble]:
+    def list_troubles(self) -> list[TaskTrouble]:
         """Return what is wrong, and what was until a moment ago."""
         now_s = self._clock()
         with self._lock:
@@ -98,43 +98,43 @@ class Supervisor:
                 if entry.trouble is not None and (not entry.running or now_s - entry.failed_at_s < SHOWN_S)
             ]
 
-    def begun(self, name: str) -> None:
+    def note_start(self, name: str) -> None:
         """Note that a task runs."""
         with self._lock:
-            entry = self._entries.setdefault(name, _Entry())
-            entry.running, entry.holder = True, _present()
+            entry = self._entries.setdefault(name, _TaskEntry())
+            entry.running, entry.holder = True, _current_task()
             old = entry.trouble
-            entry.trouble = None if old is None else _again(old)
+            entry.trouble = None if old is None else _as_running(old)
         if old is not None:
-            self._tell()
+            self._notify_listeners()
 
-    def ended(self, name: str) -> None:
+    def note_end(self, name: str) -> None:
         """Forget a task that ended because it was to."""
         with self._lock:
             gone = self._entries.pop(name, None)
         if gone is not None and gone.trouble is not None:
-            self._tell()
+            self._notify_listeners()
 
-    def failed(self, name: str, error: BaseException, *, running: bool = False) -> float:
+    def note_failure(self, name: str, error: BaseException, *, running: bool = False) -> float:
         """Name a failure in the log and the register; return after which pause to go on [s]."""
-        message, remedy = words_of(error)
+        message, remedy = message_and_remedy_of(error)
         with self._lock:
-            entry = self._entries.setdefault(name, _Entry())
+            entry = self._entries.setdefault(name, _TaskEntry())
             now_s = self._clock()
             entry.failures = 1 if now_s - entry.failed_at_s > SOUND_S else entry.failures + 1
             entry.total += 1
             entry.failed_at_s, entry.running = now_s, running
             before, entry.trouble = (
                 entry.trouble,
-                Trouble(name, message, remedy, entry.failures, running=running),
+                TaskTrouble(name, message, remedy, entry.failures, running=running),
             )
             pause_s = min(FIRST_PAUSE_S * 2.0 ** min(entry.failures - 1, 10), LONGEST_PAUSE_S)
         if before is None or before.message != message:  # the same words each time would fill a disk
-            _log.error("%s failed: %s %s", name, message, remedy, exc_info=_unexpected(error))
-        self._tell()
+            _log.error("%s failed: %s %s", name, message, remedy, exc_info=_unexpected_error(error))
+        self._notify_listeners()
         return pause_s
 
-    def _tell(self) -> None:
+    def _notify_listeners(self) -> None:
         for listener in list(self._listeners):
             try:
                 listener()
@@ -150,26 +150,26 @@ async def supervise(
 ) -> None:
     """Do work until it returns or is cancelled; what it raises is named, and it is done anew."""
     while True:
-        register.begun(name)
+        register.note_start(name)
         try:
             await work()
         except asyncio.CancelledError:
             if _is_cancelled():
-                register.ended(name)
+                register.note_end(name)
                 raise
-            pause_s = register.failed(name, RuntimeError("it was cancelled from within"))
+            pause_s = register.note_failure(name, RuntimeError("it was cancelled from within"))
         except Exception as error:
-            pause_s = register.failed(name, error)
+            pause_s = register.note_failure(name, error)
             if _is_cancelled():  # what was raised while it left took the place of its cancellation
-                register.ended(name)
+                register.note_end(name)
                 raise asyncio.CancelledError from error
         else:
-            register.ended(name)
+            register.note_end(name)
             return
         try:
             await asyncio.sleep(pause_s)
         except asyncio.CancelledError:
-            register.ended(name)
+            register.note_end(name)
             raise
 
 
@@ -194,7 +194,9 @@ def start_thread(
     name: str, work: Callable[[], None], leave: threading.Event, register: Supervisor = SUPERVISOR
 ) -> threading.Thread:
     """Begin a long-lived thread: its work is done anew when it raises, until it returns or ``leave`` is set."""
-    thread = threading.Thread(target=_work_on, args=(name, work, leave, register), name=name, daemon=True)
+    thread = threading.Thread(
+        target=_run_supervised, args=(name, work, leave, register), name=name, daemon=True
+    )
     thread.start()
     return thread
 
@@ -214,22 +216,22 @@ def start_link_task(
 
 
 @contextlib.contextmanager
-def guarded(name: str, register: Supervisor = SUPERVISOR) -> Iterator[None]:
+def log_failures(name: str, register: Supervisor = SUPERVISOR) -> Iterator[None]:
     """Name what is raised inside, and go on: for hearers whose failure must not stop the one who tells."""
     try:
         yield
     except Exception as error:  # noqa: BLE001  whatever it was, whoever tells goes on
-        register.failed(name, error, running=True)
+        register.note_failure(name, error, running=True)
 
 
-def words_of(error: BaseException) -> tuple[str, str]:
+def message_and_remedy_of(error: BaseException) -> tuple[str, str]:
     """Return what happened and what to do, in words."""
     if isinstance(error, CellError):
         return str(error.message), error.remedy or REMEDY
     return f"{type(error).__name__}: {str(error)[:500]}", REMEDY
 
 
-def _present() -> "asyncio.Task[Any] | int":
+def _current_task() -> "asyncio.Task[Any] | int":
     try:
         task = asyncio.current_task()
     except RuntimeError:  # a thread without a loop
@@ -242,50 +244,52 @@ def _is_cancelled() -> bool:
     return task is None or task.cancelling() > 0
 
 
-def _again(trouble: Trouble) -> Trouble:
-    return Trouble(trouble.task, trouble.message, trouble.remedy, trouble.failures, running=True)
+def _as_running(trouble: TaskTrouble) -> TaskTrouble:
+    return TaskTrouble(trouble.task, trouble.message, trouble.remedy, trouble.failures, running=True)
 
 
-def _unexpected(error: BaseException) -> BaseException | None:
+def _unexpected_error(error: BaseException) -> BaseException | None:
     return None if isinstance(error, CellError) else error
 
 
-def _work_on(name: str, work: Callable[[], None], leave: threading.Event, register: Supervisor) -> None:
+def _run_supervised(
+    name: str, work: Callable[[], None], leave: threading.Event, register: Supervisor
+) -> None:
     while not leave.is_set():
-        register.begun(name)
+        register.note_start(name)
         try:
             work()
         except Exception as error:  # noqa: BLE001  whatever it was, it is named and the work is begun anew
             if leave.is_set():
                 break
-            leave.wait(register.failed(name, error))
+            leave.wait(register.note_failure(name, error))
         else:
             break
-    register.ended(name)
+    register.note_end(name)
 
 
 def _serve_link(name: str, work: Callable[[], None], broke: Callable[[str], None]) -> None:
-    SUPERVISOR.begun(name)
+    SUPERVISOR.note_start(name)
     try:
         work()
     except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
-        SUPERVISOR.failed(name, error, running=True)  # the link goes on with another one
-        broke(words_of(error)[0])
+        SUPERVISOR.note_failure(name, error, running=True)  # the link goes on with another one
+        broke(message_and_remedy_of(error)[0])
     else:
-        SUPERVISOR.ended(name)
+        SUPERVISOR.note_end(name)
 
 
 async def _serve_link_task(
     name: str, work: Callable[[], Awaitable[None]], broke: Callable[[Exception], None]
 ) -> None:
-    SUPERVISOR.begun(name)
+    SUPERVISOR.note_start(name)
     try:
         await work()
     except asyncio.CancelledError:
-        SUPERVISOR.ended(name)
+        SUPERVISOR.note_end(name)
         raise
     except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
-        SUPERVISOR.failed(name, error, running=True)  # the link goes on with another one
+        SUPERVISOR.note_failure(name, error, running=True)  # the link goes on with another one
         broke(error)
     else:
-        SUPERVISOR.ended(name)
+        SUPERVISOR.note_end(name)

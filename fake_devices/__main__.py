@@ -22,7 +22,7 @@ import sys
 from pathlib import Path
 
 from cellcal.fake_devices.cell import FakeCell
-from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.control_server import ControlServer
 
 
 def main() -> int:
@@ -35,7 +35,7 @@ def main() -> int:
     parser.add_argument("--watch-stdin", action="store_true", help="end when standard input closes")
     arguments = parser.parse_args()
     try:
-        asyncio.run(play(arguments.cell, arguments.ready_fd, arguments.watch_stdin))
+        asyncio.run(play_cell(arguments.cell, arguments.ready_fd, arguments.watch_stdin))
     except (OSError, ValueError, KeyError) as error:
         sys.stderr.write(f"the fake devices of {arguments.cell} cannot start: {error}\n")
         return 2
@@ -45,13 +45,13 @@ def main() -> int:
     return 0
 
 
-async def play(path: Path, ready_fd: int = 1, watch_stdin: bool = False) -> None:
+async def play_cell(path: Path, ready_fd: int = 1, watch_stdin: bool = False) -> None:
     """Play the cell until a signal or the end of standard input."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
-    async with FakeCell.from_file(path) as cell, ControlDoor(cell) as door:
+    async with FakeCell.from_file(path) as cell, ControlServer(cell) as door:
         if watch_stdin:
             await _end_with_stdin(loop, ended)
         line = json.dumps({"ready": True, "control": [door.host, door.port]})
@@ -60,7 +60,7 @@ async def play(path: Path, ready_fd: int = 1, watch_stdin: bool = False) -> None
 
 
 async def _end_with_stdin(loop: asyncio.AbstractEventLoop, ended: asyncio.Event) -> None:
-    class Watch(asyncio.Protocol):
+    class StdinWatch(asyncio.Protocol):
         def connection_lost(self, exc: Exception | None) -> None:
             ended.set()
 
@@ -68,7 +68,7 @@ async def _end_with_stdin(loop: asyncio.AbstractEventLoop, ended: asyncio.Event)
             ended.set()
             return False
 
-    await loop.connect_read_pipe(Watch, sys.stdin)
+    await loop.connect_read_pipe(StdinWatch, sys.stdin)
 
 
 if __name__ == "__main__":

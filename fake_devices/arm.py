@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellcal.fake_devices.arm_models import MODELS, ArmModel
-from cellcal.fake_devices.clock import Clock
-from cellcal.fake_devices.kinematics import Array, flange, link_frames
-from cellcal.fake_devices.motion import Motion, Paced, SpeedChange, Standstill, Trapezoid
+from cellcal.fake_devices.clock import WorldClock
+from cellcal.fake_devices.kinematics import Array, flange_poses, link_frames
+from cellcal.fake_devices.motion import ArmMotion, RescaledMotion, SpeedChange, Standstill, TrapezoidMotion
 
 GRAVITY_M_S2 = 9.81
 _SETTLE_TIME_S = 0.08
@@ -36,13 +36,13 @@ _LOADED_NM = 3.0
 _GRAVITY_AXES = (1, 2, 4)
 
 
-def generator(seed: int, *labels: str) -> np.random.Generator:
+def make_generator(seed: int, *labels: str) -> np.random.Generator:
     """Return a generator of its own for every named purpose, so that new draws never shift old ones."""
     return np.random.default_rng([seed, *(zlib.crc32(label.encode()) for label in labels)])
 
 
 @dataclass(frozen=True)
-class Hidden:
+class ArmDeviations:
     """What the maker's drawing does not say about this arm."""
 
     dh_errors: Array  # (n, 5)
@@ -54,37 +54,42 @@ class Hidden:
     residue_rad: float  # size of what is left right after a move
 
     @classmethod
-    def none(cls, model: ArmModel) -> Self:
+    def no_deviations(cls, model: ArmModel) -> Self:
         """Describe a perfect arm, for tests of the arithmetic."""
         n = len(model.dh)
         zero = np.zeros
         return cls(zero((n, 5)), zero(n), zero(n), zero((n, 2)), np.array([13.0, 80.0]), zero((n, 2)), 0.0)
 
     @classmethod
-    def draw(cls, model: ArmModel, dice: np.random.Generator) -> Self:
+    def draw_deviations(cls, model: ArmModel, rng: np.random.Generator) -> Self:
         """Describe an arm as it leaves the factory."""
         n = len(model.dh)
-        errors = dice.normal(size=(n, 5)) * np.array([3.5e-4, 3.5e-4, 3.5e-4, 3.5e-4, 0.0])
+        errors = rng.normal(size=(n, 5)) * np.array([3.5e-4, 3.5e-4, 3.5e-4, 3.5e-4, 0.0])
         for (
             row
         ) in model.parallel_axes:  # d of a parallel axis cannot be told from the next one's; its tilt can
-            errors[row, 1], errors[row, 4] = 0.0, dice.normal() * 3.5e-4
+            errors[row, 1], errors[row, 4] = 0.0, rng.normal() * 3.5e-4
         return cls(
             dh_errors=errors,
-            compliance_rad_nm=dice.uniform(0.7, 1.3, n) / np.array(model.stiffness_nm_rad),
-            backlash_rad=dice.uniform(0.3, 1.0, n) * 2.4e-4,
-            ripple_rad=dice.uniform(0.3, 1.0, (n, 2)) * np.array([5.0e-5, 2.5e-5]),
+            compliance_rad_nm=rng.uniform(0.7, 1.3, n) / np.array(model.stiffness_nm_rad),
+            backlash_rad=rng.uniform(0.3, 1.0, n) * 2.4e-4,
+            ripple_rad=rng.uniform(0.3, 1.0, (n, 2)) * np.array([5.0e-5, 2.5e-5]),
             ripple_per_turn=np.array([13.0, 80.0]),
-            ripple_phase_rad=dice.uniform(0.0, 2.0 * np.pi, (n, 2)),
+            ripple_phase_rad=rng.uniform(0.0, 2.0 * np.pi, (n, 2)),
             residue_rad=1.5e-4,
         )
 
 
-class Arm:
+class SimulatedArm:
     """One arm of the world. Angles are controller-style joints, in rad, unless a name says otherwise."""
 
     def __init__(
-        self, name: str, model: ArmModel, hidden: Hidden, clock: Clock, known_dh: Array | None = None
+        self,
+        name: str,
+        model: ArmModel,
+        hidden: ArmDeviations,
+        clock: WorldClock,
+        known_dh: Array | None = None,
     ) -> None:
         self.name, self.model, self.clock = name, model, clock
         self.hidden = hidden
@@ -96,43 +101,51 @@ class Arm:
         self.max_speed_rad_s = np.radians(model.max_speed_deg_s)
         self.perceive: Callable[[Array], Array] = lambda joints: joints.copy()
         start = np.radians(model.park_deg)
-        self._motion: Motion = Standstill(start, clock.now())
+        self._motion: ArmMotion = Standstill(start, clock.now_s())
         self._lag, self._lag_at = np.zeros(len(start)), start
         self._direction = np.zeros(len(start))
         self._shaken = 0.0
         self._loaded = np.isin(np.arange(len(start)), _GRAVITY_AXES)
         self._factory = hidden
         self._commanded: tuple[float, Array, Array] | None = None
-        self._stood: tuple[Hidden, Array, Array] | None = None  # where it was last seen: it is asked often
+        self._stood: tuple[ArmDeviations, Array, Array] | None = (
+            None  # where it was last seen: it is asked often
+        )
 
     @classmethod
     def from_model(
-        cls, model_name: str, seed: int, hidden: bool = True, *, name: str = "arm", clock: Clock | None = None
+        cls,
+        model_name: str,
+        seed: int,
+        hidden: bool = True,
+        *,
+        name: str = "arm",
+        clock: WorldClock | None = None,
     ) -> Self:
         """Build an arm by its model's name, its hidden errors drawn from the seed.
 
         A Universal Robots arm has large factory deltas which its controller knows but for a small rest
         (``known_dh``); a FANUC's controller knows the drawing only.
         """
-        model, dice = MODELS[model_name], generator(seed, name, "arm")
-        drawn = Hidden.draw(model, dice) if hidden else Hidden.none(model)
-        known = None
+        model, rng = MODELS[model_name], make_generator(seed, name, "arm")
+        drawn = ArmDeviations.draw_deviations(model, rng) if hidden else ArmDeviations.no_deviations(model)
+        frozen_deviations = None
         if hidden and model.gears is None:
-            known = model.dh_table() + 1.5 * drawn.dh_errors
-            drawn = replace(drawn, dh_errors=dice.normal(size=drawn.dh_errors.shape) * 6e-5)
-        return cls(name, model, drawn, clock or Clock(), known)
+            frozen_deviations = model.dh_table() + 1.5 * drawn.dh_errors
+            drawn = replace(drawn, dh_errors=rng.normal(size=drawn.dh_errors.shape) * 6e-5)
+        return cls(name, model, drawn, clock or WorldClock(), frozen_deviations)
 
     # what is
 
     @property
-    def dh(self) -> Array:
+    def true_dh(self) -> Array:
         """True geometry, (n, 5): theta, d, a, alpha, beta."""
         return np.asarray(self._base_dh + self.hidden.dh_errors)
 
     @property
     def joints_rad(self) -> Array:
         """True joints on the motor side now."""
-        return self._motion.position(self.clock.now())
+        return self._motion.position_at(self.clock.now_s())
 
     @property
     def controller_joints_rad(self) -> Array:
@@ -140,14 +153,14 @@ class Arm:
         return self.perceive(self.joints_rad)
 
     @property
-    def velocity(self) -> Array:
+    def joint_velocity(self) -> Array:
         """Joint velocity now [rad/s]."""
-        return self._motion.velocity(self.clock.now())
+        return self._motion.velocity_at(self.clock.now_s())
 
     @property
-    def moving(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the set point still travels. A followed set point travels until it is held for 20 ms."""
-        now = self.clock.now()
+        now = self.clock.now_s()
         if self._commanded is not None:
             return bool(np.abs(self._commanded[2]).max() > 1e-9) and now - self._commanded[0] < 0.02
         return now < self._motion.end_s
@@ -159,10 +172,10 @@ class Arm:
 
     def base_flange(self) -> Array:
         """Return the true flange pose (4, 4) now, with backlash and what has not settled yet."""
-        now = self.clock.now()
-        joints = self._motion.position(now)
-        lag = self._lagging(joints)
-        rest = 0.0 if self._commanded else self.hidden.residue_rad * self._ringing(now)
+        now = self.clock.now_s()
+        joints = self._motion.position_at(now)
+        lag = self._lag_at_joints(joints)
+        rest = 0.0 if self._commanded else self.hidden.residue_rad * self._ringing_at(now)
         posture = joints + lag + rest
         if self._stood is None or self._stood[0] is not self.hidden or (self._stood[1] != posture).any():
             self._stood = (self.hidden, posture, np.asarray(self.flange_at(posture)[0]))
@@ -172,84 +185,88 @@ class Arm:
         """Return true flange poses (N, 4, 4) at motor-side joints, backlash excluded."""
         hidden = self._factory if as_delivered else self.hidden
         dh = self._base_dh + hidden.dh_errors
-        return flange(dh, self._link_angles(np.atleast_2d(np.asarray(joints_rad, dtype=float)), dh))
+        return flange_poses(dh, self._link_angles(np.atleast_2d(np.asarray(joints_rad, dtype=float)), dh))
 
     def believed_flange(self, joints_rad: ArrayLike) -> Array:
         """Return the flange poses (N, 4, 4) that the controller computes with the geometry it knows."""
         joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
-        return flange(self.known_dh, joints @ self.coupling.T)
+        return flange_poses(self.known_dh, joints @ self.coupling.T)
 
     # what moves it
 
     def start_move(self, target_rad: ArrayLike, speed: float, acceleration: float) -> None:
         """Begin a point-to-point move; the axis with the longest way runs at ``speed`` [rad/s]."""
-        self._begin(Trapezoid(self.joints_rad, np.asarray(target_rad), speed, acceleration, self.clock.now()))
+        self._begin_motion(
+            TrapezoidMotion(self.joints_rad, np.asarray(target_rad), speed, acceleration, self.clock.now_s())
+        )
 
     def start_speed(self, velocity_rad_s: ArrayLike, acceleration: float) -> None:
         """Change to a constant joint velocity and keep it until told otherwise."""
-        now = self.clock.now()
-        wanted = np.asarray(velocity_rad_s, dtype=float)
-        self._begin(SpeedChange(self.joints_rad, self.velocity, wanted, acceleration, now))
+        now = self.clock.now_s()
+        target_velocity = np.asarray(velocity_rad_s, dtype=float)
+        self._begin_motion(
+            SpeedChange(self.joints_rad, self.joint_velocity, target_velocity, acceleration, now)
+        )
 
     def change_pace(self, pace: float) -> None:
         """Let the motion that is under way go on so many times as fast."""
-        now = self.clock.now()
+        now = self.clock.now_s()
         if self._commanded is None and now < self._motion.end_s < np.inf:
-            self._begin(Paced(self._motion, pace, now))
+            self._begin_motion(RescaledMotion(self._motion, pace, now))
 
     def stop(self, deceleration: float, at_s: float | None = None) -> None:
         """Brake to standstill; ``at_s`` dates it back, for a controller whose watchdog is looked at late."""
-        when = self.clock.now() if at_s is None else at_s
+        when = self.clock.now_s() if at_s is None else at_s
         if self._commanded is None and when >= self._motion.end_s:
             return
-        position, velocity = self._motion.position(when), self._motion.velocity(when)
-        self._begin(SpeedChange(position, velocity, np.zeros_like(velocity), deceleration, when), when)
+        position, velocity = self._motion.position_at(when), self._motion.velocity_at(when)
+        self._begin_motion(SpeedChange(position, velocity, np.zeros_like(velocity), deceleration, when), when)
 
-    def command(self, joints_rad: ArrayLike) -> None:
+    def follow_set_point(self, joints_rad: ArrayLike) -> None:
         """Follow a set point streamed by a controller that plans by itself."""
-        now, joints = self.clock.now(), np.array(joints_rad, dtype=float)
+        now, joints = self.clock.now_s(), np.array(joints_rad, dtype=float)
         before = self._commanded
         passed = now - before[0] if before is not None else 0.0
         velocity = (
             (joints - before[1]) / passed if before is not None and passed > 1e-6 else np.zeros_like(joints)
         )
-        self._begin(_Followed(joints, velocity, now), now)
+        self._begin_motion(_FollowedMotion(joints, velocity, now), now)
         self._commanded = (now, joints, velocity)
 
-    def place(self, joints_rad: ArrayLike) -> None:
+    def put_joints(self, joints_rad: ArrayLike) -> None:
         """Put the arm somewhere by other means than its motors: a person, gravity, a released brake."""
-        self._begin(Standstill(np.asarray(joints_rad, dtype=float), self.clock.now()))
+        self._begin_motion(Standstill(np.asarray(joints_rad, dtype=float), self.clock.now_s()))
 
-    def step(self, dt_s: float = 0.0) -> None:
+    def update_backlash(self, dt_s: float = 0.0) -> None:
         """Fold the path so far into the backlash, for controllers with a cycle; needs no regularity."""
-        joints = self._motion.position(self.clock.now())
-        self._lag = self._lagging(joints)
+        joints = self._motion.position_at(self.clock.now_s())
+        self._lag = self._lag_at_joints(joints)
         self._lag_at = joints
 
-    def bend(self, dh_changes: Array) -> None:
+    def bend_links(self, dh_changes: Array) -> None:
         """Deform the links for good, as a crash does."""
         self.hidden = replace(self.hidden, dh_errors=self.hidden.dh_errors + dh_changes)
 
     # inside
 
-    def _begin(self, motion: Motion, when_s: float | None = None) -> None:
-        joints = self._motion.position(self.clock.now() if when_s is None else when_s)
-        self._lag = self._lagging(joints)
+    def _begin_motion(self, motion: ArmMotion, when_s: float | None = None) -> None:
+        joints = self._motion.position_at(self.clock.now_s() if when_s is None else when_s)
+        self._lag = self._lag_at_joints(joints)
         self._lag_at = joints
         self._motion, self._commanded = motion, None
-        ahead_s = motion.end_s if np.isfinite(motion.end_s) else self.clock.now() + 1.0
-        self._direction = np.sign(motion.position(ahead_s) - joints)
-        begin_s = self.clock.now() if when_s is None else when_s
-        speeds = [np.abs(motion.velocity(at_s)).max() for at_s in (begin_s, (begin_s + ahead_s) / 2.0)]
+        ahead_s = motion.end_s if np.isfinite(motion.end_s) else self.clock.now_s() + 1.0
+        self._direction = np.sign(motion.position_at(ahead_s) - joints)
+        begin_s = self.clock.now_s() if when_s is None else when_s
+        speeds = [np.abs(motion.velocity_at(at_s)).max() for at_s in (begin_s, (begin_s + ahead_s) / 2.0)]
         self._shaken = min(1.0, float(max(speeds)) / _SHAKING_RAD_S)
 
-    def _lagging(self, joints: Array) -> Array:
+    def _lag_at_joints(self, joints: Array) -> Array:
         """Return how far the joint side lags: a play of the backlash's width, exact on monotone paths."""
         half = self.hidden.backlash_rad / 2.0
         lag = np.clip(self._lag - (joints - self._lag_at), -half, half)
         return np.where(self._loaded, 0.0, lag)
 
-    def _ringing(self, now: float) -> Array:
+    def _ringing_at(self, now: float) -> Array:
         gone = max(now - self._motion.end_s, 0.0) if np.isfinite(self._motion.end_s) else 0.0
         return np.asarray(
             self._shaken * self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone)
@@ -279,14 +296,14 @@ class Arm:
         return torque
 
 
-class _Followed:
+class _FollowedMotion:
     """A streamed set point: position as last commanded."""
 
     def __init__(self, joints: Array, velocity: Array, now: float) -> None:
         self._joints, self._velocity, self.end_s = joints, velocity, now
 
-    def position(self, world_s: float) -> Array:
+    def position_at(self, world_s: float) -> Array:
         return self._joints.copy()
 
-    def velocity(self, world_s: float) -> Array:
+    def velocity_at(self, world_s: float) -> Array:
         return self._velocity.copy() if world_s - self.end_s < 0.02 else np.zeros_like(self._velocity)

@@ -24,7 +24,7 @@ COUNTS_PER_TURN = 1 << 19
 
 
 @dataclass(frozen=True)
-class Gears:
+class GearTrain:
     """Battery-backed motors behind the joints: ratio with the sign of the motor, and the wrist coupling."""
 
     ratios: tuple[float, ...]
@@ -39,7 +39,7 @@ class Gears:
 
 
 @dataclass(frozen=True)
-class Mass:
+class LinkMass:
     """A lump on a link: its place in the link's DH frame."""
 
     link: int  # 1-based
@@ -57,11 +57,11 @@ class ArmModel:
     lower_deg: tuple[float, ...]
     upper_deg: tuple[float, ...]
     max_speed_deg_s: tuple[float, ...]
-    masses: tuple[Mass, ...]
+    masses: tuple[LinkMass, ...]
     stiffness_nm_rad: tuple[float, ...]
     park_deg: tuple[float, ...]
     parallel_axes: tuple[int, ...]  # rows whose next axis is parallel: a beta, not a d, is wrong there
-    gears: Gears | None = None
+    gears: GearTrain | None = None
 
     def dh_table(self) -> Array:
         """Return (n, 5) with beta = 0."""
@@ -75,7 +75,7 @@ class ArmModel:
         return matrix
 
 
-def _ur(name: str, d: tuple[float, ...], a: tuple[float, float], scale: float) -> ArmModel:
+def _ur_model(name: str, d: tuple[float, ...], a: tuple[float, float], scale: float) -> ArmModel:
     alpha = (pi / 2, 0.0, 0.0, pi / 2, -pi / 2, 0.0)
     lengths = (0.0, a[0], a[1], 0.0, 0.0, 0.0)
     return ArmModel(
@@ -86,10 +86,10 @@ def _ur(name: str, d: tuple[float, ...], a: tuple[float, float], scale: float) -
         upper_deg=(360.0,) * 6,
         max_speed_deg_s=(120.0, 120.0, 180.0, 180.0, 180.0, 180.0),
         masses=(
-            Mass(2, 12.0 * scale, (-a[0] / 2, 0.0, 0.13)),
-            Mass(3, 4.0 * scale, (-a[1] / 2, 0.0, 0.05)),
-            Mass(5, 3.0 * scale, (0.0, 0.0, 0.0)),
-            Mass(6, 1.5 * scale, (0.0, 0.0, 0.0)),
+            LinkMass(2, 12.0 * scale, (-a[0] / 2, 0.0, 0.13)),
+            LinkMass(3, 4.0 * scale, (-a[1] / 2, 0.0, 0.05)),
+            LinkMass(5, 3.0 * scale, (0.0, 0.0, 0.0)),
+            LinkMass(6, 1.5 * scale, (0.0, 0.0, 0.0)),
         ),
         stiffness_nm_rad=(9e5, 7e5, 5e5, 3e5, 3e5, 3e5),
         park_deg=(-90.0, -90.0, -90.0, -90.0, 90.0, 0.0),
@@ -112,15 +112,15 @@ _M6IB = ArmModel(
     upper_deg=(170.0, 160.0, 285.0, 190.0, 140.0, 360.0),
     max_speed_deg_s=(150.0, 160.0, 170.0, 400.0, 400.0, 520.0),
     masses=(
-        Mass(2, 14.0, (-0.30, 0.0, 0.0)),
-        Mass(3, 16.0, (-0.02, 0.0, 0.0)),
-        Mass(4, 9.0, (0.0, 0.30, 0.0)),
-        Mass(6, 4.0, (0.0, 0.0, 0.0)),
+        LinkMass(2, 14.0, (-0.30, 0.0, 0.0)),
+        LinkMass(3, 16.0, (-0.02, 0.0, 0.0)),
+        LinkMass(4, 9.0, (0.0, 0.30, 0.0)),
+        LinkMass(6, 4.0, (0.0, 0.0, 0.0)),
     ),
     stiffness_nm_rad=(7e5, 7e5, 4.5e5, 1.5e5, 1.2e5, 1e5),
     park_deg=(-20.0, 10.0, -25.0, 15.0, -60.0, 20.0),
     parallel_axes=(1,),
-    gears=Gears(
+    gears=GearTrain(
         ratios=(121.0, 153.0, -160.5, -80.25, -80.0, -50.0),
         coupling=((4, 3, -1.58e-4), (5, 3, -1.52e-4), (5, 4, -1.53e-4)),
     ),
@@ -130,9 +130,9 @@ MODELS: dict[str, ArmModel] = {
     model.name: model
     for model in (
         _M6IB,
-        _ur("ur3e", (0.15185, 0.0, 0.0, 0.13105, 0.08535, 0.0921), (-0.24355, -0.2132), 0.35),
-        _ur("ur5e", (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996), (-0.425, -0.3922), 0.65),
-        _ur("ur10", (0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922), (-0.612, -0.5723), 1.0),
-        _ur("ur10e", (0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655), (-0.6127, -0.57155), 1.0),
+        _ur_model("ur3e", (0.15185, 0.0, 0.0, 0.13105, 0.08535, 0.0921), (-0.24355, -0.2132), 0.35),
+        _ur_model("ur5e", (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996), (-0.425, -0.3922), 0.65),
+        _ur_model("ur10", (0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922), (-0.612, -0.5723), 1.0),
+        _ur_model("ur10e", (0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655), (-0.6127, -0.57155), 1.0),
     )
 }

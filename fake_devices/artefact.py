@@ -23,12 +23,12 @@ KINDS = ("plane", "sphere", "pin")
 class Artefact:
     """One thing, seen from the base of one robot."""
 
-    def __init__(self, table: Mapping[str, Any], dice: np.random.Generator, amount: float) -> None:
+    def __init__(self, table: Mapping[str, Any], rng: np.random.Generator, amount: float) -> None:
         self.name, self.kind = str(table["name"]), str(table["kind"])
         if self.kind not in KINDS:
             raise ValueError(f"an artefact is a {', a '.join(KINDS)}, not a {self.kind!r}")
         self.robot = str(table["robot"])
-        shift = np.clip(dice.normal(size=3), -2.0, 2.0) * float(table.get("sigma_mm", 1.0)) * 1e-3
+        shift = np.clip(rng.normal(size=3), -2.0, 2.0) * float(table.get("sigma_mm", 1.0)) * 1e-3
         self.place_in_base_m = np.array(table["place_in_base_mm"], dtype=float) * 1e-3 + amount * shift
         axis = np.array(table.get("axis_in_base", (0.0, 0.0, 1.0)), dtype=float)
         self.axis_in_base = axis / np.linalg.norm(
@@ -48,7 +48,7 @@ class Artefact:
         nearest = np.clip(along, -self.length_m, 0.0) * self.axis_in_base if self.kind == "pin" else 0.0
         return float(np.linalg.norm(way - nearest)) - self.radius_m
 
-    def outward(self, point_m: Array) -> Array:
+    def outward_direction(self, point_m: Array) -> Array:
         """Return the direction (3,) that leads away from the surface fastest."""
         step = 1e-6
         rise = [
@@ -58,7 +58,7 @@ class Artefact:
         slope = np.array(rise)
         return np.asarray(slope / max(float(np.linalg.norm(slope)), 1e-15))
 
-    def truth(self) -> dict[str, Any]:
+    def true_state(self) -> dict[str, Any]:
         """Return what it is and where it stands, ready for JSON."""
         return {
             "kind": self.kind,

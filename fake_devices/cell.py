@@ -26,10 +26,10 @@ from cellcal.fake_devices.world import World
 Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 
 FACTORIES: dict[str, Factory] = {
-    "modbus_robot": cellcal.fake_devices.modbus_robot.device.create,
-    "universal_robots": cellcal.fake_devices.universal_robots.device.create,
-    "draw_wire": cellcal.fake_devices.draw_wire.device.create,
-    "laser_tracker": cellcal.fake_devices.laser_tracker.device.create,
+    "modbus_robot": cellcal.fake_devices.modbus_robot.device.create_modbus_robot,
+    "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
+    "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
+    "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,
     "touch_probe": cellcal.fake_devices.touch_probe.device.create_probe,
     "dial_gauge": cellcal.fake_devices.touch_probe.device.create_dial,
 }
@@ -50,12 +50,12 @@ class FakeCell:
         hidden = bool(fake.get("hidden", True))  # false: a world as its drawings say, for tests of arithmetic
         self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)), hidden=hidden)
         self.world.watchdog_factor = _possible_factor(float(fake.get("watchdog_factor", 1.0)))
-        self.world.add_furniture(fake)
+        self.world.add_fixtures(fake)
         self.control_port = int(fake.get("control_port", 0))
-        self.robots = self._build(document.get("robot", []))
-        self.gauges = self._build(document.get("gauge", []))
-        self.trackers = self._build(document.get("tracker", []))
-        self.probes = self._build(document.get("probe", []))
+        self.robots = self._build_devices(document.get("robot", []))
+        self.gauges = self._build_devices(document.get("gauge", []))
+        self.trackers = self._build_devices(document.get("tracker", []))
+        self.probes = self._build_devices(document.get("probe", []))
 
     @classmethod
     def from_file(cls, path: Path) -> "FakeCell":
@@ -64,11 +64,11 @@ class FakeCell:
             return cls(tomllib.load(file))
 
     @property
-    def devices(self) -> list[FakeDevice]:
+    def all_devices(self) -> list[FakeDevice]:
         """Robots first, because gauges, targets and probes hang on them."""
         return [*self.robots, *self.gauges, *self.trackers, *self.probes]
 
-    def _build(self, tables: list[Mapping[str, Any]]) -> list[FakeDevice]:
+    def _build_devices(self, tables: list[Mapping[str, Any]]) -> list[FakeDevice]:
         tables = [table for table in tables if table["driver"] not in WITHOUT_WIRE]
         for table in tables:
             if table["driver"] not in FACTORIES:
@@ -78,7 +78,7 @@ class FakeCell:
     async def __aenter__(self) -> "FakeCell":
         started: list[FakeDevice] = []
         try:
-            for device in self.devices:
+            for device in self.all_devices:
                 await device.start()
                 started.append(device)
         except OSError:
@@ -88,5 +88,5 @@ class FakeCell:
         return self
 
     async def __aexit__(self, *_exc: object) -> None:
-        for device in reversed(self.devices):
+        for device in reversed(self.all_devices):
             await device.stop()

@@ -5,7 +5,7 @@ Imitates
 Source
     tests/README: fast-forward changes the world's time only, never the event loop's.
 Modelled
-    A factor from 0 (stands still until ``advance``) to several thousand, which ``pace`` changes; jumps ahead with
+    A factor from 0 (stands still until ``advance``) to several thousand, which ``set_time_factor`` changes; jumps ahead with
     ``advance``.
 Not modelled
     Clocks that differ from device to device. Link timers (heartbeats, cyclic telegrams, a program's cycle
@@ -16,20 +16,20 @@ import asyncio
 import time
 
 
-class Clock:
+class WorldClock:
     """World seconds since the world began."""
 
     def __init__(self, time_factor: float = 1.0) -> None:
-        self.time_factor = _possible(time_factor)
+        self.time_factor = _check_factor(time_factor)
         self._real_origin_s = time.monotonic()
         self._jumped_s = 0.0
         self._jumped = asyncio.Event()
 
-    def now(self) -> float:
+    def now_s(self) -> float:
         """Return world seconds."""
-        return self._jumped_s + self.time_factor * self.real()
+        return self._jumped_s + self.time_factor * self.real_now_s()
 
-    def real(self) -> float:
+    def real_now_s(self) -> float:
         """Return real seconds since the world began, for link timers."""
         return time.monotonic() - self._real_origin_s
 
@@ -45,16 +45,16 @@ class Clock:
         self._jumped.set()
         self._jumped = asyncio.Event()
 
-    def pace(self, time_factor: float) -> None:
+    def set_time_factor(self, time_factor: float) -> None:
         """Run faster or slower from now on."""
-        now_s = self.now()
-        self.time_factor = _possible(time_factor)
-        self._jumped_s += now_s - self.now()
+        now_s = self.now_s()
+        self.time_factor = _check_factor(time_factor)
+        self._jumped_s += now_s - self.now_s()
         self.advance(0.0)  # whoever sleeps reckons again
 
     async def sleep_until(self, world_s: float) -> None:
         """Wait until the world's time has come, also when somebody makes it jump."""
-        while (left_s := world_s - self.now()) > 0.0:
+        while (left_s := world_s - self.now_s()) > 0.0:
             real_s = left_s / self.time_factor if self.time_factor > 0.0 else 3600.0
             jumped = self._jumped
             try:
@@ -65,10 +65,10 @@ class Clock:
 
     async def sleep(self, seconds: float) -> None:
         """Wait that many world seconds."""
-        await self.sleep_until(self.now() + seconds)
+        await self.sleep_until(self.now_s() + seconds)
 
 
-def _possible(time_factor: float) -> float:
+def _check_factor(time_factor: float) -> float:
     if not 0.0 <= time_factor <= 1e5:
         raise ValueError(f"time_factor {time_factor} is outside 0 to 100000")
     return time_factor

@@ -41,14 +41,14 @@ class FakeDevice(Protocol):
         """Return the faults that this device can show."""
         ...
 
-    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         """Let one fault happen; what is returned goes out through the door. Refuse nonsense."""
         ...
 
-    def clear(self) -> None:
+    def clear_faults(self) -> None:
         """Take all link faults away; the world stays as it is."""
         ...
 
-    def truth(self) -> JsonObject:
+    def true_state(self) -> JsonObject:
         """Return what no procedure may know, ready for JSON."""
         ...

@@ -16,7 +16,7 @@ Not modelled
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
 from cellcal.fake_devices.kinematics import Array
 
@@ -26,14 +26,14 @@ Integers = NDArray[np.int64]
 class PulseCoders:
     """All pulse coders of one arm; truth and reading."""
 
-    def __init__(self, arm: Arm, dice: np.random.Generator) -> None:
+    def __init__(self, arm: SimulatedArm, rng: np.random.Generator) -> None:
         if arm.model.gears is None:
             raise ValueError(f"the model {arm.model.name} has no pulse coders")
         self._arm = arm
         self.radians_per_count = arm.model.gears.radians_per_count()
         self._counts_per_radian = np.linalg.inv(self.radians_per_count)
         n = len(self.radians_per_count)
-        self.factory_counts_at_zero: Integers = dice.integers(-40, 40, n) * COUNTS_PER_TURN + dice.integers(
+        self.factory_counts_at_zero: Integers = rng.integers(-40, 40, n) * COUNTS_PER_TURN + rng.integers(
             0, COUNTS_PER_TURN, n
         )
         self._index: Integers = np.zeros(n, dtype=np.int64)
@@ -44,7 +44,7 @@ class PulseCoders:
 
     # reading
 
-    def read(self) -> tuple[int, ...]:
+    def read_counts(self) -> tuple[int, ...]:
         """Return the counts that the controller receives now."""
         self.look_for_index()
         return tuple(int(count) for count in self.true_counts() + self._shift)
@@ -70,14 +70,14 @@ class PulseCoders:
         )
         return np.asarray(self.radians_per_count @ wrong.astype(float))
 
-    def joints(self, counts_at_zero: tuple[int, ...]) -> Array:
+    def joints_from_counts(self, counts_at_zero: tuple[int, ...]) -> Array:
         """Return the joints that the controller computes from the present counts."""
-        counts = np.array(self.read(), dtype=np.int64) - np.array(counts_at_zero, dtype=np.int64)
+        counts = np.array(self.read_counts(), dtype=np.int64) - np.array(counts_at_zero, dtype=np.int64)
         return np.asarray(self.radians_per_count @ counts.astype(float))
 
     # what happens to them
 
-    def lose(self, axes: list[int]) -> None:
+    def lose_turns(self, axes: list[int]) -> None:
         """Forget the turns of some axes: they count from 0 where they stand."""
         now = self.true_counts()
         for axis in axes:
@@ -89,7 +89,7 @@ class PulseCoders:
         """Fit another motor; its index lies somewhere else in the turn."""
         self._index[axis] = index_counts % COUNTS_PER_TURN
 
-    def acknowledge(self) -> None:
+    def acknowledge_alarm(self) -> None:
         """Leave the battery alarm: from here the index can be found."""
         self.lost[:] = False
 

@@ -13,10 +13,10 @@ _PAUSE_S = 0.1
 
 def keep_running(name: str, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
     """Begin a task that runs until it is cancelled or returns."""
-    return asyncio.create_task(_keep(name, work), name=name)
+    return asyncio.create_task(_keep_going(name, work), name=name)
 
 
-async def _keep(name: str, work: Callable[[], Awaitable[None]]) -> None:
+async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
     while True:
         try:
             await work()

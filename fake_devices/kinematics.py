@@ -26,11 +26,11 @@ def link_frames(dh: Array, axis_angles_rad: Array) -> Array:
     frames = np.empty((poses, axes + 1, 4, 4))
     frames[:, 0] = np.eye(4)
     for i in range(axes):
-        frames[:, i + 1] = frames[:, i] @ _link(dh[i], axis_angles_rad[:, i] + dh[i, 0])
+        frames[:, i + 1] = frames[:, i] @ _link_matrix(dh[i], axis_angles_rad[:, i] + dh[i, 0])
     return frames
 
 
-def _link(row: Array, theta_rad: Array) -> Array:
+def _link_matrix(row: Array, theta_rad: Array) -> Array:
     _, d, a, alpha, beta = (float(value) for value in row)
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     ca, sa, cb, sb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta)
@@ -43,17 +43,17 @@ def _link(row: Array, theta_rad: Array) -> Array:
     return np.asarray(turn @ shape)
 
 
-def flange(dh: Array, axis_angles_rad: Array) -> Array:
+def flange_poses(dh: Array, axis_angles_rad: Array) -> Array:
     """Return base_flange (N, 4, 4)."""
     return link_frames(dh, axis_angles_rad)[:, -1]
 
 
-def transform(pose: Array, point: ArrayLike) -> Array:
+def transform_point(pose: Array, point: ArrayLike) -> Array:
     """Return a point (3,) seen through poses (…, 4, 4), as (…, 3)."""
     return np.asarray(pose[..., :3, :3] @ np.asarray(point, dtype=float) + pose[..., :3, 3])
 
 
-def inverse(pose: Array) -> Array:
+def invert_pose(pose: Array) -> Array:
     """Return the inverse of one rigid pose (4, 4)."""
     back = np.eye(4)
     back[:3, :3] = pose[:3, :3].T

@@ -18,10 +18,10 @@ from cellcal.fake_devices.device import FaultRefusedError
 
 
 @dataclass
-class _Active:
+class _ActiveFault:
     parameters: dict[str, Any]
     until_real_s: float
-    left: float
+    telegrams_left: float
 
 
 class LinkFaults:
@@ -30,45 +30,45 @@ class LinkFaults:
     def __init__(self, kinds: Mapping[str, Mapping[str, Any]], real: Callable[[], float]) -> None:
         self._kinds = {kind: dict(defaults) for kind, defaults in kinds.items()}
         self._real = real
-        self._active: dict[str, _Active] = {}
+        self._active: dict[str, _ActiveFault] = {}
 
     @property
-    def kinds(self) -> frozenset[str]:
+    def fault_kinds(self) -> frozenset[str]:
         """Names of all faults this link can show."""
         return frozenset(self._kinds)
 
-    def set(self, kind: str, parameters: Mapping[str, Any]) -> float:
+    def switch_on(self, kind: str, parameters: Mapping[str, Any]) -> float:
         """Switch one on; return how many real seconds it will last (infinite unless told)."""
         if kind not in self._kinds:
             raise FaultRefusedError(
                 f"no fault is called {kind!r}; there are {', '.join(sorted(self._kinds))}"
             )
-        given = dict(parameters)
-        duration_s = float(given.pop("duration_s", float("inf")))
-        count = float(given.pop("count", float("inf")))
-        merged = {**self._kinds[kind], **given}
-        if unknown := set(given) - set(self._kinds[kind]):
+        remaining = dict(parameters)
+        duration_s = float(remaining.pop("duration_s", float("inf")))
+        count = float(remaining.pop("count", float("inf")))
+        merged = {**self._kinds[kind], **remaining}
+        if unknown := set(remaining) - set(self._kinds[kind]):
             raise FaultRefusedError(f"{kind} does not know {', '.join(sorted(unknown))}")
-        self._active[kind] = _Active(merged, self._real() + duration_s, count)
+        self._active[kind] = _ActiveFault(merged, self._real() + duration_s, count)
         return duration_s
 
-    def look(self, kind: str) -> dict[str, Any] | None:
+    def active_parameters(self, kind: str) -> dict[str, Any] | None:
         """Return the parameters of a fault that is on."""
         active = self._active.get(kind)
         if active is None:
             return None
-        if active.left <= 0 or self._real() >= active.until_real_s:
+        if active.telegrams_left <= 0 or self._real() >= active.until_real_s:
             del self._active[kind]
             return None
         return active.parameters
 
-    def take(self, kind: str) -> dict[str, Any] | None:
-        """As ``look``, and count one telegram as spoiled."""
-        parameters = self.look(kind)
+    def use_once(self, kind: str) -> dict[str, Any] | None:
+        """As ``active_parameters``, and count one telegram as spoiled."""
+        parameters = self.active_parameters(kind)
         if parameters is not None:
-            self._active[kind].left -= 1
+            self._active[kind].telegrams_left -= 1
         return parameters
 
-    def clear(self) -> None:
+    def clear_all(self) -> None:
         """Take every fault away."""
         self._active.clear()

@@ -19,16 +19,16 @@ _READS, _WRITES = (1, 2, 3, 4), (5, 6, 15, 16)
 _ON, _OFF = 0xFF00, 0x0000
 
 
-class Tables(Protocol):
+class ModbusTables(Protocol):
     """What lies where; addresses count from 0. Raise ModbusError(2) for what is not there."""
 
-    def words(self, function: int, address: int, count: int) -> list[int]: ...
-    def bits(self, function: int, address: int, count: int) -> list[bool]: ...
+    def read_words(self, function: int, address: int, count: int) -> list[int]: ...
+    def read_bits(self, function: int, address: int, count: int) -> list[bool]: ...
     def write_words(self, address: int, values: list[int]) -> None: ...
     def write_bits(self, address: int, values: list[bool]) -> None: ...
 
 
-def answer(tables: Tables, request: bytes) -> bytes:
+def answer_request(tables: ModbusTables, request: bytes) -> bytes:
     """Return the response PDU to a request PDU; raise ModbusError."""
     function = request[0]
     if function not in _READS + _WRITES:
@@ -37,7 +37,7 @@ def answer(tables: Tables, request: bytes) -> bytes:
         raise ModbusError(3)
     address, second = struct.unpack(">HH", request[1:5])
     if function in _READS:
-        return _read(tables, function, address, second)
+        return _read_response(tables, function, address, second)
     if function == 5:
         if second not in (_ON, _OFF):
             raise ModbusError(3)
@@ -49,17 +49,17 @@ def answer(tables: Tables, request: bytes) -> bytes:
     return request[:5]
 
 
-def _read(tables: Tables, function: int, address: int, count: int) -> bytes:
+def _read_response(tables: ModbusTables, function: int, address: int, count: int) -> bytes:
     if not 1 <= count <= (2000 if function in (1, 2) else 125):
         raise ModbusError(3)
     if function in (1, 2):
-        data = _packed(tables.bits(function, address, count))
+        data = _pack_bits(tables.read_bits(function, address, count))
     else:
-        data = struct.pack(f">{count}H", *tables.words(function, address, count))
+        data = struct.pack(f">{count}H", *tables.read_words(function, address, count))
     return bytes([function, len(data)]) + data
 
 
-def _write_many(tables: Tables, function: int, address: int, count: int, request: bytes) -> None:
+def _write_many(tables: ModbusTables, function: int, address: int, count: int, request: bytes) -> None:
     size = 2 * count if function == 16 else (count + 7) // 8
     data = request[6:]
     if not 1 <= count <= 1968 or len(request) < 6 or not len(data) == request[5] == size:
@@ -70,7 +70,7 @@ def _write_many(tables: Tables, function: int, address: int, count: int, request
         tables.write_bits(address, [bool(data[k // 8] >> k % 8 & 1) for k in range(count)])
 
 
-def _packed(bits: list[bool]) -> bytes:
+def _pack_bits(bits: list[bool]) -> bytes:
     data = bytearray((len(bits) + 7) // 8)
     for k, bit in enumerate(bits):
         data[k // 8] |= bit << k % 8

@@ -18,13 +18,13 @@ import numpy as np
 from cellcal.fake_devices.kinematics import Array
 
 
-class Motion(Protocol):
+class ArmMotion(Protocol):
     """Where the set point is at a world time; monotone in every axis."""
 
     end_s: float
 
-    def position(self, world_s: float) -> Array: ...
-    def velocity(self, world_s: float) -> Array: ...
+    def position_at(self, world_s: float) -> Array: ...
+    def velocity_at(self, world_s: float) -> Array: ...
 
 
 class Standstill:
@@ -34,14 +34,14 @@ class Standstill:
         self._joints = np.array(joints_rad, dtype=float)
         self.end_s = since_s
 
-    def position(self, world_s: float) -> Array:
+    def position_at(self, world_s: float) -> Array:
         return self._joints.copy()
 
-    def velocity(self, world_s: float) -> Array:
+    def velocity_at(self, world_s: float) -> Array:
         return np.zeros_like(self._joints)
 
 
-class Trapezoid:
+class TrapezoidMotion:
     """From standstill to a target; the axis with the longest way runs at ``speed_rad_s``."""
 
     def __init__(
@@ -59,23 +59,23 @@ class Trapezoid:
         self._total_s = 2.0 * self._ramp_s + max(cruise_s, 0.0)
         self.end_s = begin_s + self._total_s
 
-    def _travelled(self, t: float) -> float:
+    def _distance_at(self, t: float) -> float:
         if t >= self._total_s:
             return self._longest
         if t < self._ramp_s:
             return 0.5 * self._acceleration * t * t
-        left = self._total_s - t
-        if left < self._ramp_s:
-            return self._longest - 0.5 * self._acceleration * left * left
+        remaining_s = self._total_s - t
+        if remaining_s < self._ramp_s:
+            return self._longest - 0.5 * self._acceleration * remaining_s * remaining_s
         return self._speed * (t - 0.5 * self._ramp_s)
 
-    def position(self, world_s: float) -> Array:
+    def position_at(self, world_s: float) -> Array:
         t = max(world_s - self._begin_s, 0.0)
         if t >= self._total_s:
             return np.asarray(self._start + self._way)
-        return np.asarray(self._start + self._way * (self._travelled(t) / self._longest))
+        return np.asarray(self._start + self._way * (self._distance_at(t) / self._longest))
 
-    def velocity(self, world_s: float) -> Array:
+    def velocity_at(self, world_s: float) -> Array:
         t = max(world_s - self._begin_s, 0.0)
         speed = min(self._acceleration * t, self._speed, self._acceleration * max(self._total_s - t, 0.0))
         return np.asarray(self._way * (speed / self._longest))
@@ -85,40 +85,45 @@ class SpeedChange:
     """From one joint velocity to another at constant acceleration, then on at that velocity."""
 
     def __init__(
-        self, start: Array, velocity: Array, wanted: Array, acceleration_rad_s2: float, begin_s: float
+        self,
+        start: Array,
+        velocity: Array,
+        target_velocity: Array,
+        acceleration_rad_s2: float,
+        begin_s: float,
     ) -> None:
         self._start = np.array(start, dtype=float)
         self._from = np.array(velocity, dtype=float)
-        self._to = np.array(wanted, dtype=float)
+        self._to = np.array(target_velocity, dtype=float)
         self._begin_s = begin_s
         self._ramp_s = float(np.abs(self._to - self._from).max()) / acceleration_rad_s2
         self.end_s = begin_s + self._ramp_s if not self._to.any() else float("inf")
 
-    def position(self, world_s: float) -> Array:
+    def position_at(self, world_s: float) -> Array:
         t = max(world_s - self._begin_s, 0.0)
         ramp = min(t, self._ramp_s)
         mean = self._from + (self._to - self._from) * (ramp / self._ramp_s / 2.0 if self._ramp_s else 0.5)
         return np.asarray(self._start + mean * ramp + self._to * (t - ramp))
 
-    def velocity(self, world_s: float) -> Array:
+    def velocity_at(self, world_s: float) -> Array:
         t = max(world_s - self._begin_s, 0.0)
         if t >= self._ramp_s:
             return self._to.copy()
         return np.asarray(self._from + (self._to - self._from) * (t / self._ramp_s))
 
 
-class Paced:
+class RescaledMotion:
     """Another motion, which goes on faster or slower from a moment on."""
 
-    def __init__(self, motion: Motion, pace: float, from_s: float) -> None:
+    def __init__(self, motion: ArmMotion, pace: float, from_s: float) -> None:
         self._motion, self._pace, self._from_s = motion, pace, from_s
         self.end_s = from_s + (motion.end_s - from_s) / pace
 
-    def position(self, world_s: float) -> Array:
-        return self._motion.position(self._then(world_s))
+    def position_at(self, world_s: float) -> Array:
+        return self._motion.position_at(self._motion_time(world_s))
 
-    def velocity(self, world_s: float) -> Array:
-        return np.asarray(self._pace * self._motion.velocity(self._then(world_s)))
+    def velocity_at(self, world_s: float) -> Array:
+        return np.asarray(self._pace * self._motion.velocity_at(self._motion_time(world_s)))
 
-    def _then(self, world_s: float) -> float:
+    def _motion_time(self, world_s: float) -> float:
         return self._from_s + (world_s - self._from_s) * self._pace

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.fixture import own_base, own_flange
-from cellcal.fake_devices.kinematics import Array, inverse, transform
+from cellcal.fake_devices.kinematics import Array, invert_pose, transform_point
 from cellcal.fake_devices.world import World
 
 DRUM_M = 0.315  # one turn of the drum
@@ -35,26 +35,26 @@ class WireGauge:
         self.name = str(table["name"])
         self.range_m = float(table.get("range_m", 3.0))
         self.robot = str(table.get("robot", "")) or next(iter(world.arms), "")
-        self._arm: Arm | None = world.arms.get(self.robot)
-        dice = world.dice(self.name, "wire")
+        self._arm: SimulatedArm | None = world.arms.get(self.robot)
+        rng = world.make_rng(self.name, "wire")
         amount = 1.0 if world.hidden else 0.0
         anchor = np.array(table.get("anchor_in_base_mm", (900.0, -700.0, -450.0))) * 1e-3
         hook = np.array(table.get("hook_in_flange_mm", (60.0, 50.0, 120.0))) * 1e-3
         sigma_m = float(table.get("sigma_m", 2e-4))
         anchor_sigma_m = float(table.get("anchor_sigma_mm", 10.0)) * 1e-3
         hook_sigma_m = float(table.get("hook_sigma_mm", 2.0)) * 1e-3
-        self.anchor_in_base_m = anchor + amount * _draw(dice, anchor_sigma_m)
-        self.hook_in_flange_m = hook + amount * _draw(dice, hook_sigma_m)
+        self.anchor_in_base_m = anchor + amount * _draw_displacement(rng, anchor_sigma_m)
+        self.hook_in_flange_m = hook + amount * _draw_displacement(rng, hook_sigma_m)
         world.hooks_in_flange_m.setdefault(self.robot, self.hook_in_flange_m)
         self._world, self._home = world, (self.anchor_in_base_m, self.hook_in_flange_m)
         self._look_at(_AIM_IN_BASE_M)
-        self.exit_radius_m = amount * float(dice.uniform(1.0e-3, 2.0e-3))
-        self.scale_error = amount * float(dice.normal()) * 1e-4
-        self.zero_m = amount * float(dice.normal()) * 2e-3
-        self._waves_m = amount * dice.uniform(0.3, 1.0, 3) * np.array([0.5, 0.3, 0.4]) * sigma_m
-        self._phases_rad = dice.uniform(0.0, 2.0 * np.pi, 3)
+        self.exit_radius_m = amount * float(rng.uniform(1.0e-3, 2.0e-3))
+        self.scale_error = amount * float(rng.normal()) * 1e-4
+        self.zero_m = amount * float(rng.normal()) * 2e-3
+        self._waves_m = amount * rng.uniform(0.3, 1.0, 3) * np.array([0.5, 0.3, 0.4]) * sigma_m
+        self._phases_rad = rng.uniform(0.0, 2.0 * np.pi, 3)
         self._noise_m = amount * 0.5 * sigma_m
-        self._noise = world.dice(self.name, "noise")
+        self._noise = world.make_rng(self.name, "noise")
         self.slipped_m = 0.0
         self._outlier_m, self._outliers_left = 0.0, 0
         self._slack_at_m: float | None = None
@@ -65,7 +65,7 @@ class WireGauge:
     def hook_in_base_m(self) -> Array:
         """Return where the hook is now."""
         flange = np.eye(4) if self._arm is None else self._arm.base_flange()
-        return transform(flange, self.hook_in_flange_m)
+        return transform_point(flange, self.hook_in_flange_m)
 
     def true_length_m(self) -> float:
         """Return the length of wire from the exit's mouth to the hook."""
@@ -88,7 +88,7 @@ class WireGauge:
         """Return the fixture seen from the base that the arm's first axis defines; None without one."""
         if self._world.fixture is None or self._arm is None:
             return None
-        return inverse(own_base(self._arm)) @ self._world.fixture.in_base(self.robot)
+        return invert_pose(own_base(self._arm)) @ self._world.fixture.in_base(self.robot)
 
     def tool_in_flange(self) -> Array | None:
         """Return the tool seen from the flange that the arm's last axis defines; None without one."""
@@ -119,7 +119,7 @@ class WireGauge:
 
     # what happens to it
 
-    def mount(self, point: int, mouth_at_m: Sequence[float] = _AIM_IN_BASE_M) -> None:
+    def mount_exit(self, point: int, mouth_at_m: Sequence[float] = _AIM_IN_BASE_M) -> None:
         """Put the base adaptor on an alignment point of the fixture, the wire's mouth towards a place."""
         if self._world.fixture is None:
             raise ValueError("this cell has no fixture")
@@ -141,20 +141,20 @@ class WireGauge:
         ahead = np.array(place_m, dtype=float) - self.anchor_in_base_m
         self._exit_axis = ahead / np.linalg.norm(ahead)
 
-    def slacken(self) -> None:
+    def let_catch(self) -> None:
         """Let the wire catch on something: it no longer winds up."""
         self._slack_at_m = self.exact_reading_m()
 
-    def snap(self) -> None:
+    def let_go(self) -> None:
         """Let the wire go; it winds up completely."""
         self.snapped = True
 
-    def restore(self) -> None:
+    def restore_hook(self) -> None:
         """Put the hook back where it was."""
         self.snapped, self._slack_at_m = False, None
         self.slipped_m, self._outliers_left = 0.0, 0
 
-    def slip(self, metres: float) -> None:
+    def lengthen_readings(self, metres: float) -> None:
         """Lengthen every reading from now on: a hook that sits elsewhere, a drum that has slipped."""
         self.slipped_m += metres
 
@@ -163,6 +163,6 @@ class WireGauge:
         self._outlier_m, self._outliers_left = metres, count
 
 
-def _draw(dice: np.random.Generator, sigma_m: float) -> Array:
+def _draw_displacement(rng: np.random.Generator, sigma_m: float) -> Array:
     """Return a displacement, at most two sigma in every direction: somebody did use a tape measure."""
-    return np.asarray(np.clip(dice.normal(size=3), -2.0, 2.0) * sigma_m)
+    return np.asarray(np.clip(rng.normal(size=3), -2.0, 2.0) * sigma_m)

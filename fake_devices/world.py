@@ -18,18 +18,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cellcal.fake_devices.arm import Arm, generator
+from cellcal.fake_devices.arm import SimulatedArm, make_generator
 from cellcal.fake_devices.artefact import Artefact
-from cellcal.fake_devices.clock import Clock
-from cellcal.fake_devices.fixture import EndEffector, Fixture
-from cellcal.fake_devices.kinematics import Array, transform
-from cellcal.fake_devices.marks import Marks
+from cellcal.fake_devices.clock import WorldClock
+from cellcal.fake_devices.fixture import FakeEndEffector, FakeFixture
+from cellcal.fake_devices.kinematics import Array, transform_point
+from cellcal.fake_devices.place_marks import PlaceMarks
 
 _TIP_IN_FLANGE_M = (0.06, 0.05, 0.12)
 _CHECK_POSES = 50
 
 
-class Mastering(Protocol):
+class MasteringSource(Protocol):
     """Whoever turns counts into joints."""
 
     def true_offset_rad(self, counts_at_zero: tuple[int, ...] | None = None) -> Array:
@@ -43,36 +43,36 @@ class World:
     def __init__(self, seed: int = 1, time_factor: float = 1.0, *, hidden: bool = True) -> None:
         self.seed, self.hidden = seed, hidden
         self.watchdog_factor = 1.0
-        self.clock = Clock(time_factor)
-        self.arms: dict[str, Arm] = {}
-        self.masterings: dict[str, Mastering] = {}
+        self.clock = WorldClock(time_factor)
+        self.arms: dict[str, SimulatedArm] = {}
+        self.masterings: dict[str, MasteringSource] = {}
         self.hooks_in_flange_m: dict[str, Array] = {}
         self.tips_in_flange_m: dict[str, Array] = {}  # of probes, by robot
-        self.fixture: Fixture | None = None
-        self.end_effector: EndEffector | None = None
+        self.fixture: FakeFixture | None = None
+        self.end_effector: FakeEndEffector | None = None
         self.artefacts: list[Artefact] = []
-        self.marks = Marks(self)
+        self.marks = PlaceMarks(self)
         self.shared: dict[tuple[str, int], object] = {}  # by address: what several devices are wired to
 
-    def add_arm(self, name: str, model_name: str) -> Arm:
+    def add_arm(self, name: str, model_name: str) -> SimulatedArm:
         """Put up one arm; ``name`` is its robot's name in the cell file."""
-        arm = Arm.from_model(model_name, self.seed, self.hidden, name=name, clock=self.clock)
+        arm = SimulatedArm.from_model(model_name, self.seed, self.hidden, name=name, clock=self.clock)
         self.arms[name] = arm
         return arm
 
-    def add_furniture(self, fake: Mapping[str, Any]) -> None:
+    def add_fixtures(self, fake: Mapping[str, Any]) -> None:
         """Put up the fixture, the end-effector and the artefacts that the [fake] table describes, if any."""
         if "fixture" in fake:
-            self.fixture = Fixture(self.seed, self.hidden, fake["fixture"])
+            self.fixture = FakeFixture(self.seed, self.hidden, fake["fixture"])
         if "end_effector" in fake:
-            self.end_effector = EndEffector(self.seed, self.hidden, fake["end_effector"])
+            self.end_effector = FakeEndEffector(self.seed, self.hidden, fake["end_effector"])
         for table in fake.get("artefact", []):
-            dice = self.dice("artefact", str(table["name"]))
-            self.artefacts.append(Artefact(table, dice, 1.0 if self.hidden else 0.0))
+            rng = self.make_rng("artefact", str(table["name"]))
+            self.artefacts.append(Artefact(table, rng, 1.0 if self.hidden else 0.0))
 
-    def dice(self, *labels: str) -> np.random.Generator:
+    def make_rng(self, *labels: str) -> np.random.Generator:
         """Return the random generator of one named purpose."""
-        return generator(self.seed, *labels)
+        return make_generator(self.seed, *labels)
 
     def tcp_error_m(
         self,
@@ -94,6 +94,6 @@ class World:
             commanded = np.atleast_2d(np.array(poses, dtype=float))
         counts = None if counts_at_zero is None else tuple(int(count) for count in counts_at_zero)
         offset = self.masterings[robot].true_offset_rad(counts)
-        before = transform(arm.flange_at(commanded, as_delivered=True), tip)
-        after = transform(arm.flange_at(commanded + offset), tip)
+        before = transform_point(arm.flange_at(commanded, as_delivered=True), tip)
+        after = transform_point(arm.flange_at(commanded + offset), tip)
         return np.asarray(np.linalg.norm(after - before, axis=1))

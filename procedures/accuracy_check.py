@@ -13,40 +13,47 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.accuracy import FULL_POSES, AccuracyTest, Attained, Conditions, PoseResult, evaluate
+from cellcal.calibration.accuracy import (
+    FULL_POSES,
+    AccuracyConditions,
+    AccuracyTest,
+    AttainedPoses,
+    PoseResult,
+    evaluate_accuracy,
+)
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
-from cellcal.calibration.poses.arm_fit import placed, predicted_sigma
+from cellcal.calibration.poses.arm_fit import fit_placement, predicted_sigma
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.accuracy_limits import POSE, AccuracyClass, PoseLimits, limits_in_force, limits_text
 from cellcal.procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
     Method,
     Triple,
-    bench_before,
+    check_same_robot,
+    declared_bench,
     joints_of,
-    observed,
+    observations_of,
     read_bench,
-    same_robot,
     values_of,
 )
-from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.arm_series import ArmVisits
 from cellcal.procedures.arm.cube_plan import CubePlan, plan_cube
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from cellcal.procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
-from cellcal.procedures.verdict import Change, Verdict, judged, stated
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves, plan_page, straight_ways
+from cellcal.procedures.verdict import ProcedureVerdict, ValueChange, judge_value, state_figure
 
 SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
 
@@ -66,7 +73,7 @@ class CheckRules:
     load_share: Annotated[float, Field(ge=0, le=1)] = 0.0  # of the rated load, as mounted
     warmed_up: bool = False
     seed: Annotated[int, Field(ge=0)] = 1
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,32 +96,34 @@ class AccuracyResult:
     speed_share: float
 
     @property
-    def in_force(self) -> AccuracyTest | LineTest:
+    def test_in_force(self) -> AccuracyTest | LineTest:
         """The test of the model that programs should be compensated with."""
         return self.nominal if self.identified is None else self.identified
 
 
 async def accuracy_check(run: Run, spec: AccuracyCheck) -> AccuracyResult:
     """Measure pose accuracy and repeatability."""
-    await run.ensure("the device is ready", ask, READY[spec.method])
+    await run.ensure("the device is ready", ask_confirmation, READY[spec.method])
     bench = await run.step("read the robot", read_bench, spec.method)
-    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    await run.ensure("the robot kept its position", check_same_robot, bench.epoch)
     arm = await run.step("look up the parameters", parameters_in_force, bench)
 
     rules = spec.rules
     plan = await run.solve("plan the poses", plan_cube, bench, rules)
-    await run.step("accept the plan", accept, _shown(plan, spec), sha256_of(to_jsonable_python(plan)))
-    visits = Visits(run, bench, plan.pace, rules.samples, bench.joints_rad)
-    await visits.rest(plan.way_to_rest_rad)
+    await run.step(
+        "accept the plan", ask_acceptance, _plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
+    )
+    visits = ArmVisits(run, bench, plan.pace, rules.samples, bench.joints_rad)
+    await visits.go_to_rest(plan.way_to_rest_rad)
     for way in plan.placing_rad:
-        await visits.visit(way)
+        await visits.visit_pose(way)
     cycles = []
     for cycle in range(rules.cycles):
         ways = plan.first_round_rad if cycle == 0 else plan.round_rad
         start = 1 + cycle * FULL_POSES
-        cycles.append(tuple([await visits.check("test", start + k, way) for k, way in enumerate(ways)]))
-    seen = Rounds(visits.captures(), tuple(cycles))
-    return await run.solve("evaluate the test", evaluate_rounds, bench, plan, seen, arm, rules)
+        cycles.append(tuple([await visits.check_pose("test", start + k, way) for k, way in enumerate(ways)]))
+    captures = CubeCaptures(visits.valid_captures(), tuple(cycles))
+    return await run.solve("evaluate the test", evaluate_rounds, bench, plan, captures, arm, rules)
 
 
 async def parameters_in_force(cell: Cell, bench: Bench) -> CalibratedArm | None:
@@ -128,7 +137,7 @@ async def parameters_in_force(cell: Cell, bench: Bench) -> CalibratedArm | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Rounds:
+class CubeCaptures:
     """Captures that place the device, then those of every cycle, five each."""
 
     placing: tuple[ArmCapture, ...]
@@ -136,69 +145,75 @@ class Rounds:
 
 
 def evaluate_rounds(
-    bench: Bench, plan: CubePlan, seen: Rounds, arm: CalibratedArm | None, rules: CheckRules
+    bench: Bench, plan: CubePlan, captures: CubeCaptures, arm: CalibratedArm | None, rules: CheckRules
 ) -> AccuracyResult:
     """Say of both models how far from them the robot went, and how well it came back."""
-    rated_rad_s, once = float(np.min(bench.nominal().max_speed_rad_s)), plan.round()
+    rated_rad_s, once = float(np.min(bench.nominal_model().max_speed_rad_s)), plan.round_motion()
     share = min(once.travel_rad / once.moving_s / rated_rad_s, 1.0)
-    conditions = Conditions(rules.load_share, share, rules.warmed_up, one_direction=True)
-    nominal = _tested(bench, plan, seen, {}, conditions)
+    conditions = AccuracyConditions(rules.load_share, share, rules.warmed_up, one_direction=True)
+    nominal = test_model(bench, plan, captures, {}, conditions)
     if arm is None:
         return AccuracyResult(nominal.title, nominal, None, share)
-    return AccuracyResult(nominal.title, nominal, _tested(bench, plan, seen, arm.values(), conditions), share)
+    return AccuracyResult(
+        nominal.title, nominal, test_model(bench, plan, captures, arm.parameter_values(), conditions), share
+    )
 
 
-def _tested(
-    bench: Bench, plan: CubePlan, seen: Rounds, values: dict[str, float], conditions: Conditions
+def test_model(
+    bench: Bench,
+    plan: CubePlan,
+    captures: CubeCaptures,
+    values: dict[str, float],
+    conditions: AccuracyConditions,
 ) -> AccuracyTest | LineTest:
-    task, axes = bench.task(), len(bench.joints_rad)
-    fit = placed(task, observed(task, seen.placing), values)
+    task, axes = bench.make_task(), len(bench.joints_rad)
+    fit = fit_placement(task, observations_of(task, captures.placing), values)
     state = fit.state
-    joints, fitted = np.array(plan.tests_rad), joints_of(seen.placing, axes)
-    found = np.array([values_of(cycle) for cycle in seen.cycles]).swapaxes(0, 1)  # (P, cycles, channels)
+    joints, fitted = np.array(plan.tests_rad), joints_of(captures.placing, axes)
+    found = np.array([values_of(cycle) for cycle in captures.cycles]).swapaxes(0, 1)  # (P, cycles, channels)
     device = state.devices[0]
-    places = _targets(state, joints)
+    places = _target_positions(state, joints)
     if bench.method == "wire":
-        wanted = device.zero_m + device.scale * np.linalg.norm(places - device.anchor_in_base_m, axis=1)
+        expected = device.zero_m + device.scale * np.linalg.norm(places - device.anchor_in_base_m, axis=1)
         systematic = np.hypot(SYSTEMATIC_SHARE * bench.sigma_m, predicted_sigma(fit, task, joints))
         return evaluate_lengths(
-            wanted, found[:, :, 0], joints, device_sigma_m=systematic, fitted_joints_rad=fitted
+            expected, found[:, :, 0], joints, device_sigma_m=systematic, fitted_joints_rad=fitted
         )
     base_device = inverse_transform(device.device_base)
     positions = found @ base_device[:3, :3].T + base_device[:3, 3]
     sigma_m = float(np.hypot(bench.sigma_m, predicted_sigma(fit, task, joints).max()))
-    attained = Attained(places, positions, joints, device_sigma_m=sigma_m)
-    return evaluate(attained, conditions, fitted_joints_rad=fitted)
+    attained = AttainedPoses(places, positions, joints, device_sigma_m=sigma_m)
+    return evaluate_accuracy(attained, conditions, fitted_joints_rad=fitted)
 
 
-def _targets(state: ArmState, joints_rad: Array) -> Array:
+def _target_positions(state: ArmState, joints_rad: Array) -> Array:
     """Return where a model says the target is, in the base (P, 3) [m]."""
     values = term_values(state.nominal, joints_rad, state.terms)
-    flanges = state.arm.base_flange(state.moved_joints(joints_rad, values))
+    flanges = state.arm_model.base_flange(state.moved_joints(joints_rad, values))
     return np.asarray((flanges @ state.flange_tool)[:, :3, 3])
 
 
-def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
+def _plan_instruction(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
     x, y, z = (v * 1e3 for v in plan.centre_m)
     what = (
         f"the robot, to {len(plan.placing_rad)} poses that tell where the device is, then {spec.rules.cycles} times "
         f"round five poses in a cube of {plan.side_m * 1e3:.0f} mm about x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
     )
     stops = len(plan.placing_rad) + spec.rules.cycles * len(plan.tests_rad)
-    tour = Tour(stops, plan.paced(spec.rules.cycles))
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    ways = (*plan.placing_rad, *straight(plan.tests_rad))
+    tour = PlanTour(stops, plan.total_motion(spec.rules.cycles))
+    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    ways = (*plan.placing_rad, *straight_ways(plan.tests_rad))
     names = (
         *(str(k) for k in range(1, len(plan.placing_rad) + 1)),
         *(f"P{k}" for k in range(1, len(plan.tests_rad) + 1)),
     )
     checks = WIRE_CHECKS if spec.method == "wire" else ARM_CHECKS
     return plan_page(
-        asked, tour, Moves(ways, tour.paced.fastest_rad_s, checks, plan.not_checked, names=names)
+        instruction, tour, PlannedMoves(ways, tour.paced.fastest_rad_s, checks, plan.not_checked, names=names)
     )
 
 
-def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:
+def _outline_phases(spec: AccuracyCheck) -> tuple[Phase, ...]:
     tests = FULL_POSES * spec.rules.cycles
     return (
         *(Phase("read the robot"), Phase("look up the parameters"), Phase("plan the poses")),
@@ -212,33 +227,33 @@ def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: AccuracyCheck, result: AccuracyResult) -> Keepsake:
-    return Keepsake("accuracy_test", spec.method, result)
+def _results_to_store(spec: AccuracyCheck, result: AccuracyResult) -> StoredResult:
+    return StoredResult("accuracy_test", spec.method, result)
 
 
-def _verdict(spec: AccuracyCheck, result: AccuracyResult) -> Verdict:
-    limits = chosen(POSE, spec.accuracy_class, spec.limits)
-    test, along = result.in_force, "" if spec.method == "tracker" else " along the wire"
+def _make_verdict(spec: AccuracyCheck, result: AccuracyResult) -> ProcedureVerdict:
+    limits = limits_in_force(POSE, spec.accuracy_class, spec.limits)
+    test, along = result.test_in_force, "" if spec.method == "tracker" else " along the wire"
     poses: tuple[PoseResult | LinePose, ...] = test.poses
     worst, widest = max(poses, key=lambda pose: pose.ap_m), max(poses, key=lambda pose: pose.rp_m)
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ValueChange, ...] = ()
     if result.identified is not None:
-        changes = (Change(f"largest error{along}", result.nominal.ap_m, result.identified.ap_m, "m"),)
+        changes = (ValueChange(f"largest error{along}", result.nominal.ap_m, result.identified.ap_m, "m"),)
     departures = test.departures if isinstance(test, AccuracyTest) else ()
     model = "nominal" if result.identified is None else "identified"
-    return Verdict(
+    return ProcedureVerdict(
         (
-            judged(
+            judge_value(
                 f"AP{along}, worst pose, {model} model",
                 worst.ap_m,
                 "m",
                 u=worst.ap_sigma_m,
                 limit=limits.ap_m,
             ),
-            judged(f"RP{along}, worst pose", widest.rp_m, "m", u=widest.rp_sigma_m, limit=limits.rp_m),
-            stated("share of the rated speed", result.speed_share, "1"),
+            judge_value(f"RP{along}, worst pose", widest.rp_m, "m", u=widest.rp_sigma_m, limit=limits.rp_m),
+            state_figure("share of the rated speed", result.speed_share, "1"),
         ),
-        limits_from=told(spec.accuracy_class, spec.limits),
+        limits_from=limits_text(spec.accuracy_class, spec.limits),
         not_verified=(
             *(f"departs from the full test: {words}" for words in departures),
             "The attitude differs from pose to pose: each is taken from the nearest free posture.",
@@ -249,24 +264,24 @@ def _verdict(spec: AccuracyCheck, result: AccuracyResult) -> Verdict:
     )
 
 
-def _forecast(spec: AccuracyCheck, known: Knowledge) -> Forecast:
-    bench = bench_before(known, spec.method)
+def _forecast_run(spec: AccuracyCheck, knowledge: Knowledge) -> Forecast:
+    bench = declared_bench(knowledge, spec.method)
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
     plan, rules = plan_cube(bench, spec.rules), spec.rules
-    captures, paced = rules.placing + FULL_POSES * rules.cycles, plan.paced(rules.cycles)
-    each_s = known.limits.settle_s + rules.samples * SAMPLE_S
+    captures, paced = rules.placing + FULL_POSES * rules.cycles, plan.total_motion(rules.cycles)
+    each_s = knowledge.limits.settle_s + rules.samples * SAMPLE_S
     return Forecast(
         duration_s=math.ceil(paced.moving_s + captures * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"P{k}", pose) for k, pose in enumerate(plan.tests_rad, 1)),
         speed_rad_s=paced.fastest_rad_s,
-        predictions=(_of_device(bench),),
+        predictions=(_device_prediction(bench),),
         assumed=("the robot's own scatter is what is measured: its part of U is known afterwards",),
         not_checked=plan.not_checked,
     )
 
 
-def _of_device(bench: Bench) -> Prediction:
+def _device_prediction(bench: Bench) -> Prediction:
     """Return the part of U that no number of cycles takes away."""
     along, share = ("", 1.0) if bench.method == "tracker" else (" along the wire", SYSTEMATIC_SHARE)
     expanded = 2.0 * share * bench.sigma_m
@@ -275,15 +290,15 @@ def _of_device(bench: Bench) -> Prediction:
     return Prediction(f"AP{along}, by the {bench.method} alone", expanded, "m", classes, sentence)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="accuracy_check",
     title="Accuracy and repeatability following ISO 9283",
     version=3,
     procedure=accuracy_check,
     spec_type=AccuracyCheck,
     needs=("moves_joints", "model", "sees_the_flange"),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
 )

@@ -18,26 +18,38 @@ from cellcal.calibration.points.fixture import BaseToBase, refuse_bad_points
 from cellcal.calibration.points.joint_bases import bases_together
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.drivers.interfaces import Counts, Instruction
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.accuracy_limits import FrameLimits
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
-from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.past import Finding
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
     Refit,
-    Refitted,
+    RefitResult,
     Use,
     misses_in_space,
     pose_values,
     values_of,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict, held, known_within, stated
+from cellcal.procedures.run_history import Finding
+from cellcal.procedures.verdict import (
+    NOTHING_MEASURED,
+    ProcedureVerdict,
+    known_within,
+    state_fact,
+    state_figure,
+)
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    raise_first,
+    refuse_failed,
+    with_order_remark,
+    with_verdict,
+)
 
 BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))
 
@@ -89,14 +101,14 @@ _RESULT: TypeAdapter[BasesResult] = TypeAdapter(BasesResult)
 
 async def base_to_base(run: Run, spec: BaseToBaseSpec) -> BasesResult:
     """Find robots' bases from one another through a fixture that each is aligned with."""
-    await run.ensure("the fixture has not moved", ask, _not_moved(spec.fixture))
+    await run.ensure("the fixture has not moved", ask_confirmation, _not_moved_instruction(spec.fixture))
     stored = await run.step("read the alignments", stored_alignments, spec.fixture)
     result = await run.solve("chain the bases", chain_bases, spec, stored)
-    first_of((_bad_shape(result), _badly_known(result, spec)), spec.write_anyway)
-    verdict = _judge(spec, result)
+    raise_first((_bad_shape_error(result), _uncertain_error(result, spec)), spec.write_anyway)
+    verdict = _judge_result(spec, result)
     refuse_failed(verdict, spec.write_anyway, result)
-    shown = with_verdict(_shown(result), verdict, "Keep it?", spec.write_anyway)
-    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(result.bases)))
+    shown = with_verdict(_result_instruction(result), verdict, "Keep it?", spec.write_anyway)
+    await run.step("accept the result", ask_acceptance, shown, sha256_of(to_jsonable_python(result.bases)))
     return result
 
 
@@ -105,20 +117,20 @@ async def stored_alignments(cell: Cell, fixture: str) -> AlignmentsFound:
     serial = (await cell.robot.identify()).serial
     counts: Counts = ()
     if cell.mastering is not None:
-        counts = (await cell.mastering.mastering()).counts_at_zero
+        counts = (await cell.mastering.read_mastering()).counts_at_zero
     return AlignmentsFound(tuple(a for a in cell.alignments if a.fixture == fixture), serial, counts)
 
 
 def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
     """Find every robot's base from the reference's by all their alignments in one fit, uncertainties included."""
-    latest, wanted, lacking = _wanted(spec, stored.alignments)
+    latest, serials, lacking = _alignments_to_chain(spec, stored.alignments)
     if lacking:
         raise RefusalError(
             f"no alignment of {lacking} with {spec.fixture} is stored",
             code="procedure.no_alignment",
             remedy="Run fixture_alignment on each robot with this fixture, and do not move it in between.",
         )
-    chosen = tuple(latest[serial] for serial in dict.fromkeys(wanted))
+    chosen = tuple(latest[serial] for serial in dict.fromkeys(serials))
     _refuse_other_drawing(chosen)
     _refuse_other_mastering(chosen, stored)
     found = bases_together(chosen)
@@ -136,15 +148,15 @@ def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
     )
 
 
-def _wanted(
+def _alignments_to_chain(
     spec: BaseToBaseSpec, alignments: Sequence[Alignment]
 ) -> tuple[dict[str, Alignment], tuple[str, ...], str]:
     """Return each robot's newest alignment, the robots that are asked for, and which of them has none."""
     latest = {alignment.robot_serial: alignment for alignment in alignments}  # the newest comes last
-    wanted = spec.robots or tuple(sorted(latest))
-    missing = [serial for serial in wanted if serial not in latest]
-    few = len(set(wanted)) < 2
-    return latest, wanted, ", ".join(missing) or ("a second robot" if few else "")
+    serials = spec.robots or tuple(sorted(latest))
+    missing = [serial for serial in serials if serial not in latest]
+    few = len(set(serials)) < 2
+    return latest, serials, ", ".join(missing) or ("a second robot" if few else "")
 
 
 def _refuse_other_drawing(alignments: tuple[Alignment, ...]) -> None:
@@ -170,13 +182,13 @@ def _refuse_other_mastering(alignments: tuple[Alignment, ...], stored: Alignment
             )
 
 
-def _same_shape(result: BasesResult) -> bool:
+def _is_same_shape(result: BasesResult) -> bool:
     freedom = result.degrees_of_freedom
     return freedom == 0 or result.chi_square <= chi_square_limit(freedom)
 
 
-def _bad_shape(result: BasesResult) -> RefusalError | None:
-    if _same_shape(result):
+def _bad_shape_error(result: BasesResult) -> RefusalError | None:
+    if _is_same_shape(result):
         return None
     return RefusalError(
         f"the robots did not find one shape of {result.fixture}: chi square {result.chi_square:.0f}, "
@@ -187,7 +199,7 @@ def _bad_shape(result: BasesResult) -> RefusalError | None:
     )
 
 
-def _badly_known(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError | None:
+def _uncertain_error(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError | None:
     for base in result.bases:
         if base.pose.origin_u_m > spec.limits.origin_m or base.pose.angle_u_rad > spec.limits.angle_rad:
             return RefusalError(
@@ -202,13 +214,13 @@ def _badly_known(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError | No
     return None
 
 
-def _not_moved(fixture: str) -> Instruction:
+def _not_moved_instruction(fixture: str) -> Instruction:
     return Instruction(
         "fixture_not_moved", f"{fixture} and the robots' bases stand as they did when each robot was aligned."
     )
 
 
-def _shown(result: BasesResult) -> Instruction:
+def _result_instruction(result: BasesResult) -> Instruction:
     lines = []
     for base in result.bases:
         pose = base.pose
@@ -222,24 +234,26 @@ def _shown(result: BasesResult) -> Instruction:
     return Instruction("accept_bases", f"Through {result.fixture}: {'; '.join(lines)}.")
 
 
-def _outline(spec: BaseToBaseSpec) -> tuple[Phase, ...]:
+def _outline_phases(spec: BaseToBaseSpec) -> tuple[Phase, ...]:
     del spec
     return (Phase("read the alignments"), Phase("chain the bases"), Phase("accept the result"))
 
 
-def _keeps(spec: BaseToBaseSpec, result: BasesResult) -> Keepsake:
-    return Keepsake("base_to_base", spec.fixture, result)
+def _results_to_store(spec: BaseToBaseSpec, result: BasesResult) -> StoredResult:
+    return StoredResult("base_to_base", spec.fixture, result)
 
 
-def _verdict(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
-    return ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: BaseToBaseSpec, result: BasesResult) -> ProcedureVerdict:
+    return with_order_remark(_judge_result(spec, result), spec.write_anyway)
 
 
-def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
+def _judge_result(spec: BaseToBaseSpec, result: BasesResult) -> ProcedureVerdict:
     rule = "chi square of the points that all robots found, against one drawing, 99.9 %"
     freedom = result.degrees_of_freedom
     most = chi_square_limit(freedom) if freedom else None
-    shape = held("one shape of the fixture", _same_shape(result), rule, found=result.chi_square, limit=most)
+    shape = state_fact(
+        "one shape of the fixture", _is_same_shape(result), rule, found=result.chi_square, limit=most
+    )
     figures = [
         figure
         for base in result.bases
@@ -259,15 +273,17 @@ def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
         )
     ]
     in_space = [
-        stated(f"origin of {base.robot_serial} in space", base.pose.origin_space_u_m, "m", rule="95 % ball")
+        state_figure(
+            f"origin of {base.robot_serial} in space", base.pose.origin_space_u_m, "m", rule="95 % ball"
+        )
         for base in result.bases
     ]
     along = [
-        stated(f"origin of {base.robot_serial} along {axis}", u_m, "m", rule="U (k = 2)")
+        state_figure(f"origin of {base.robot_serial} along {axis}", u_m, "m", rule="U (k = 2)")
         for base in result.bases
         for axis, u_m in zip("xyz", base.pose.origin_axes_u_m, strict=True)
     ]
-    return Verdict(
+    return ProcedureVerdict(
         characteristics=(*figures, *((shape,) if result.jointly else ()), *along, *in_space),
         limits_from="limits of the settings",
         not_verified=(
@@ -278,9 +294,9 @@ def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
     )
 
 
-def _forecast(spec: BaseToBaseSpec, known: Knowledge) -> Forecast:
-    stored = tuple(a for a in known.alignments if a.fixture == spec.fixture)
-    lacking = _wanted(spec, stored)[2]
+def _forecast_run(spec: BaseToBaseSpec, knowledge: Knowledge) -> Forecast:
+    stored = tuple(a for a in knowledge.alignments if a.fixture == spec.fixture)
+    lacking = _alignments_to_chain(spec, stored)[2]
     if lacking:
         return Forecast(2 * ANSWER_S, lacks=(f"an alignment of {lacking} with {spec.fixture}",))
     chained = chain_bases(spec, AlignmentsFound(stored, "", ()))
@@ -301,27 +317,27 @@ def _forecast(spec: BaseToBaseSpec, known: Knowledge) -> Forecast:
     )
 
 
-def _refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | None:
+def _make_refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | None:
     found = values_of(findings)
     stored = _STORED.validate_python(found["read the alignments"])
     recorded = _RESULT.validate_python(found["chain the bases"])
-    told = {a.robot_serial: a.points for a in recorded.alignments if a.points is not None}
-    if len(told) < len(recorded.alignments):
+    points_by_robot = {a.robot_serial: a.points for a in recorded.alignments if a.points is not None}
+    if len(points_by_robot) < len(recorded.alignments):
         return None  # chained one by one: there is no fit of points
-    seen_m = {serial: points.found_m for serial, points in told.items()}
+    seen_m = {serial: points.found_m for serial, points in points_by_robot.items()}
     steps = tuple(
         f"alignment point {k}" for k in range(1, len(recorded.alignments[0].points_in_fixture_m) + 1)
     )
-    sigma_m = max(math.sqrt(2.0) * points.sigma_seat_m for points in told.values())
+    sigma_m = max(math.sqrt(2.0) * points.sigma_seat_m for points in points_by_robot.values())
     before = {base.robot_serial: base.pose.other_base_base for base in recorded.bases}
 
-    def solve(use: Use) -> Refitted:
+    def solve_again(use: Use) -> RefitResult:
         fewer = replace(stored, alignments=tuple(without_points(a, use) for a in recorded.alignments))
         refuse_bad_points(fewer.alignments[0].points_in_fixture_m)
         result = chain_bases(replace(spec, robots=tuple(seen_m)), fewer)
         poses = {base.robot_serial: base.pose.other_base_base for base in result.bases}
         carried = [
-            np.array(seen_m[serial]) @ pose.rotation().T + np.array(pose.position_m)
+            np.array(seen_m[serial]) @ pose.rotation_matrix().T + np.array(pose.position_m)
             for serial, pose in poses.items()
         ]
         gaps = np.stack(carried) - np.array(seen_m[result.reference_serial])
@@ -330,21 +346,21 @@ def _refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | None:
             v for serial, pose in poses.items() for v in pose_values(pose, before[serial], f"{serial}: ")
         )
         u_m = max(base.pose.origin_u_m for base in result.bases)
-        return Refitted(misses_in_space(worst.tolist(), sigma_m, STANDS_OUT), u_m, tuple(values))
+        return RefitResult(misses_in_space(worst.tolist(), sigma_m, STANDS_OUT), u_m, tuple(values))
 
-    return Refit("place", tuple(FitPoint(step) for step in steps), LEAST, "origin", solve)
+    return Refit("place", tuple(FitPoint(step) for step in steps), LEAST, "origin", solve_again)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="base_to_base",
     title="Robot bases through one fixture",
     version=2,
     procedure=base_to_base,
     spec_type=BaseToBaseSpec,
     needs=(),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
-    refit=_refit,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
+    refit=_make_refit,
 )

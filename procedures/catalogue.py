@@ -18,28 +18,28 @@ from cellcal.procedures import (
     six_point_tcp,
     three_point_frame,
 )
-from cellcal.procedures.entry import Entry, missing
+from cellcal.procedures.procedure_definition import ProcedureDefinition, missing_needs
 from cellcal.procedures.run import ProcedureError
 
-__all__ = ["CATALOGUE", "ENTRIES", "UnknownProcedureError", "entry_named", "missing"]
+__all__ = ["CATALOGUE", "DEFINITIONS", "UnknownProcedureError", "definition_named", "missing_needs"]
 
-ENTRIES: tuple[Entry, ...] = (
-    mastering_record.ENTRY,
-    mastering_recovery.ENTRY,
-    mastering_undo.ENTRY,
-    six_point_tcp.ENTRY,
-    three_point_frame.ENTRY,
-    probed_frame.ENTRY,
-    frame_offset.ENTRY,
-    end_effector_points.ENTRY,
-    fixture_alignment.ENTRY,
-    base_to_base.ENTRY,
-    robot_calibration.ENTRY,
-    drift_check.ENTRY,
-    accuracy_check.ENTRY,
-    simulation_cell.ENTRY,
+DEFINITIONS: tuple[ProcedureDefinition, ...] = (
+    mastering_record.DEFINITION,
+    mastering_recovery.DEFINITION,
+    mastering_undo.DEFINITION,
+    six_point_tcp.DEFINITION,
+    three_point_frame.DEFINITION,
+    probed_frame.DEFINITION,
+    frame_offset.DEFINITION,
+    end_effector_points.DEFINITION,
+    fixture_alignment.DEFINITION,
+    base_to_base.DEFINITION,
+    robot_calibration.DEFINITION,
+    drift_check.DEFINITION,
+    accuracy_check.DEFINITION,
+    simulation_cell.DEFINITION,
 )
-CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in ENTRIES}
+CATALOGUE: dict[str, ProcedureDefinition] = {entry.name: entry for entry in DEFINITIONS}
 
 
 class UnknownProcedureError(ProcedureError):
@@ -48,7 +48,7 @@ class UnknownProcedureError(ProcedureError):
     code = "procedure.unknown"
 
 
-def entry_named(name: str) -> Entry:
+def definition_named(name: str) -> ProcedureDefinition:
     """Return one procedure's card.
 
     Raises

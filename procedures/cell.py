@@ -43,21 +43,21 @@ class MotionLevel(StrEnum):
 class Permit(Protocol):
     """The right to command a robot, which can be lost while it is used."""
 
-    def hold(self) -> None:
+    def check_held(self) -> None:
         """Raise a CellError where the right is no longer ours."""
         ...
 
 
-class ProgramShelf(Protocol):
+class PendantProgramWriter(Protocol):
     """Writes programs for a pendant, where the robot's make is known."""
 
-    def put(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
+    def write_program(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
         """Write joint moves along a way; return the file's name for the technician."""
         ...
 
 
 @dataclass(slots=True)
-class MotionMemory:
+class MotionApproval:
     """What the gate remembers of one entry into a run."""
 
     approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
@@ -66,13 +66,13 @@ class MotionMemory:
     frames: ActiveFrames | None = None  # None: nobody has looked
     override: float | None = None  # the highest that somebody saw the arm move at, or agreed to
 
-    def agree(self, now_s: float) -> None:
+    def note_approval(self, now_s: float) -> None:
         """Note that a person has just said yes to motion that was shown or told."""
         self.approved, self.agreed_at_s = True, now_s
 
 
 @dataclass(frozen=True, slots=True)
-class MotionLimits:
+class MotionCaps:
     """Caps that no step exceeds, whatever a spec asks for."""
 
     speed_rad_s: float = 0.5
@@ -132,14 +132,14 @@ class Fingerprint:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldCertificate:
+class DeviceCertificate:
     """Whose calibration an instrument has, and for which days; ISO dates."""
 
     number: str
     issued: str
     due: str
 
-    def holds_on(self, day: str) -> bool:
+    def is_valid_on(self, day: str) -> bool:
         """Tell whether it is valid on that day (ISO date)."""
         return self.issued <= day <= self.due
 
@@ -179,7 +179,7 @@ class Cell:
     probe_setup: ProbeSetup | None = None
     dial: DistanceGauge | None = None  # its length is how far the plunger is pushed in
     dial_setup: ProbeSetup | None = None
-    certificates: Mapping[str, HeldCertificate] = field(
+    certificates: Mapping[str, DeviceCertificate] = field(
         default_factory=dict
     )  # of instruments, by their roles
     model: RobotModel | None = None  # nominal kinematics
@@ -188,16 +188,16 @@ class Cell:
     alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
     calibrated: CalibratedArm | None = None  # the latest parameters of this robot
     drift_references: tuple[DriftReference, ...] = ()  # of this robot, oldest first
-    limits: MotionLimits = field(default_factory=MotionLimits)
+    limits: MotionCaps = field(default_factory=MotionCaps)
     level: MotionLevel = MotionLevel.OBSERVE
     surroundings: Surroundings = NOTHING_KNOWN
     permit: Permit | None = None  # None: nobody else can reach this robot
-    programs: ProgramShelf | None = None
-    motion: MotionMemory = field(default_factory=MotionMemory)
+    programs: PendantProgramWriter | None = None
+    motion: MotionApproval = field(default_factory=MotionApproval)
     config_sha256: str = ""
 
     @property
-    def instruments(self) -> dict[str, Device]:
+    def measuring_devices(self) -> dict[str, Device]:
         """What measures in this cell, by its role."""
         there: tuple[tuple[str, Device | None], ...] = (
             ("gauge", self.gauge),
@@ -208,10 +208,10 @@ class Cell:
         return {role: device for role, device in there if device is not None}
 
 
-async def fingerprint(cell: Cell) -> Fingerprint:
+async def read_fingerprint(cell: Cell) -> Fingerprint:
     """Ask every device who it is."""
     marks = [DeviceMark("robot", await cell.robot.identify())]
-    for role, device in cell.instruments.items():
+    for role, device in cell.measuring_devices.items():
         marks.append(DeviceMark(role, await device.identify()))
     epoch = await cell.mastering.encoder_epoch() if cell.mastering is not None else None
     frames = await cell.frames.active_frames() if cell.frames is not None else None

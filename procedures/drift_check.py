@@ -18,11 +18,11 @@ from cellcal.calibration.drift.causes import (
     OTHER,
     TOOL,
     WARMTH,
-    Cause,
+    DriftCause,
     DriftFinding,
-    causes,
-    explain,
-    telling_pose,
+    drift_causes,
+    explain_changes,
+    most_informative_pose,
 )
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.drivers.interfaces import Instruction, Joints
@@ -31,15 +31,15 @@ from cellcal.procedures.arm.arm_bench import (
     ArmCapture,
     Bench,
     Method,
-    agree,
-    bench_before,
+    captures_agree,
+    check_same_robot,
+    declared_bench,
     noise_m,
     read_bench,
-    same_robot,
     station_of,
     values_of,
 )
-from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.arm_series import ArmVisits
 from cellcal.procedures.arm.drift_plan import (
     ASSUMED_DISTANCE_M,
     REPEAT_M,
@@ -49,15 +49,22 @@ from cellcal.procedures.arm.drift_plan import (
     plan_check,
     plan_reference,
 )
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
-from cellcal.procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves, plan_page
+from cellcal.procedures.verdict import (
+    Characteristic,
+    ProcedureVerdict,
+    judge_value,
+    state_evidence,
+    state_fact,
+    state_figure,
+)
 
 NEXT = {
     NOTHING: "nothing: go on working",
@@ -80,7 +87,7 @@ class DriftCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class DriftCaptures:
     """What was measured so far, at which poses of the reference."""
 
     reference: DriftReference
@@ -92,15 +99,15 @@ class Seen:
         now_m = max(map(noise_m, self.captures))
         return math.hypot(self.reference.sigma_m(REPEAT_M), now_m, REPEAT_M)
 
-    def causes_at(self, bench: Bench, poses: tuple[int, ...]) -> tuple[Cause, ...]:
+    def causes_at(self, bench: Bench, poses: tuple[int, ...]) -> tuple[DriftCause, ...]:
         """Return how each cause would move the readings at poses of the reference."""
         rows, joints = list(poses), np.array(self.reference.joints_rad)
         places = self.reference.values_m()[rows] if bench.method == "tracker" else None
-        return causes(bench.task(), joints[rows], places)
+        return drift_causes(bench.make_task(), joints[rows], places)
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class DriftAssessment:
     """What the poses measured so far say, and which further one would decide; -1 for none."""
 
     finding: DriftFinding
@@ -114,13 +121,13 @@ class DriftResult:
 
     reference: DriftReference
     taken_now: bool
-    look: Look | None
+    look: DriftAssessment | None
     measured: tuple[int, ...]  # poses of the reference, from 0
     sigma_m: float
     recommended: str
 
     @property
-    def saving(self) -> str:
+    def saving_text(self) -> str:
         """What stopping as soon as it was decided saved, in words."""
         taken, every = len(self.measured), len(self.reference.poses_rad)
         if taken >= every:
@@ -131,14 +138,14 @@ class DriftResult:
 
 async def drift_check(run: Run, spec: DriftCheck) -> DriftResult:
     """Compare the robot with its reference; where there is none, take it."""
-    await run.ensure("the device is ready", ask, READY[spec.method])
+    await run.ensure("the device is ready", ask_confirmation, READY[spec.method])
     bench = await run.step("read the robot", read_bench, spec.method)
-    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    await run.ensure("the robot kept its position", check_same_robot, bench.epoch)
     reference = await run.step("look up the reference", stored_reference, bench.serial, spec.method)
     if reference is None or spec.renew:
         return await _take_reference(run, spec, bench)
-    _refuse_other(reference, bench)
-    return await _compare(run, spec, bench, reference)
+    _refuse_other_robot(reference, bench)
+    return await _compare_with_reference(run, spec, bench, reference)
 
 
 async def stored_reference(cell: Cell, serial: str, method: Method) -> DriftReference | None:
@@ -152,59 +159,66 @@ async def _take_reference(run: Run, spec: DriftCheck, bench: Bench) -> DriftResu
     plan = await run.solve("plan the poses", plan_reference, bench, spec.rules)
     await run.step(
         "accept the plan",
-        accept,
-        _shown(plan, "take the reference", spec.method, rounds=2),
+        ask_acceptance,
+        _plan_instruction(plan, "take the reference", spec.method, rounds=2),
         sha256_of(to_jsonable_python(plan)),
     )
-    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
-    await visits.rest(plan.way_to_rest_rad)
+    visits = ArmVisits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
+    await visits.go_to_rest(plan.way_to_rest_rad)
     for way in plan.ways_rad:
-        await visits.visit(way)
-    again = tuple([await visits.check("again", k, way) for k, way in enumerate(plan.ways_rad, 1)])
-    _refuse_scatter(visits.captures(), again, bench)
-    reference = reference_of(bench, plan.ways_rad, visits.captures(), again)
+        await visits.visit_pose(way)
+    again = tuple([await visits.check_pose("again", k, way) for k, way in enumerate(plan.ways_rad, 1)])
+    _refuse_scatter(visits.valid_captures(), again, bench)
+    reference = reference_of(bench, plan.ways_rad, visits.valid_captures(), again)
     advice = "run drift_check on a schedule: it compares with this reference"
     every = tuple(range(len(plan.ways_rad)))
     return DriftResult(reference, True, None, every, reference.sigma_m(REPEAT_M), advice)
 
 
-async def _compare(run: Run, spec: DriftCheck, bench: Bench, reference: DriftReference) -> DriftResult:
+async def _compare_with_reference(
+    run: Run, spec: DriftCheck, bench: Bench, reference: DriftReference
+) -> DriftResult:
     """Measure at a few poses of the reference, and at more as long as they would decide."""
     plan = await run.solve("plan the poses", plan_check, bench, reference, spec.rules)
     await run.step(
-        "accept the plan", accept, _shown(plan, "compare", spec.method), sha256_of(to_jsonable_python(plan))
+        "accept the plan",
+        ask_acceptance,
+        _plan_instruction(plan, "compare", spec.method),
+        sha256_of(to_jsonable_python(plan)),
     )
-    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
-    await visits.rest(plan.way_to_rest_rad)
+    visits = ArmVisits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
+    await visits.go_to_rest(plan.way_to_rest_rad)
     first = min(spec.rules.first, len(reference.poses_rad))
     measured = list(range(first))
     for way in plan.ways_rad[:first]:
-        await visits.visit(way)
+        await visits.visit_pose(way)
     while True:
         number = len(measured) - first + 1
-        seen = Seen(reference, tuple(measured), visits.captures())
-        look = await run.solve(f"look for changes {number}", look_for_changes, bench, seen, spec.rules)
+        captures = DriftCaptures(reference, tuple(measured), visits.valid_captures())
+        look = await run.solve(f"look for changes {number}", look_for_changes, bench, captures, spec.rules)
         if look.next_pose < 0:
             break
         measured.append(look.next_pose)
-        await visits.visit(plan.ways_rad[look.next_pose])
-    advice = recommendation(look.finding, spec.rules.probability)
-    return DriftResult(reference, False, look, tuple(measured), seen.sigma_m(), advice)
+        await visits.visit_pose(plan.ways_rad[look.next_pose])
+    advice = recommend_action(look.finding, spec.rules.probability)
+    return DriftResult(reference, False, look, tuple(measured), captures.sigma_m(), advice)
 
 
-def look_for_changes(bench: Bench, seen: Seen, rules: DriftRules) -> Look:
+def look_for_changes(bench: Bench, captures: DriftCaptures, rules: DriftRules) -> DriftAssessment:
     """Explain the changes so far; where that is not sure, say which pose of the reference would decide."""
-    reference, sigma_m = seen.reference, seen.sigma_m()
-    changes = values_of(seen.captures) - reference.values_m()[list(seen.poses)]
-    taken = seen.causes_at(bench, seen.poses)
-    finding = explain(taken, changes, sigma_m)
-    left = tuple(k for k in range(len(reference.poses_rad)) if k not in seen.poses)
-    decided = finding.decided(rules.probability)
-    if decided or not left:
-        return Look(finding, decided, -1)
-    both = seen.causes_at(bench, (*seen.poses, *left))
+    reference, sigma_m = captures.reference, captures.sigma_m()
+    changes = values_of(captures.captures) - reference.values_m()[list(captures.poses)]
+    taken = captures.causes_at(bench, captures.poses)
+    finding = explain_changes(taken, changes, sigma_m)
+    unmeasured = tuple(k for k in range(len(reference.poses_rad)) if k not in captures.poses)
+    decided = finding.is_decided(rules.probability)
+    if decided or not unmeasured:
+        return DriftAssessment(finding, decided, -1)
+    both = captures.causes_at(bench, (*captures.poses, *unmeasured))
     first, second = [suspect.name for suspect in finding.suspects if suspect.name != OTHER][:2]
-    return Look(finding, False, left[telling_pose(taken, both, changes, sigma_m, (first, second))])
+    return DriftAssessment(
+        finding, False, unmeasured[most_informative_pose(taken, both, changes, sigma_m, (first, second))]
+    )
 
 
 def reference_of(
@@ -224,28 +238,28 @@ def reference_of(
         rest_rad=ways_rad[0][0],
         poses_rad=tuple(way[-1] for way in ways_rad),
         joints_rad=tuple(capture.joints_rad for capture in first),
-        first_m=_rows(first),
-        again_m=_rows(again),
+        first_m=_value_rows(first),
+        again_m=_value_rows(again),
         noise_m=max(map(noise_m, (*first, *again))),
     )
 
 
-def _rows(captures: tuple[ArmCapture, ...]) -> tuple[tuple[float, ...], ...]:
+def _value_rows(captures: tuple[ArmCapture, ...]) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(float(v) for v in row) for row in values_of(captures))
 
 
-def recommendation(finding: DriftFinding, probability: float) -> str:
+def recommend_action(finding: DriftFinding, probability: float) -> str:
     """Return what to do next."""
-    if not finding.seen:
+    if not finding.has_changed:
         return NEXT[NOTHING]
-    if not finding.decided(probability):
+    if not finding.is_decided(probability):
         names = " and ".join(suspect.name for suspect in finding.suspects[:2])
         return f"not decided between {names}, and no pose of the reference would tell: look at both; {NEXT[OTHER]}"
-    name = finding.likeliest.name
+    name = finding.likeliest_cause.name
     return NEXT.get(name, NEXT["joint"])
 
 
-def _refuse_other(reference: DriftReference, bench: Bench) -> None:
+def _refuse_other_robot(reference: DriftReference, bench: Bench) -> None:
     same = (reference.robot_serial, reference.model, reference.method) == (
         bench.serial,
         bench.model,
@@ -262,7 +276,9 @@ def _refuse_other(reference: DriftReference, bench: Bench) -> None:
 
 def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...], bench: Bench) -> None:
     apart = [
-        k + 1 for k, (a, b) in enumerate(zip(first, again, strict=True)) if not agree(a, b, bench.sigma_m)
+        k + 1
+        for k, (a, b) in enumerate(zip(first, again, strict=True))
+        if not captures_agree(a, b, bench.sigma_m)
     ]
     if apart:
         raise RefusalError(
@@ -272,23 +288,23 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
         )
 
 
-def _shown(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instruction:
-    told = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
-    tour = Tour(rounds * len(plan.ways_rad), plan.paced().times(rounds))
-    asked = Instruction("accept_plan", plan_words(told, tour, plan.not_checked))
+def _plan_instruction(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instruction:
+    what_moves = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
+    tour = PlanTour(rounds * len(plan.ways_rad), plan.total_motion().repeat_motion(rounds))
+    instruction = Instruction("accept_plan", plan_words(what_moves, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
     each = ("go to pose", "capture", "go to again", "capture again") if rounds > 1 else ()
-    moves = Moves(
+    moves = PlannedMoves(
         plan.ways_rad,
         tour.paced.fastest_rad_s,
         checks,
         plan.not_checked,
         planned=dict.fromkeys(each, len(plan.ways_rad)),
     )
-    return plan_page(asked, tour, moves)
+    return plan_page(instruction, tour, moves)
 
 
-def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
+def _outline_phases(spec: DriftCheck) -> tuple[Phase, ...]:
     poses, again = (spec.rules.poses, spec.rules.poses) if spec.renew else (spec.rules.first, 0)
     return (
         *(
@@ -304,71 +320,75 @@ def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: DriftCheck, result: DriftResult) -> Keepsake | None:
+def _results_to_store(spec: DriftCheck, result: DriftResult) -> StoredResult | None:
     del spec
     if not result.taken_now:
         return None
-    return Keepsake(
+    return StoredResult(
         "drift_reference", f"{result.reference.robot_serial} {result.reference.method}", result.reference
     )
 
 
-def _verdict(spec: DriftCheck, result: DriftResult) -> Verdict:
-    told = (
+def _make_verdict(spec: DriftCheck, result: DriftResult) -> ProcedureVerdict:
+    message = (
         "A change that is the same at every pose of the reference, such as a turn about the first axis, may hide.",
     )
     if result.look is None:
-        repeats = held("both rounds agree", True, "no pose differs by more than six deviations of the device")
-        sigma = stated("deviation of a reference reading", result.sigma_m, "m")
-        return Verdict(
+        repeats = state_fact(
+            "both rounds agree", True, "no pose differs by more than six deviations of the device"
+        )
+        sigma = state_figure("deviation of a reference reading", result.sigma_m, "m")
+        return ProcedureVerdict(
             (repeats, sigma),
             limits_from="fixed limits of the procedure",
             not_verified=(
                 "Whether the robot has drifted: this run took the reference that later ones compare with.",
             ),
-            remarks=(result.saving,),
+            remarks=(result.saving_text,),
         )
     finding, share = result.look.finding, spec.rules.probability
-    change = judged(
+    change = judge_value(
         "largest change of a reading", finding.change_max_m, "m", u=result.sigma_m, limit=spec.limit_m
     )
-    figures: list[Characteristic] = [change, stated("RMS of the changes", finding.change_rms_m, "m")]
-    if finding.seen:
-        likely = finding.likeliest
+    figures: list[Characteristic] = [change, state_figure("RMS of the changes", finding.change_rms_m, "m")]
+    if finding.has_changed:
+        likely = finding.likeliest_cause
         rule = f"PASS if at least {share:g}, else UNDECIDED: measure at more poses"
         figures.append(
-            enough(f"cause: {likely.name}", result.look.decided, rule, found=likely.probability, limit=share)
+            state_evidence(
+                f"cause: {likely.name}", result.look.decided, rule, found=likely.probability, limit=share
+            )
         )
-        figures.append(stated("left by that cause", likely.unexplained_m, "m"))
-    return Verdict(
+        figures.append(state_figure("left by that cause", likely.unexplained_m, "m"))
+    return ProcedureVerdict(
         tuple(figures),
         limits_from="limits of the settings",
-        not_verified=told,
-        remarks=(f"Next: {result.recommended}.", _suspects_told(finding), result.saving),
+        not_verified=message,
+        remarks=(f"Next: {result.recommended}.", _suspects_text(finding), result.saving_text),
     )
 
 
-def _suspects_told(finding: DriftFinding) -> str:
+def _suspects_text(finding: DriftFinding) -> str:
     words = [f"{one.name} {one.probability:.1%}" for one in finding.suspects if one.probability >= 0.001]
     return f"How probable: {', '.join(words)}."
 
 
-def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
-    bench = bench_before(known, spec.method)
+def _forecast_run(spec: DriftCheck, knowledge: Knowledge) -> Forecast:
+    bench = declared_bench(knowledge, spec.method)
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
-    of_this = [one for one in known.drift_references if one.method == spec.method]
+    of_this = [one for one in knowledge.drift_references if one.method == spec.method]
     reference = None if spec.renew or not of_this else of_this[-1]
     rules = spec.rules
     plan = plan_reference(bench, rules) if reference is None else plan_check(bench, reference, rules)
     poses, rounds = (len(plan.ways_rad), 2) if reference is None else (rules.first, 1)
-    paced, each_s = plan.paced(poses), known.limits.settle_s + rules.samples * SAMPLE_S
-    moving_s = paced.times(rounds).moving_s
+    paced, each_s = plan.total_motion(poses), knowledge.limits.settle_s + rules.samples * SAMPLE_S
+    moving_s = paced.repeat_motion(rounds).moving_s
     return Forecast(
         duration_s=math.ceil(moving_s + rounds * poses * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"pose {k}", way[-1]) for k, way in enumerate(plan.ways_rad, 1)),
         speed_rad_s=paced.fastest_rad_s,
-        predictions=_foretold(spec, noise_before_m(known, spec.method, rules.samples), reference),
+        predictions=_predict_readings(spec, noise_before_m(knowledge, spec.method, rules.samples), reference),
         assumed=(
             *(
                 (f"the target is {ASSUMED_DISTANCE_M:g} m from the tracker",)
@@ -384,7 +404,9 @@ def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
     )
 
 
-def _foretold(spec: DriftCheck, reading_m: float, reference: DriftReference | None) -> tuple[Prediction, ...]:
+def _predict_readings(
+    spec: DriftCheck, reading_m: float, reference: DriftReference | None
+) -> tuple[Prediction, ...]:
     """Return how well a reading of the reference, or a change since it, will be known: as the run states it."""
     taken_m = math.hypot(reading_m, REPEAT_M) / math.sqrt(2.0)  # of the mean of two rounds
     if reference is None:
@@ -396,15 +418,15 @@ def _foretold(spec: DriftCheck, reading_m: float, reference: DriftReference | No
     return (Prediction("change of a reading", 2.0 * change_m, "m", sentence=words),)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="drift_check",
     title="Drift check against the reference of a healthy robot",
     version=3,
     procedure=drift_check,
     spec_type=DriftCheck,
     needs=("moves_joints", "model", "sees_the_flange"),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
 )

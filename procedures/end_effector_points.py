@@ -15,52 +15,52 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
-from cellcal.calibration.wires.network import Place
+from cellcal.calibration.wires.network import WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, shown_tool
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
-from cellcal.procedures.forecast import Forecast, Knowledge, wire_lacking
-from cellcal.procedures.judged_write import (
-    WriteAnyway,
-    first_of,
-    frame_changes,
-    ordered,
-    refuse_failed,
-)
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.past import Finding
-from cellcal.procedures.questions import accept, ask
-from cellcal.procedures.refit import Refit, Refitted, pose_values, values_of
+from cellcal.procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, tool_instruction
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.forecast import Forecast, Knowledge, missing_wire_setup
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
+from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.end_effector import bad_shape, to_point
-from cellcal.procedures.steps.mastering import same_epoch
+from cellcal.procedures.run_history import Finding
+from cellcal.procedures.steps.end_effector import bad_shape_error, point_instruction
+from cellcal.procedures.steps.mastering import check_same_epoch
 from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
 from cellcal.procedures.survey.survey import (
     EACH_CAPTURE,
     Captures,
-    Goal,
-    Spot,
     Survey,
+    SurveyGoal,
     SurveyPlan,
     SurveyRules,
     SurveyState,
+    WireSpot,
     fit_survey,
 )
-from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving_text
 from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
 from cellcal.procedures.survey.survey_motion import (
     Wire,
     draw_pool,
     resting_poses,
-    unchecked,
+    unchecked_remarks,
     way_to_rest,
 )
 from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
 from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
-from cellcal.procedures.verdict import SetAside, Verdict, stated
+from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_figure
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    frame_changes,
+    raise_first,
+    refuse_failed,
+    with_order_remark,
+)
 
 WIRE_STANDS = Instruction(
     "wire_stands",
@@ -103,7 +103,7 @@ class MeasuredTool:
 
 
 @dataclass(frozen=True, slots=True)
-class ToolFound:
+class FoundToolFrame:
     """A tool frame before anybody accepted it."""
 
     flange_tool: Pose
@@ -116,31 +116,33 @@ class ToolFound:
     set_aside: tuple[SetAside, ...] = ()
 
 
-_FOUND: TypeAdapter[ToolFound] = TypeAdapter(ToolFound)
+_FOUND: TypeAdapter[FoundToolFrame] = TypeAdapter(FoundToolFrame)
 
 
 async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool:
     """Find the tool frame from wire lengths to points of the end-effector, and write it."""
-    await run.ensure("the wire stands", ask, WIRE_STANDS)
+    await run.ensure("the wire stands", ask_confirmation, WIRE_STANDS)
     state = await run.step("read the robot", read_survey_state)
     before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
     if state.epoch is not None:
-        await run.ensure("the robot kept its position", same_epoch, state.epoch)
+        await run.ensure("the robot kept its position", check_same_epoch, state.epoch)
 
     plan = await run.solve("plan the poses", plan_tool, state, spec)
-    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+    await run.step(
+        "accept the plan", ask_acceptance, _plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
+    )
 
     survey = Survey(state, plan, spec.rules)
     measured = await measure_spots(run, survey)
 
     tool = await run.solve("locate the tool", locate_tool, survey, spec, measured.captures)
     tool = replace(tool, set_aside=measured.set_aside)
-    first_of((bad_shape(tool.placed, tool), _badly_known(tool, spec)), spec.write_anyway)
-    verdict = _judge(spec, tool)
+    raise_first((bad_shape_error(tool.placed, tool), _uncertain_error(tool, spec)), spec.write_anyway)
+    verdict = _judge_result(spec, tool)
     refuse_failed(verdict, spec.write_anyway, tool)
-    shown = shown_tool(tool, verdict, ToolOrder(spec.tool_number, before, spec.write_anyway))
+    shown = tool_instruction(tool, verdict, ToolOrder(spec.tool_number, before, spec.write_anyway))
     sha256 = sha256_of(to_jsonable_python(tool.flange_tool))
-    await run.step("accept the result", accept, shown, sha256)
+    await run.step("accept the result", ask_acceptance, shown, sha256)
     read_back = await run.write(
         "write the tool frame", write_and_read_back, spec.tool_number, tool.flange_tool
     )
@@ -165,7 +167,7 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
     points, at, room = spec.points_in_tool_m, state.gauge_setup, spec.rules.room
     refuse_tool_points(points)
     rough = spec.rough_flange_tool
-    places = tuple(Place(hook, spec.rough_sigma_m) for hook in points_in_flange(rough, points))
+    places = tuple(WirePlace(hook, spec.rough_sigma_m) for hook in points_in_flange(rough, points))
     wires: tuple[Wire, ...] = tuple((at.anchor_in_base_m, p.at_m, state.gauge_range_m) for p in places)
     pools = tuple(
         draw_pool(state.model, wire, room, None, (spec.rules.candidates, spec.rules.seed + k))
@@ -173,28 +175,31 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
     )
     rests = resting_poses(state.model, wires, room, pools)
     plan = SurveyPlan(
-        goal=Goal(rough, points, spec.tip_u_m, spec.angle_u_rad),
-        exits=(Place(at.anchor_in_base_m, at.sigma_anchor_m),),
-        hooks=(Place(at.hook_in_flange_m, at.sigma_hook_m), *places),
-        spots=tuple(Spot(0, k, False, to_point("wire", k, points[k - 1])) for k in range(1, len(points) + 1)),
+        goal=SurveyGoal(rough, points, spec.tip_u_m, spec.angle_u_rad),
+        exits=(WirePlace(at.anchor_in_base_m, at.sigma_anchor_m),),
+        hooks=(WirePlace(at.hook_in_flange_m, at.sigma_hook_m), *places),
+        spots=tuple(
+            WireSpot(0, k, False, point_instruction("wire", k, points[k - 1]))
+            for k in range(1, len(points) + 1)
+        ),
         mouth_at_m=state.gauge_setup.mouth_at_m,  # the housing stays where it is
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
         best=((),) * len(pools),
-        paces=tuple(state.pace(hook, room) for _, hook, _ in wires),
-        not_checked=unchecked(state.model, wires[0], room),
+        paces=tuple(state.speed_limit(hook, room) for _, hook, _ in wires),
+        not_checked=unchecked_remarks(state.model, wires[0], room),
     )
     return order_pools(Survey(state, plan, spec.rules))
 
 
-def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> ToolFound:
+def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> FoundToolFrame:
     """Fit the tool frame to its points with all that the lengths say, and compare the effort with a fixed plan."""
     found = fit_tool(survey, spec, captures)
     fixed = fixed_plan_captures(survey, found.network.disturbance_factor, (found.tip_u_m, found.angle_u_rad))
     return replace(found, fixed_plan_captures=fixed)
 
 
-def fit_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> ToolFound:
+def fit_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> FoundToolFrame:
     """Fit the tool frame to its points with all that the lengths say; with one point, its place only."""
     network, count = fit_survey(survey, captures), sum(map(len, captures))
     hooks = tuple(range(1, len(spec.points_in_tool_m) + 1))
@@ -205,10 +210,10 @@ def fit_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> Too
         network.hook_covariance(hooks),
         spec.rules.point_sigma_m,
     )
-    return ToolFound(tool.flange_tool, tool.tip_u_m, tool.angle_u_rad, tool.placed, network, count, None)
+    return FoundToolFrame(tool.flange_tool, tool.tip_u_m, tool.angle_u_rad, tool.placed, network, count, None)
 
 
-def _badly_known(tool: ToolFound, spec: EndEffectorPoints) -> RefusalError | None:
+def _uncertain_error(tool: FoundToolFrame, spec: EndEffectorPoints) -> RefusalError | None:
     if tool.tip_u_m <= spec.tip_u_m and tool.angle_u_rad <= spec.angle_u_rad:
         return None
     return RefusalError(
@@ -221,18 +226,20 @@ def _badly_known(tool: ToolFound, spec: EndEffectorPoints) -> RefusalError | Non
     )
 
 
-def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
+def _plan_instruction(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
     rules, spots = spec.rules, len(plan.spots)
     what = (
         f"the robot, with the hook in each of {spots} points, to {rules.min_captures} to {rules.max_captures} of "
         f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
-    tour = Tour(spots * rules.min_captures, plan.paced(rules.min_captures), "hang the hook into each point")
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(asked, tour, plan.moves(spec.rules))
+    tour = PlanTour(
+        spots * rules.min_captures, plan.total_motion(rules.min_captures), "hang the hook into each point"
+    )
+    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(instruction, tour, plan.planned_moves(spec.rules))
 
 
-def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
+def _outline_phases(spec: EndEffectorPoints) -> tuple[Phase, ...]:
     points = len(spec.points_in_tool_m)
     expected = points * max(spec.rules.min_captures, min(12, spec.rules.max_captures))
     return (
@@ -245,56 +252,59 @@ def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: EndEffectorPoints, result: MeasuredTool) -> Keepsake:
-    return Keepsake("tool_frame", str(spec.tool_number), result)
+def _results_to_store(spec: EndEffectorPoints, result: MeasuredTool) -> StoredResult:
+    return StoredResult("tool_frame", str(spec.tool_number), result)
 
 
-def _verdict(spec: EndEffectorPoints, result: MeasuredTool) -> Verdict:
-    verdict = ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: EndEffectorPoints, result: MeasuredTool) -> ProcedureVerdict:
+    verdict = with_order_remark(_judge_result(spec, result), spec.write_anyway)
     return replace(verdict, changes=frame_changes(result.before, result.read_back))
 
 
-def _judge(spec: EndEffectorPoints, result: MeasuredTool | ToolFound) -> Verdict:
+def _judge_result(spec: EndEffectorPoints, result: MeasuredTool | FoundToolFrame) -> ProcedureVerdict:
     figures = frame_figures(result, spec.tip_u_m, spec.angle_u_rad)
-    return Verdict(
-        characteristics=(*figures, stated("residual of the lengths", result.network.residual_rms_m, "m")),
+    return ProcedureVerdict(
+        characteristics=(
+            *figures,
+            state_figure("residual of the lengths", result.network.residual_rms_m, "m"),
+        ),
         limits_from="limits of the settings",
         not_verified=(UNTOLD_AXES,) if result.placed is None else (),
-        remarks=(saving(result.captures, result.fixed_plan_captures),),
+        remarks=(saving_text(result.captures, result.fixed_plan_captures),),
         set_aside=result.set_aside,
     )
 
 
-def _forecast(spec: EndEffectorPoints, known: Knowledge) -> Forecast:
-    lacks = wire_lacking(known)
+def _forecast_run(spec: EndEffectorPoints, knowledge: Knowledge) -> Forecast:
+    lacks = missing_wire_setup(knowledge)
     if lacks:
         return Forecast(0.0, lacks=lacks)
-    state = state_before(known)
-    return survey_forecast(Survey(state, plan_tool(state, spec), spec.rules), "tool's", known)
+    state = state_before(knowledge)
+    return survey_forecast(Survey(state, plan_tool(state, spec), spec.rules), "tool's", knowledge)
 
 
-def _refit(spec: EndEffectorPoints, findings: Sequence[Finding]) -> Refit:
+def _make_refit(spec: EndEffectorPoints, findings: Sequence[Finding]) -> Refit:
     found = values_of(findings)
     survey, recorded = survey_of(found, spec.rules), _FOUND.validate_python(found["locate the tool"])
 
-    def solve(captures: Captures) -> tuple[Refitted, WireNetwork]:
+    def solve_again(captures: Captures) -> tuple[RefitResult, WireNetwork]:
         tool = fit_tool(survey, spec, captures)
         values = pose_values(tool.flange_tool, recorded.flange_tool)
-        return Refitted((), tool.tip_u_m, values), tool.network
+        return RefitResult((), tool.tip_u_m, values), tool.network
 
-    return refit_lengths(survey, findings, solve)
+    return refit_lengths(survey, findings, solve_again)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="end_effector_points",
     title="Tool frame from points on the end-effector",
     version=4,
     procedure=end_effector_points,
     spec_type=EndEffectorPoints,
     needs=("moves_joints", "gauge", "gauge_setup", "model", "writes_tool_frame"),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
-    refit=_refit,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
+    refit=_make_refit,
 )

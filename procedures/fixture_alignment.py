@@ -22,20 +22,19 @@ from cellcal.calibration.points.fixture import (
     place_points,
     refuse_bad_points,
 )
-from cellcal.calibration.wires.network import Place
+from cellcal.calibration.wires.network import WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
-from cellcal.procedures.forecast import Forecast, Knowledge, wire_lacking
-from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.past import Finding
-from cellcal.procedures.questions import accept, ask
-from cellcal.procedures.refit import Refit, Refitted, pose_values, values_of
+from cellcal.procedures.accuracy_limits import FrameLimits
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.forecast import Forecast, Knowledge, missing_wire_setup
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
+from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.mastering import same_epoch
+from cellcal.procedures.run_history import Finding
+from cellcal.procedures.steps.mastering import check_same_epoch
 from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
@@ -43,33 +42,47 @@ from cellcal.procedures.survey.shared_fixture import (
     KnownWire,
     base_outlook,
     read_known_wire,
-    told_by_wire,
+    wire_points,
 )
 from cellcal.procedures.survey.survey import (
     EACH_CAPTURE,
     Captures,
-    Goal,
-    Spot,
     Survey,
+    SurveyGoal,
     SurveyPlan,
     SurveyRules,
     SurveyState,
+    WireSpot,
     fit_survey,
-    uncertainties,
+    goal_uncertainties,
 )
-from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving_text
 from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
 from cellcal.procedures.survey.survey_motion import (
     Wire,
     draw_pool,
     middle_of_work,
     resting_poses,
-    unchecked,
+    unchecked_remarks,
     way_to_rest,
 )
 from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
 from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
-from cellcal.procedures.verdict import Characteristic, SetAside, Verdict, held, known_within, stated
+from cellcal.procedures.verdict import (
+    Characteristic,
+    ProcedureVerdict,
+    SetAside,
+    known_within,
+    state_fact,
+    state_figure,
+)
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    raise_first,
+    refuse_failed,
+    with_order_remark,
+    with_verdict,
+)
 
 ALIGNMENT_LIMITS = FrameLimits(0.00015, math.radians(0.02))
 _SHARED_WIRE = (
@@ -114,9 +127,9 @@ class AlignmentResult:
     set_aside: tuple[SetAside, ...] = ()
 
     @property
-    def saving(self) -> str:
+    def saving_text(self) -> str:
         """What choosing the poses saved, in words."""
-        return saving(self.captures, self.fixed_plan_captures)
+        return saving_text(self.captures, self.fixed_plan_captures)
 
 
 _RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
@@ -124,56 +137,66 @@ _RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
 
 async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult:
     """Find a fixture in the robot's base from wire lengths to its alignment points."""
-    await run.ensure("the hook's adaptor is on", ask, HOOK_WIRE)
+    await run.ensure("the hook's adaptor is on", ask_confirmation, HOOK_WIRE)
     state = await run.step("read the robot", read_survey_state)
-    known = await run.step("read the alignments", read_known_wire, spec.fixture)
+    known_wire = await run.step("read the alignments", read_known_wire, spec.fixture)
     if state.epoch is not None:
-        await run.ensure("the robot kept its position", same_epoch, state.epoch)
+        await run.ensure("the robot kept its position", check_same_epoch, state.epoch)
 
-    plan = await run.solve("plan the poses", plan_alignment, state, spec, known)
-    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+    plan = await run.solve("plan the poses", plan_alignment, state, spec, known_wire)
+    await run.step(
+        "accept the plan", ask_acceptance, _plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
+    )
 
     survey = Survey(state, plan, spec.rules)
     measured = await measure_spots(run, survey)
 
-    result = await run.solve("place the fixture", place_fixture, survey, spec, measured.captures, known)
+    result = await run.solve("place the fixture", place_fixture, survey, spec, measured.captures, known_wire)
     result = replace(result, set_aside=measured.set_aside)
-    first_of((_bad_shape(result), _badly_known(result, spec)), spec.write_anyway)
-    verdict = _judge(spec, result)
+    raise_first((_bad_shape_error(result), _uncertain_error(result, spec)), spec.write_anyway)
+    verdict = _judge_result(spec, result)
     refuse_failed(verdict, spec.write_anyway, result)
     shown = with_verdict(
-        _shown_result(result), verdict, "Keep it as the robot's alignment?", spec.write_anyway
+        _result_instruction(result), verdict, "Keep it as the robot's alignment?", spec.write_anyway
     )
-    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(result.alignment)))
+    await run.step(
+        "accept the result", ask_acceptance, shown, sha256_of(to_jsonable_python(result.alignment))
+    )
     return result
 
 
 def plan_alignment(
-    state: SurveyState, spec: FixtureAlignment, known: KnownWire = NOTHING_KNOWN
+    state: SurveyState, spec: FixtureAlignment, known_wire: KnownWire = NOTHING_KNOWN
 ) -> SurveyPlan:
     """Plan spots and the poses to choose from; refuse what cannot succeed before anything moves."""
     refuse_bad_points(spec.points_in_fixture_m)
     rough, at, room = spec.rough_base_fixture, state.gauge_setup, spec.rules.room
-    points = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in spec.points_in_fixture_m]
-    exits = (Place(at.anchor_in_base_m, at.sigma_anchor_m), *(_place(p, spec.rough_sigma_m) for p in points))
-    hooks = (Place(at.hook_in_flange_m, at.sigma_hook_m),)
+    points = [
+        rough.rotation_matrix() @ np.array(p) + np.array(rough.position_m) for p in spec.points_in_fixture_m
+    ]
+    exits = (
+        WirePlace(at.anchor_in_base_m, at.sigma_anchor_m),
+        *(_fixture_point(p, spec.rough_sigma_m) for p in points),
+    )
+    hooks = (WirePlace(at.hook_in_flange_m, at.sigma_hook_m),)
     wires: tuple[Wire, ...] = tuple((e.at_m, at.hook_in_flange_m, state.gauge_range_m) for e in exits[1:])
     mouth = spec.mouth_at_m or middle_of_work(state.model, wires, room, spec.rules.seed)
     spots = tuple(
-        Spot(k, 0, True, _mount(k, mouth, spec.fixture)) for k in range(1, len(spec.points_in_fixture_m) + 1)
+        WireSpot(k, 0, True, _mount_instruction(k, mouth, spec.fixture))
+        for k in range(1, len(spec.points_in_fixture_m) + 1)
     )
     pools = tuple(
         draw_pool(state.model, wire, room, mouth, (spec.rules.candidates, spec.rules.seed + k))
         for k, wire in enumerate(wires)
     )
-    wanted = spec.limits if spec.bases is None else spec.bases
+    frame_limits = spec.limits if spec.bases is None else spec.bases
     share = 1.0 if spec.bases is None else _SHARED_WIRE
-    goal = Goal(
+    goal = SurveyGoal(
         rough,
         spec.points_in_fixture_m,
-        share * wanted.origin_m,
-        share * wanted.angle_rad,
-        None if spec.bases is None else known.worst(spec.points_in_fixture_m),
+        share * frame_limits.origin_m,
+        share * frame_limits.angle_rad,
+        None if spec.bases is None else known_wire.worst_covariance(spec.points_in_fixture_m),
     )
     rests = resting_poses(state.model, wires, room, pools)
     plan = SurveyPlan(
@@ -185,18 +208,18 @@ def plan_alignment(
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
         best=((),) * len(pools),
-        paces=tuple(state.pace(hook, room) for _, hook, _ in wires),
-        not_checked=unchecked(state.model, wires[0], room),
+        paces=tuple(state.speed_limit(hook, room) for _, hook, _ in wires),
+        not_checked=unchecked_remarks(state.model, wires[0], room),
     )
     return order_pools(Survey(state, plan, spec.rules))
 
 
 def place_fixture(
-    survey: Survey, spec: FixtureAlignment, captures: Captures, known: KnownWire = NOTHING_KNOWN
+    survey: Survey, spec: FixtureAlignment, captures: Captures, known_wire: KnownWire = NOTHING_KNOWN
 ) -> AlignmentResult:
     """Fit the fixture to its points with all that the lengths say, and compare the effort with a fixed plan."""
     network, placed = fit_fixture(survey, spec, captures)
-    spots = survey.places()
+    spots = survey.list_places()
     alignment = Alignment(
         fixture=spec.fixture,
         robot_serial=survey.state.serial,
@@ -205,12 +228,12 @@ def place_fixture(
         base_fixture=placed.outer_inner,
         covariance=placed.covariance,
         counts_at_zero=survey.state.counts_at_zero,
-        points=told_by_wire(survey, network, known.wire),
+        points=wire_points(survey, network, known_wire.wire),
     )
     covariance = network.exit_covariance(spots)
-    reached = uncertainties(survey.plan.goal, covariance, spec.rules.point_sigma_m)
+    reached = goal_uncertainties(survey.plan.goal, covariance, spec.rules.point_sigma_m)
     fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
-    base = None if spec.bases is None else base_outlook(alignment, known)
+    base = None if spec.bases is None else base_outlook(alignment, known_wire)
     return AlignmentResult(alignment, placed, network, sum(map(len, captures)), fixed, spec.limits, base)
 
 
@@ -218,15 +241,15 @@ def fit_fixture(
     survey: Survey, spec: FixtureAlignment, captures: Captures
 ) -> tuple[WireNetwork, PlacedPoints]:
     """Fit the points to the lengths, and the fixture to its points."""
-    network, spots = fit_survey(survey, captures), survey.places()
+    network, spots = fit_survey(survey, captures), survey.list_places()
     found, covariance = [network.exits_m[k] for k in spots], network.exit_covariance(spots)
     sigma_m = spec.rules.point_sigma_m
     return network, place_points(spec.points_in_fixture_m, found, covariance, sigma_point_m=sigma_m)
 
 
-def _bad_shape(result: AlignmentResult) -> RefusalError | None:
+def _bad_shape_error(result: AlignmentResult) -> RefusalError | None:
     placed = result.placed
-    if placed.consistent():
+    if placed.is_consistent():
         return None
     i, j = placed.worst_pair
     return RefusalError(
@@ -240,16 +263,16 @@ def _bad_shape(result: AlignmentResult) -> RefusalError | None:
     )
 
 
-def _badly_known(result: AlignmentResult, spec: FixtureAlignment) -> RefusalError | None:
-    asked: list[tuple[str, PlacedPoints | BaseOutlook, FrameLimits]]
-    asked = [("the fixture", result.placed, result.limits)]
+def _uncertain_error(result: AlignmentResult, spec: FixtureAlignment) -> RefusalError | None:
+    figures: list[tuple[str, PlacedPoints | BaseOutlook, FrameLimits]]
+    figures = [("the fixture", result.placed, result.limits)]
     if result.base is not None and spec.bases is not None:
-        asked.append(("a base through the fixture", result.base, spec.bases))
+        figures.append(("a base through the fixture", result.base, spec.bases))
     missed = [
         f"{what} is known within {found.origin_u_m * 1e3:.3f} mm and "
         f"{math.degrees(found.angle_u_rad):.4f} deg (k=2); "
         f"{limits.origin_m * 1e3:.3f} mm and {math.degrees(limits.angle_rad):.4f} deg are asked for"
-        for what, found, limits in asked
+        for what, found, limits in figures
         if found.origin_u_m > limits.origin_m or found.angle_u_rad > limits.angle_rad
     ]
     if not missed:
@@ -264,12 +287,12 @@ def _badly_known(result: AlignmentResult, spec: FixtureAlignment) -> RefusalErro
     )
 
 
-def _place(point: np.ndarray, sigma_m: float) -> Place:
+def _fixture_point(point: np.ndarray, sigma_m: float) -> WirePlace:
     x, y, z = (float(v) for v in point)
-    return Place((x, y, z), sigma_m)
+    return WirePlace((x, y, z), sigma_m)
 
 
-def _mount(point: int, mouth_at_m: Triple, fixture: str) -> Instruction:
+def _mount_instruction(point: int, mouth_at_m: Triple, fixture: str) -> Instruction:
     x, y, z = (round(value * 1e3) for value in mouth_at_m)
     return Instruction(
         f"mount_wire_{point}",
@@ -278,31 +301,31 @@ def _mount(point: int, mouth_at_m: Triple, fixture: str) -> Instruction:
     )
 
 
-def _shown_plan(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
+def _plan_instruction(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
     rules, spots = spec.rules, len(plan.spots)
     what = (
         f"the robot, at each of {spots} alignment points, to {rules.min_captures} to {rules.max_captures} of "
         f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
-    tour = Tour(
-        spots * rules.min_captures, plan.paced(rules.min_captures), "move the wire from point to point"
+    tour = PlanTour(
+        spots * rules.min_captures, plan.total_motion(rules.min_captures), "move the wire from point to point"
     )
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(asked, tour, plan.moves(spec.rules))
+    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(instruction, tour, plan.planned_moves(spec.rules))
 
 
-def _shown_result(result: AlignmentResult) -> Instruction:
+def _result_instruction(result: AlignmentResult) -> Instruction:
     placed = result.placed
     x, y, z = (value * 1e3 for value in placed.outer_inner.position_m)
     return Instruction(
         "accept_alignment",
         f"{result.alignment.fixture}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base, within "
         f"{placed.origin_u_m * 1e3:.3f} mm and {math.degrees(placed.angle_u_rad):.4f} deg (k=2); the points "
-        f"fit the drawing within {placed.rms_m * 1e3:.3f} mm RMS. {result.saving}.",
+        f"fit the drawing within {placed.rms_m * 1e3:.3f} mm RMS. {result.saving_text}.",
     )
 
 
-def _outline(spec: FixtureAlignment) -> tuple[Phase, ...]:
+def _outline_phases(spec: FixtureAlignment) -> tuple[Phase, ...]:
     points = len(spec.points_in_fixture_m)
     expected = points * max(spec.rules.min_captures, min(20, spec.rules.max_captures))
     return (
@@ -316,33 +339,33 @@ def _outline(spec: FixtureAlignment) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: FixtureAlignment, result: AlignmentResult) -> Keepsake:
-    return Keepsake("alignment", spec.fixture, result.alignment)
+def _results_to_store(spec: FixtureAlignment, result: AlignmentResult) -> StoredResult:
+    return StoredResult("alignment", spec.fixture, result.alignment)
 
 
-def _verdict(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
-    return ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureVerdict:
+    return with_order_remark(_judge_result(spec, result), spec.write_anyway)
 
 
-def _judge(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
+def _judge_result(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureVerdict:
     placed, rules = result.placed, spec.rules
-    return Verdict(
+    return ProcedureVerdict(
         characteristics=(
             known_within("fixture's origin", "m", u=placed.origin_u_m / 2.0, limit=spec.limits.origin_m),
             known_within("fixture's angle", "rad", u=placed.angle_u_rad / 2.0, limit=spec.limits.angle_rad),
-            held(
+            state_fact(
                 "shape of the points",
-                placed.consistent(),
+                placed.is_consistent(),
                 "chi square of the points found against the drawing, 99.9 %",
                 found=placed.chi_square,
                 limit=placed.most_chi_square,
             ),
             *_base_figures(spec, result),
-            stated("residual of the points", placed.rms_m, "m"),
-            stated("residual of the lengths", result.network.residual_rms_m, "m"),
+            state_figure("residual of the points", placed.rms_m, "m"),
+            state_figure("residual of the lengths", result.network.residual_rms_m, "m"),
         ),
         limits_from="limits of the settings",
-        remarks=(result.saving,),
+        remarks=(result.saving_text,),
         set_aside=result.set_aside,
         not_verified=(
             f"the wire's scale is taken from its certificate: {rules.scale_sigma * 1e3:.3f} mm per metre (k=1)",
@@ -362,36 +385,36 @@ def _base_figures(spec: FixtureAlignment, result: AlignmentResult) -> tuple[Char
     )
 
 
-def _forecast(spec: FixtureAlignment, known: Knowledge) -> Forecast:
-    lacks = wire_lacking(known)
+def _forecast_run(spec: FixtureAlignment, knowledge: Knowledge) -> Forecast:
+    lacks = missing_wire_setup(knowledge)
     if lacks:
         return Forecast(0.0, lacks=lacks)
-    state = state_before(known)
-    return survey_forecast(Survey(state, plan_alignment(state, spec), spec.rules), "fixture's", known)
+    state = state_before(knowledge)
+    return survey_forecast(Survey(state, plan_alignment(state, spec), spec.rules), "fixture's", knowledge)
 
 
-def _refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:
+def _make_refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:
     found = values_of(findings)
     survey, recorded = survey_of(found, spec.rules), _RESULT.validate_python(found["place the fixture"])
 
-    def solve(captures: Captures) -> tuple[Refitted, WireNetwork]:
+    def solve_again(captures: Captures) -> tuple[RefitResult, WireNetwork]:
         network, placed = fit_fixture(survey, spec, captures)
         values = pose_values(placed.outer_inner, recorded.alignment.base_fixture)
-        return Refitted((), placed.origin_u_m, values), network
+        return RefitResult((), placed.origin_u_m, values), network
 
-    return refit_lengths(survey, findings, solve)
+    return refit_lengths(survey, findings, solve_again)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="fixture_alignment",
     title="Fixture alignment with the draw-wire",
     version=5,
     procedure=fixture_alignment,
     spec_type=FixtureAlignment,
     needs=("moves_joints", "gauge", "gauge_setup", "model"),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
-    refit=_refit,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
+    refit=_make_refit,
 )

@@ -11,9 +11,9 @@ from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
-from cellcal.procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
+from cellcal.procedures.accuracy_limits import AccuracyClass, is_in_reach
+from cellcal.procedures.cell import GaugeSetup, MotionCaps, TrackerSetup
 from cellcal.procedures.instruments import Instruments
-from cellcal.procedures.limits import AccuracyClass, in_reach
 
 PERSON_S = 60.0  # what a person takes to bring the arm to a point by hand, or to do as told
 ANSWER_S = 5.0
@@ -29,7 +29,7 @@ class Knowledge:
     gauge: GaugeCapabilities | None = None
     record: MasteringRecord | None = None
     last_counts: Counts | None = None
-    limits: MotionLimits = field(default_factory=MotionLimits)
+    limits: MotionCaps = field(default_factory=MotionCaps)
     tracker_setup: TrackerSetup | None = None
     tracker: TrackerCapabilities | None = None
     instruments: Instruments = field(default_factory=Instruments)  # what places can be found again with
@@ -57,7 +57,7 @@ class Prediction:
 
     def classes_in_reach(self) -> tuple[AccuracyClass, ...]:
         """Return the classes that may be chosen: their limit is at least three times the predicted U."""
-        return tuple(name for name, limit in self.limits.items() if in_reach(self.expanded, limit))
+        return tuple(name for name, limit in self.limits.items() if is_in_reach(self.expanded, limit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +74,11 @@ class Forecast:
     planned: Mapping[str, int] = field(default_factory=dict)  # how often a phase of the outline is expected
 
 
-def wire_lacking(known: Knowledge) -> tuple[str, ...]:
+def missing_wire_setup(knowledge: Knowledge) -> tuple[str, ...]:
     """Return what must be known of a cell before the lengths of a draw-wire can be foretold."""
     lacks = (
-        ("a kinematic model", known.model),
-        ("a gauge", known.gauge),
-        ("where the wire is", known.gauge_setup),
+        ("a kinematic model", knowledge.model),
+        ("a gauge", knowledge.gauge),
+        ("where the wire is", knowledge.gauge_setup),
     )
     return tuple(name for name, found in lacks if found is None)

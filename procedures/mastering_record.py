@@ -15,24 +15,23 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
-from cellcal.calibration.mastering.pose_design import predict
-from cellcal.calibration.points.fixture import u_of
+from cellcal.calibration.mastering.pose_design import predict_turns
+from cellcal.calibration.points.fixture import worst_expanded_u
 from cellcal.calibration.uncertainty import chi_square_limit
-from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor, WireReference, fit_wire_reference
 from cellcal.drivers.interfaces import Instruction, Readiness
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.motion.detours import known_way
-from cellcal.procedures.motion.plans import Room, plan_kit, wire_prior
+from cellcal.procedures.motion.plans import MotionBounds, plan_kit, wire_prior
 from cellcal.procedures.motors import Motors, MotorState
-from cellcal.procedures.past import Finding
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.recovery.kit_offers import KitOffers
 from cellcal.procedures.recovery.mastering_forecasts import forecast_places, forecast_record
 from cellcal.procedures.recovery.place_record import place_phases, record_places
-from cellcal.procedures.recovery.record_seal import seal, shown
+from cellcal.procedures.recovery.record_seal import plan_instruction, seal_record
 from cellcal.procedures.recovery.recovery_kit import (
     GOOD_PROBABILITY,
     GOOD_SIGMAS,
@@ -45,20 +44,21 @@ from cellcal.procedures.recovery.recovery_kit import (
 from cellcal.procedures.refit import (
     MEASURED_AGAIN,
     FitPoint,
+    FittedValue,
     Refit,
-    Refitted,
+    RefitResult,
     Use,
-    Value,
-    kept,
     misses_of_lengths,
+    used_values,
     values_of,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.capture import StillCapture, capture
+from cellcal.procedures.run_history import Finding
+from cellcal.procedures.steps.capture import StillCapture, capture_still
 from cellcal.procedures.steps.kit_bench import read_kit_bench
-from cellcal.procedures.steps.mastering import read_motors, same_epoch
+from cellcal.procedures.steps.mastering import check_same_epoch, read_motors
 from cellcal.procedures.steps.motion import go_along
-from cellcal.procedures.verdict import SetAside, Verdict, enough, held, stated
+from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_evidence, state_fact, state_figure
 
 _PLACES = ("wire's exit x", "wire's exit y", "wire's exit z", "hook x", "hook y", "hook z")
 _STATE: TypeAdapter[MotorState] = TypeAdapter(MotorState)
@@ -79,11 +79,11 @@ class MasteringRecordSpec:
     kit: KitSpec | None = (
         None  # of places beside the lengths, or in their stead; None: chosen from those possible
     )
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)
-class Prospect:
+class RecoveryProspect:
     """What a recovery could reach with this record."""
 
     success_probability: float
@@ -96,7 +96,7 @@ class RecordResult:
     """The record, and what it promises."""
 
     record: MasteringRecord
-    prospect: Prospect
+    prospect: RecoveryProspect
     kit: KitProspect | None = None  # what its places promise, where it has any
     set_aside: tuple[str, ...] = ()  # captures that the others contradicted; measured again
     offers: KitOffers | None = None  # what its places were chosen from
@@ -105,62 +105,68 @@ class RecordResult:
 async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
     """Measure lengths over the whole reach of a healthy robot, or places; store them with counts and turns."""
     if spec.evidence == "places":
-        return await _by_places(run, spec)
-    await run.ensure("the wire is hooked", ask, HOOK_WIRE)
+        return await _record_by_places(run, spec)
+    await run.ensure("the wire is hooked", ask_confirmation, HOOK_WIRE)
     state = await run.step("read the motors", read_motors)
-    _refuse_sick(state)
-    await run.ensure("the robot kept its position", same_epoch, state.epoch)
+    _refuse_unhealthy(state)
+    await run.ensure("the robot kept its position", check_same_epoch, state.epoch)
 
     plan = await run.solve("plan the poses", plan_kit, state, spec.room, spec.poses, spec.seed)
-    await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
+    await run.step(
+        "accept the plan", ask_acceptance, plan_instruction(plan), sha256_of(to_jsonable_python(plan))
+    )
 
     taken: list[StillCapture] = []
     for k, (way, speed_rad_s) in enumerate(zip(plan.ways_rad, plan.speeds_rad_s, strict=True), 1):
         await run.move(f"go to pose {k}", go_along, way, speed_rad_s)
         taken.append(
-            await run.step(f"capture {k}", capture, f"pose {k}", spec.samples, spec.tolerance_counts)
+            await run.step(f"capture {k}", capture_still, f"pose {k}", spec.samples, spec.tolerance_counts)
         )
 
     captures, here = [still.wire for still in taken], plan.poses_rad[-1]
     sources, set_aside = [f"capture {k + 1}" for k in range(len(taken))], []
     wire = await run.solve("fit the wire 1", fit_wire, state, tuple(captures))
     for retake in range(1, spec.retakes + 1):
-        if wire.consistent():
+        if wire.is_consistent():
             break
         worst = wire.worst_capture
         back = known_way(state.joints_rad, plan.ways_rad, here, plan.poses_rad[worst])
         await run.move(f"go again to pose {retake}", go_along, back, plan.speed_rad_s)
         here = plan.poses_rad[worst]
         label = f"pose {worst + 1}, again"
-        still = await run.step(f"capture again {retake}", capture, label, spec.samples, spec.tolerance_counts)
+        still = await run.step(
+            f"capture again {retake}", capture_still, label, spec.samples, spec.tolerance_counts
+        )
         captures[worst] = still.wire
         set_aside.append(sources[worst])
         sources[worst] = f"capture again {retake}"
         wire = await run.solve(f"fit the wire {retake + 1}", fit_wire, state, tuple(captures))
     _refuse_inconsistent(wire)
 
-    record = seal(replace(sealed(state, tuple(captures), wire), kit=await recorded_kit(run, spec.kit)))
+    record = seal_record(
+        replace(sealed_record(state, tuple(captures), wire), kit=await recorded_kit(run, spec.kit))
+    )
     prospect = await run.solve("predict a recovery", predict_recovery, record)
     kit = await run.solve("predict a recovery by places", predict_kit, record) if record.kit else None
     return RecordResult(record, prospect, kit, tuple(set_aside))
 
 
-async def _by_places(run: Run, spec: MasteringRecordSpec) -> RecordResult:
+async def _record_by_places(run: Run, spec: MasteringRecordSpec) -> RecordResult:
     """Record places alone, in a cell without a draw-wire."""
     bench = await run.step("look at the instruments", read_kit_bench)
     motors = bench.motors
-    _refuse_sick(motors)
-    await run.ensure("the robot kept its position", same_epoch, motors.epoch)
-    blank = _unsealed(motors, bench.model)
+    _refuse_unhealthy(motors)
+    await run.ensure("the robot kept its position", check_same_epoch, motors.epoch)
+    blank = _unsealed_record(motors, bench.model)
     found = await record_places(run, bench, blank, (spec.kit, spec.room, spec.seed))
-    prospect = Prospect(found.prospect.success_probability, found.prospect.sigma_turns, found.visits)
-    return RecordResult(seal(found.record), prospect, found.prospect, offers=found.offers)
+    prospect = RecoveryProspect(found.prospect.success_probability, found.prospect.sigma_turns, found.visits)
+    return RecordResult(seal_record(found.record), prospect, found.prospect, offers=found.offers)
 
 
 def fit_wire(state: MotorState, captures: tuple[WireCapture, ...]) -> WireReference:
     """Fit anchor, hook, zero and geometry to the lengths of a healthy robot."""
     counts = np.array([c.counts for c in captures])
-    joints = state.drive.joints(counts, np.array(state.mastering.counts_at_zero))
+    joints = state.drive.to_joints(counts, np.array(state.mastering.counts_at_zero))
     lengths = np.array([c.length_m for c in captures])
     sigmas = np.array([c.sigma_m for c in captures])
     return fit_wire_reference(load_model(state.model), joints, lengths, sigmas, wire_prior(state))
@@ -170,27 +176,33 @@ def wire_residuals(
     state: MotorState, wire: WireReference, captures: tuple[WireCapture, ...]
 ) -> tuple[float, ...]:
     """Return what captures miss a fit by, in it or not, measured minus computed [m]."""
-    joints = state.drive.joints(
+    joints = state.drive.to_joints(
         np.array([c.counts for c in captures]), np.array(state.mastering.counts_at_zero)
     )
     predictor = WirePredictor(load_model(state.model), wire, wire_prior(state))
-    computed = predictor.terms(WireSeen.of(joints, np.array([c.sigma_m for c in captures]))).lengths
+    computed = predictor.wire_terms(
+        WirePoses.from_record_side(joints, np.array([c.sigma_m for c in captures]))
+    ).lengths
     return tuple(float(c.length_m - length) for c, length in zip(captures, computed, strict=True))
 
 
-def predict_recovery(record: MasteringRecord) -> Prospect:
+def predict_recovery(record: MasteringRecord) -> RecoveryProspect:
     """Say how surely lost turns would be found by measuring all poses of the record again."""
-    probability, sigmas = predict(load_model(record.model), record, record.capture_joints_rad())
-    return Prospect(probability, tuple(float(s) for s in sigmas), len(record.captures))
+    probability, sigmas = predict_turns(load_model(record.model), record, record.capture_joints_rad())
+    return RecoveryProspect(probability, tuple(float(s) for s in sigmas), len(record.captures))
 
 
-def sealed(state: MotorState, captures: tuple[WireCapture, ...], wire: WireReference) -> MasteringRecord:
+def sealed_record(
+    state: MotorState, captures: tuple[WireCapture, ...], wire: WireReference
+) -> MasteringRecord:
     """Put a record together and seal it with the hash of everything in it."""
-    record = replace(_unsealed(state, state.model), captures=captures, wire=wire, prior=wire_prior(state))
-    return seal(record)
+    record = replace(
+        _unsealed_record(state, state.model), captures=captures, wire=wire, prior=wire_prior(state)
+    )
+    return seal_record(record)
 
 
-def _unsealed(state: MotorState | Motors, model: str) -> MasteringRecord:
+def _unsealed_record(state: MotorState | Motors, model: str) -> MasteringRecord:
     """Return a record of the motors alone: counts, gears and where the robot stands."""
     return MasteringRecord(
         robot_serial=state.identity.serial,
@@ -208,19 +220,19 @@ def _unsealed(state: MotorState | Motors, model: str) -> MasteringRecord:
     )
 
 
-def verdict_on_record(result: RecordResult) -> Verdict:
+def verdict_on_record(result: RecordResult) -> ProcedureVerdict:
     """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
     if result.record.wire is None:
         return _verdict_on_places(result)
-    (wire, _), prospect = result.record.lengths(), result.prospect
-    agree = held(
+    (wire, _), prospect = result.record.wire_lengths(), result.prospect
+    agree = state_fact(
         "the lengths agree with each other",
-        wire.consistent(),
+        wire.is_consistent(),
         "chi square at most its 99.9 % limit, and no capture stands out",
         found=wire.chi_square,
         limit=chi_square_limit(wire.degrees_of_freedom),
     )
-    finds = enough(
+    finds = state_evidence(
         "chance that all lost turns would be found",
         prospect.success_probability >= GOOD_PROBABILITY,
         f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more poses",
@@ -228,11 +240,11 @@ def verdict_on_record(result: RecordResult) -> Verdict:
         limit=GOOD_PROBABILITY,
     )
     weakest, words = max(prospect.sigma_turns), "predicted from the record"
-    return Verdict(
+    return ProcedureVerdict(
         (
             *(agree, finds),
-            stated("deviation of the least known motor, were it lost", weakest, "turn", rule=words),
-            stated("RMS of the lengths about the fit", wire.residual_rms_m, "m", rule="no accuracy"),
+            state_figure("deviation of the least known motor, were it lost", weakest, "turn", rule=words),
+            state_figure("RMS of the lengths about the fit", wire.residual_rms_m, "m", rule="no accuracy"),
         ),
         limits_from="fixed limits of the procedure",
         not_verified=(
@@ -247,19 +259,19 @@ def verdict_on_record(result: RecordResult) -> Verdict:
     )
 
 
-def _verdict_on_places(result: RecordResult) -> Verdict:
+def _verdict_on_places(result: RecordResult) -> ProcedureVerdict:
     """Say how surely a recovery would find lost turns at the places, and how well a lost zero."""
     assert result.kit is not None  # a record without lengths has places
     assert result.kit.outlook is not None
     kit = result.kit.outlook
-    finds = enough(
+    finds = state_evidence(
         "chance that all lost turns would be found",
         kit.success_probability >= GOOD_PROBABILITY,
         f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more places",
         found=kit.success_probability,
         limit=GOOD_PROBABILITY,
     )
-    shows = enough(
+    shows = state_evidence(
         "the places kept for checking would show any wrong turn",
         kit.check_sigmas >= GOOD_SIGMAS,
         f"PASS if at {GOOD_SIGMAS:g} deviations or more, else UNDECIDED: record more places",
@@ -268,13 +280,13 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
     )
     words, names = "predicted from the places", load_model(result.record.model).joint_names
     zeros = [
-        stated(f"{name}: U of its zero (k=2), were its reference lost", u, "rad", rule=words)
+        state_figure(f"{name}: U of its zero (k=2), were its reference lost", u, "rad", rule=words)
         for name, u in zip(names, kit.offset_u_rad, strict=True)
     ]
-    weakest = stated(
+    weakest = state_figure(
         "deviation of the least known motor, were it lost", max(kit.sigma_turns), "turn", rule=words
     )
-    return Verdict(
+    return ProcedureVerdict(
         (finds, shows, weakest, *zeros),
         limits_from="fixed limits of the procedure",
         not_verified=(
@@ -289,7 +301,7 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
     )
 
 
-def _refuse_sick(state: MotorState | Motors) -> None:
+def _refuse_unhealthy(state: MotorState | Motors) -> None:
     if not state.mastering.mastered or state.condition.readiness is not Readiness.READY:
         raise RefusalError(
             f"the robot is not ready or not mastered: {state.condition.message or 'mastering data invalid'}",
@@ -299,7 +311,7 @@ def _refuse_sick(state: MotorState | Motors) -> None:
 
 
 def _refuse_inconsistent(wire: WireReference) -> None:
-    if not wire.consistent():
+    if not wire.is_consistent():
         raise RefusalError(
             f"the lengths contradict each other: residual {wire.residual_rms_m * 1e3:.2f} mm RMS, capture "
             f"{wire.worst_capture + 1} stands out by {wire.worst_deviation:.1f} deviations",
@@ -309,7 +321,7 @@ def _refuse_inconsistent(wire: WireReference) -> None:
         )
 
 
-def _outline(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
+def _outline_phases(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
     if spec.evidence == "places":
         return place_phases(spec.kit)
     return (
@@ -320,18 +332,18 @@ def _outline(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: MasteringRecordSpec, result: RecordResult) -> Keepsake:
+def _results_to_store(spec: MasteringRecordSpec, result: RecordResult) -> StoredResult:
     del spec
-    return Keepsake("mastering_record", result.record.robot_serial, result.record)
+    return StoredResult("mastering_record", result.record.robot_serial, result.record)
 
 
-def _forecast(spec: MasteringRecordSpec, known: Knowledge) -> Forecast:
+def _forecast_run(spec: MasteringRecordSpec, knowledge: Knowledge) -> Forecast:
     if spec.evidence == "places":
-        return forecast_places(known, spec.room, spec.kit, spec.seed)
-    return forecast_record(known, spec.room, (spec.poses, spec.samples), (spec.kit, spec.seed))
+        return forecast_places(knowledge, spec.room, spec.kit, spec.seed)
+    return forecast_record(knowledge, spec.room, (spec.poses, spec.samples), (spec.kit, spec.seed))
 
 
-def _refit(spec: MasteringRecordSpec, findings: Sequence[Finding]) -> Refit | None:
+def _make_refit(spec: MasteringRecordSpec, findings: Sequence[Finding]) -> Refit | None:
     if spec.evidence == "places":
         return None
     found = values_of(findings)
@@ -345,28 +357,28 @@ def _refit(spec: MasteringRecordSpec, findings: Sequence[Finding]) -> Refit | No
         standing[worst] = f"capture again {retake}"
     points = tuple(FitPoint(s, s not in aside, MEASURED_AGAIN if s in aside else "") for s in taken)
 
-    def solve(use: Use) -> Refitted:
-        wire = fit_wire(state, kept(captures, use))
-        worst = -1 if wire.consistent() else [k for k, used in enumerate(use) if used][wire.worst_capture]
+    def solve_again(use: Use) -> RefitResult:
+        wire = fit_wire(state, used_values(captures, use))
+        worst = -1 if wire.is_consistent() else [k for k, used in enumerate(use) if used][wire.worst_capture]
         residuals = wire_residuals(state, wire, captures)
         places = (*wire.anchor_in_base_m, *wire.hook_in_flange_m)
-        values = tuple(Value(n, "m", v) for n, v in zip(_PLACES, places, strict=True))
-        u_m = u_of(np.array(wire.covariance)[3:6, 3:6])
-        return Refitted(misses_of_lengths(residuals, use, worst), u_m, values)
+        values = tuple(FittedValue(n, "m", v) for n, v in zip(_PLACES, places, strict=True))
+        u_m = worst_expanded_u(np.array(wire.covariance)[3:6, 3:6])
+        return RefitResult(misses_of_lengths(residuals, use, worst), u_m, values)
 
-    return Refit("wire", points, len(state.counts) + 2, "hook", solve)
+    return Refit("wire", points, len(state.counts) + 2, "hook", solve_again)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="mastering_record",
     title="Mastering record",
     version=4,
     procedure=mastering_record,
     spec_type=MasteringRecordSpec,
     needs=("writes_mastering", "model"),
-    outline=_outline,
-    keeps=_keeps,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
     verdict=lambda _, result: verdict_on_record(result),
-    forecast=_forecast,
-    refit=_refit,
+    forecast=_forecast_run,
+    refit=_make_refit,
 )

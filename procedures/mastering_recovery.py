@@ -13,19 +13,20 @@ from cellcal.calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
 from cellcal.calibration.mastering.place_recovery import FITTED
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Instruction, MasteringData
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.mastering_record import HOOK_WIRE
 from cellcal.procedures.motion.lost_plans import FinalPlan, plan_finals
-from cellcal.procedures.motion.turn_doubt import Turns, first_doubt, sure_to
+from cellcal.procedures.motion.turn_uncertainty import Turns, first_uncertainty, sure_turns
 from cellcal.procedures.motors import MotorState
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from cellcal.procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
+from cellcal.procedures.recovery.position_alarms import ClearedEncoders, IndexTurning, clear_position_alarms
 from cellcal.procedures.recovery.recovery_campaign import (
-    Campaign,
-    check_the_memory,
+    RecoveryCampaign,
+    check_memory,
     compare_with_drawn,
     confirm_elsewhere,
     measure_until_decided,
@@ -33,11 +34,11 @@ from cellcal.procedures.recovery.recovery_campaign import (
 from cellcal.procedures.recovery.recovery_pages import levers_page
 from cellcal.procedures.recovery.recovery_result import (
     RecoveryResult,
-    confirmed,
-    controller_was_right,
+    confirm_recovery,
+    correction_instruction,
+    is_controller_right,
     lengths_agree,
-    restored,
-    told_correction,
+    restored_result,
     tooth_flanks,
 )
 from cellcal.procedures.recovery.recovery_spec import (
@@ -45,17 +46,16 @@ from cellcal.procedures.recovery.recovery_spec import (
     refuse_other_gears,
     refuse_unknown_axes,
 )
-from cellcal.procedures.recovery.recovery_verdict import saving, verdict_on_recovery
+from cellcal.procedures.recovery.recovery_verdict import saving_texts, verdict_on_recovery
 from cellcal.procedures.recovery.saved_counts import confirm_newest, saved_counts_page
-from cellcal.procedures.recovery.waking import Turning, Woken, wake_encoders
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.capture import capture
-from cellcal.procedures.steps.mastering import read_motors, same_epoch, stored_record
+from cellcal.procedures.steps.capture import capture_still
+from cellcal.procedures.steps.mastering import check_same_epoch, read_motors, stored_record
 from cellcal.procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
-from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
-from cellcal.procedures.verdict import Verdict
+from cellcal.procedures.steps.write import check_still_in_force, restore_mastering, write_mastering
+from cellcal.procedures.verdict import ProcedureVerdict
 
-__all__ = ["ENTRY", "MasteringRecoverySpec", "mastering_recovery"]
+__all__ = ["DEFINITION", "MasteringRecoverySpec", "mastering_recovery"]
 
 MOST_CAPTURES, FEWEST_FINALS = 19, 2  # of a loss of turns, all together
 
@@ -70,33 +70,35 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     record = await run.step("read the stored record", stored_record)
     await run.step("the saved counts", confirm_newest, saved_counts_page(record, spec.last_counts))
     if spec.last_counts is None:
-        await run.step("near the reference pose", ask, levers_page(AT_REFERENCE, record))
+        await run.step("near the reference pose", ask_confirmation, levers_page(AT_REFERENCE, record))
     last_counts = record.reference_counts if spec.last_counts is None else spec.last_counts
     by_places = spec.evidence == "places" or record.wire is None  # which then has places only
     if not by_places:
-        await run.ensure("the wire is hooked", ask, HOOK_WIRE)
-    doubt = first_doubt(spec.room, len(last_counts), seen=spec.last_counts is not None)
-    turning = Turning(spec.index_speed_rad_s, spec.room, doubt)
-    woken = await wake_encoders(run, record, last_counts, spec.alarms, turning)
+        await run.ensure("the wire is hooked", ask_confirmation, HOOK_WIRE)
+    doubt = first_uncertainty(spec.room, len(last_counts), is_measured=spec.last_counts is not None)
+    turning = IndexTurning(spec.index_speed_rad_s, spec.room, doubt)
+    woken = await clear_position_alarms(run, record, last_counts, spec.alarms, turning)
     if by_places:
         return await recover_by_places(run, spec, record, woken.counts)
     return await _recover_by_wire(run, spec, record, woken, doubt)
 
 
 async def _recover_by_wire(
-    run: Run, spec: MasteringRecoverySpec, record: MasteringRecord, woken: Woken, doubt_turns: Turns
+    run: Run, spec: MasteringRecoverySpec, record: MasteringRecord, woken: ClearedEncoders, doubt_turns: Turns
 ) -> RecoveryResult:
     """Measure until the gate holds, confirm elsewhere, write, confirm what was written."""
     state = await run.step("read the motors", read_motors)
     refuse_other_gears(record, state.drive)
     refuse_unknown_axes(spec, len(state.counts))
-    await run.ensure("the encoders kept their position", same_epoch, state.epoch)
+    await run.ensure("the encoders kept their position", check_same_epoch, state.epoch)
 
     guess = provisional_turns(record.drive, woken.counts, state.counts)
     mapping = CountsToJoints(record.drive, record.counts_at_zero, guess)
-    campaign = Campaign(run, spec, record, state, mapping, mapping.joints(state.counts), doubt_turns)
-    remembered = not woken.lost and _data_differ(record, state)
-    recovery = await check_the_memory(campaign) if remembered else None
+    campaign = RecoveryCampaign(
+        run, spec, record, state, mapping, mapping.joints_at(state.counts), doubt_turns
+    )
+    remembered = not woken.lost and _is_data_different(record, state)
+    recovery = await check_memory(campaign) if remembered else None
     if recovery is None:
         found = await measure_until_decided(campaign, guess)
         await _refuse_wrong_record(campaign, found)
@@ -104,25 +106,32 @@ async def _recover_by_wire(
 
     finals = await _plan_finals(campaign, recovery)
     await compare_with_drawn(campaign, recovery)
-    await run.step("accept the correction", accept, told_correction(recovery, record), _hash_of(recovery))
+    await run.step(
+        "accept the correction",
+        ask_acceptance,
+        correction_instruction(recovery, record),
+        _recovery_hash(recovery),
+    )
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
-    await run.ensure("the written mastering is in force", still_in_force, recovery.counts_at_zero)
+    await run.ensure("the written mastering is in force", check_still_in_force, recovery.counts_at_zero)
     flanks = await _confirm_written(campaign, recovery, finals)
-    done = replace(campaign.effort(), final_captures=len(finals.motion.poses_rad))
-    return replace(restored(record, recovery, done, written, state.epoch), flanks=flanks)
+    done = replace(campaign.make_effort(), final_captures=len(finals.motion.poses_rad))
+    return replace(restored_result(record, recovery, done, written, state.epoch), flanks=flanks)
 
 
-async def _plan_finals(campaign: Campaign, recovery: TurnRecovery) -> FinalPlan:
+async def _plan_finals(campaign: RecoveryCampaign, recovery: TurnRecovery) -> FinalPlan:
     """Plan to go to check poses again: fewer from the other side where the recovery took many captures."""
-    places = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
-    left = MOST_CAPTURES - campaign.taken - len(campaign.checks)
-    most = max(FEWEST_FINALS, min(campaign.spec.final_captures, left))
-    known = (campaign.record, campaign.state, campaign.spec.room, places)
-    left_turns = sure_to(recovery.offset_covariance)
-    return await campaign.run.solve("plan the final checks", plan_finals, *known, most, left_turns)
+    places = tuple(campaign.mapping.joints_at(check.counts) for check in campaign.checks)
+    captures_open = MOST_CAPTURES - campaign.taken - len(campaign.checks)
+    most = max(FEWEST_FINALS, min(campaign.spec.final_captures, captures_open))
+    known_values = (campaign.record, campaign.state, campaign.spec.room, places)
+    left_turns = sure_turns(recovery.offset_covariance)
+    return await campaign.run.solve("plan the final checks", plan_finals, *known_values, most, left_turns)
 
 
-async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: FinalPlan) -> FlankCheck:
+async def _confirm_written(
+    campaign: RecoveryCampaign, recovery: TurnRecovery, finals: FinalPlan
+) -> FlankCheck:
     """Move by the written mastering to check poses again; put the old data back if the lengths disagree.
 
     Some are reached from the other side: the difference tells the gears' play, and whether something is loose.
@@ -135,36 +144,36 @@ async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: F
         go, side = (go_to_from_above, OTHER_SIDE) if other else (go_to, "record")
         await run.move(f"go to final check {k}", go, pose, speed_rad_s, plan.doubt)
         what = f"final check {k}"
-        still = await run.step(what, capture, what, spec.samples, spec.tolerance_counts, side)
-        again.append(campaign.arrived(still))
+        still = await run.step(what, capture_still, what, spec.samples, spec.tolerance_counts, side)
+        again.append(campaign.add_capture(still))
     name = "confirm the written mastering"
-    final = await run.solve(name, confirmed, campaign.record, recovery, tuple(again))
+    final = await run.solve(name, confirm_recovery, campaign.record, recovery, tuple(again))
     if not lengths_agree(final):
         old: MasteringData = campaign.state.mastering
         await run.write("put the old mastering back", restore_mastering, old)
         reason = "with the new mastering the lengths no longer agree; the old data were put back"
         remedy = "The robot is not mastered, as before. Start the recovery again."
-        raise campaign.refusal(final, reason, remedy, "procedure.not_confirmed")
+        raise campaign.refused_error(final, reason, remedy, "procedure.not_confirmed")
     looked = (campaign.record, recovery, tuple(campaign.checks), tuple(again))
     return await run.solve("compare the tooth flanks", tooth_flanks, *looked)
 
 
-def _data_differ(record: MasteringRecord, state: MotorState) -> bool:
+def _is_data_different(record: MasteringRecord, state: MotorState) -> bool:
     """Tell whether the controller holds other mastering data than the record, or none."""
     return state.mastering != MasteringData(record.counts_at_zero, mastered=True)
 
 
-async def _refuse_wrong_record(campaign: Campaign, recovery: TurnRecovery) -> None:
+async def _refuse_wrong_record(campaign: RecoveryCampaign, recovery: TurnRecovery) -> None:
     """Refuse a record that is older than the robot's mastering; where all is new, have the plate looked at."""
     record, present = campaign.record, campaign.state.mastering
-    if controller_was_right(record, recovery, present):
+    if is_controller_right(record, recovery, present):
         reason = "the lengths agree with the mastering that the controller holds, and not with the record"
-        raise campaign.refusal(recovery, reason, OLD_RECORD, "procedure.wrong_record")
+        raise campaign.refused_error(recovery, reason, OLD_RECORD, "procedure.wrong_record")
     if recovery.mode == "all":
-        await campaign.run.step("compare the arm's plate", ask, _plate(record))
+        await campaign.run.step("compare the arm's plate", ask_confirmation, _plate_instruction(record))
 
 
-def _plate(record: MasteringRecord) -> Instruction:
+def _plate_instruction(record: MasteringRecord) -> Instruction:
     return Instruction(
         "compare_plate",
         "No motor stands at a whole turn of the record: every reference was lost, or this is another arm, or the "
@@ -173,19 +182,19 @@ def _plate(record: MasteringRecord) -> Instruction:
     )
 
 
-def _hash_of(recovery: TurnRecovery) -> str:
+def _recovery_hash(recovery: TurnRecovery) -> str:
     return sha256_of(to_jsonable_python(recovery.counts_at_zero))
 
 
-def _outline(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
+def _outline_phases(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     return (
         Phase("read the stored record"),
         Phase("the saved counts"),
         *((Phase("near the reference pose"),) if spec.last_counts is None else ()),
         *(Phase(name, times, adaptive=True) for name, times in _WAKING),
-        *(_by_wire(spec) if spec.evidence == "wire" else _BY_PLACES),
+        *(_wire_phases(spec) if spec.evidence == "wire" else _BY_PLACES),
         *(Phase("accept the correction"), Phase("write the mastering")),
-        *(_finally(spec) if spec.evidence == "wire" else _FINALLY_PLACES),
+        *(_final_phases(spec) if spec.evidence == "wire" else _FINALLY_PLACES),
         *(Phase("confirm the written mastering"), Phase("put the old mastering back", 0, adaptive=True)),
     )
 
@@ -207,7 +216,7 @@ _BY_PLACES = (
 _FINALLY_PLACES = (Phase("final place"), Phase("read the motors after writing"))
 
 
-def _finally(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
+def _final_phases(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     return (
         Phase("go to final check", spec.final_captures, adaptive=True),
         Phase("final check", spec.final_captures, adaptive=True),
@@ -215,7 +224,7 @@ def _finally(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     )
 
 
-def _by_wire(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
+def _wire_phases(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     memory = (
         *(("plan the memory checks", 0), ("accept the memory checks", 0), ("go to memory check", 0)),
         *(("memory check", 0), ("confirm the memory", 0)),
@@ -235,27 +244,27 @@ def _by_wire(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: MasteringRecoverySpec, result: RecoveryResult) -> Keepsake | None:
+def _results_to_store(spec: MasteringRecoverySpec, result: RecoveryResult) -> StoredResult | None:
     del spec
     if result.record is None:
         return None
-    return Keepsake("mastering_record", result.record.robot_serial, result.record)
+    return StoredResult("mastering_record", result.record.robot_serial, result.record)
 
 
-def _verdict(spec: MasteringRecoverySpec, result: RecoveryResult) -> Verdict:
+def _make_verdict(spec: MasteringRecoverySpec, result: RecoveryResult) -> ProcedureVerdict:
     verdict = verdict_on_recovery(spec.accuracy_class, spec.limits, result)
-    return replace(verdict, remarks=(*verdict.remarks, *saving(spec, result)))
+    return replace(verdict, remarks=(*verdict.remarks, *saving_texts(spec, result)))
 
 
-def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
+def _forecast_run(spec: MasteringRecoverySpec, knowledge: Knowledge) -> Forecast:
     captures = (spec.first_captures, spec.check_captures, spec.final_captures)
-    known = replace(known, last_counts=spec.last_counts)
-    if spec.evidence == "places" or (known.record is not None and known.record.wire is None):
-        return forecast_place_recovery(known, spec.room, spec.index_speed_rad_s)
-    return forecast_recovery(known, spec.room, captures, spec.samples, spec.index_speed_rad_s)
+    knowledge = replace(knowledge, last_counts=spec.last_counts)
+    if spec.evidence == "places" or (knowledge.record is not None and knowledge.record.wire is None):
+        return forecast_place_recovery(knowledge, spec.room, spec.index_speed_rad_s)
+    return forecast_recovery(knowledge, spec.room, captures, spec.samples, spec.index_speed_rad_s)
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="mastering_recovery",
     title="Mastering recovery",
     version=8,
@@ -263,9 +272,9 @@ ENTRY = Entry(
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),
     wants=("record",),
-    outline=_outline,
-    keeps=_keeps,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
     epoch_may_change=True,
-    verdict=_verdict,
-    forecast=_forecast,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
 )

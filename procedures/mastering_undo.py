@@ -12,19 +12,19 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.cell import Cell, MasteringBackup
-from cellcal.procedures.entry import Entry, Keepsake, Phase
 from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.instruction_page import with_page
 from cellcal.procedures.motors import Motors
-from cellcal.procedures.questions import accept
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.recovery.recovery_verdict import AFTER_MASTERING
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.shown import on_page
 from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 from cellcal.procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
 from cellcal.procedures.steps.write import ReadBackError, restore_mastering
-from cellcal.procedures.verdict import Change, Verdict, held
+from cellcal.procedures.verdict import ProcedureVerdict, ValueChange, state_fact
 
 _POSTURES = 200
 _PERSON_S = 30.0
@@ -58,8 +58,8 @@ async def mastering_undo(run: Run, spec: MasteringUndo) -> UndoResult:
     model = await run.step("name the model", _model_name)
     displaced_m = await run.solve("compare old and new", displacement_m, model, motors, backup)
     names = load_model(model).joint_names
-    shown = _shown(names, model, motors, backup, displaced_m)
-    await run.step("accept the undo", accept, shown, backup.sha256)
+    shown = _review_instruction(names, model, motors, backup, displaced_m)
+    await run.step("accept the undo", ask_acceptance, shown, backup.sha256)
     restored = await run.write("write the mastering", restore_mastering, backup.data)
     found = mastering_sha256(restored)
     if found != backup.sha256:
@@ -103,7 +103,7 @@ def displacement_m(model_name: str, motors: Motors, backup: MasteringBackup) -> 
 def _turned_rad(motors: Motors, counts_at_zero: Counts) -> tuple[float, ...]:
     """Return by how much each joint stands elsewhere when it is sent to the same angle [rad]."""
     zeros = [np.array(zero) for zero in (counts_at_zero, motors.mastering.counts_at_zero)]
-    return tuple(float(v) for v in motors.drive.joints(*zeros))
+    return tuple(float(v) for v in motors.drive.to_joints(*zeros))
 
 
 def _refuse_unfit(backup: MasteringBackup, motors: Motors) -> None:
@@ -126,26 +126,32 @@ async def _model_name(cell: Cell) -> str:
     return nominal_model(cell).name
 
 
-def _shown(
+def _review_instruction(
     names: tuple[str, ...], model: str, motors: Motors, backup: MasteringBackup, displaced_m: float
 ) -> Instruction:
     flag = _MASTERED if backup.data.mastered else _NOT_MASTERED
-    asked = Instruction(
+    instruction = Instruction(
         "accept_mastering",
         "The controller gets back the mastering that it held before the run named here wrote another. Taught "
         f"positions move with it. {flag} Write the old mastering back?",
     )
-    changes = _changes(names, motors.mastering, backup.data)
-    whole = held("the backup is whole", True, "its stored form has the hash that the journal tells")
-    told = Verdict((whole,), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes)
-    page = with_changes(review_page(asked, told, writes=True), changes, most_m=displaced_m, at="postures")
-    return on_page(page, "review", axes=axis_levers(load_model(model), motors.joints_rad))
+    changes = _mastering_changes(names, motors.mastering, backup.data)
+    whole = state_fact("the backup is whole", True, "its stored form has the hash that the journal tells")
+    verdict = ProcedureVerdict(
+        (whole,), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes
+    )
+    page = with_changes(
+        review_page(instruction, verdict, writes=True), changes, most_m=displaced_m, at="postures"
+    )
+    return with_page(page, "review", axes=axis_levers(load_model(model), motors.joints_rad))
 
 
-def _changes(names: tuple[str, ...], old: MasteringData, new: MasteringData) -> tuple[Change, ...]:
+def _mastering_changes(
+    names: tuple[str, ...], old: MasteringData, new: MasteringData
+) -> tuple[ValueChange, ...]:
     rows = zip(names, old.counts_at_zero, new.counts_at_zero, strict=True)
-    counts = [Change(f"{name}: counts at zero", float(a), float(b), "count") for name, a, b in rows]
-    return (*counts, Change("mastered", float(old.mastered), float(new.mastered), "1"))
+    counts = [ValueChange(f"{name}: counts at zero", float(a), float(b), "count") for name, a, b in rows]
+    return (*counts, ValueChange("mastered", float(old.mastered), float(new.mastered), "1"))
 
 
 _MASTERED = "The robot will be mastered."
@@ -157,20 +163,20 @@ _NOT_VERIFIED = (
 )
 
 
-def _verdict(spec: MasteringUndo, result: UndoResult) -> Verdict:
+def _make_verdict(spec: MasteringUndo, result: UndoResult) -> ProcedureVerdict:
     del spec
     rule = "the stored form read back, byte for byte that of the backup (SHA-256)"
     same = result.restored_sha256 == result.backup_sha256
-    return Verdict(
-        (held("the mastering is that from before the write", same, rule),),
+    return ProcedureVerdict(
+        (state_fact("the mastering is that from before the write", same, rule),),
         limits_from="equal or refused",
         not_verified=_NOT_VERIFIED,
-        changes=_changes(result.joint_names, result.undone, result.restored),
+        changes=_mastering_changes(result.joint_names, result.undone, result.restored),
         to_sign=AFTER_MASTERING if result.restored.mastered else _UNMASTERED,
     )
 
 
-def _outline(spec: MasteringUndo) -> tuple[Phase, ...]:
+def _outline_phases(spec: MasteringUndo) -> tuple[Phase, ...]:
     del spec
     return (
         Phase("read the backup"),
@@ -182,17 +188,17 @@ def _outline(spec: MasteringUndo) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: MasteringUndo, result: UndoResult) -> Keepsake | None:
+def _results_to_store(spec: MasteringUndo, result: UndoResult) -> StoredResult | None:
     del spec, result
     return None
 
 
-def _forecast(spec: MasteringUndo, known: Knowledge) -> Forecast:
-    del spec, known
+def _forecast_run(spec: MasteringUndo, knowledge: Knowledge) -> Forecast:
+    del spec, knowledge
     return Forecast(duration_s=_PERSON_S, assumed=("the robot stands still; nothing moves",))
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="mastering_undo",
     title="Undo of a written mastering",
     version=1,
@@ -200,8 +206,8 @@ ENTRY = Entry(
     spec_type=MasteringUndo,
     needs=("writes_mastering", "model"),
     wants=("backup",),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
 )

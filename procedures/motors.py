@@ -12,7 +12,7 @@ from cellcal.drivers.interfaces import (
     MasteringData,
     MasteringStore,
 )
-from cellcal.procedures.cell import Cell, GaugeSetup, MotionLimits
+from cellcal.procedures.cell import Cell, GaugeSetup, MotionCaps
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
 
 
@@ -37,7 +37,7 @@ class MotorState:
     gauge_setup: GaugeSetup
     gauge_range_m: float
     gauge_sigma_m: float
-    limits: MotionLimits
+    limits: MotionCaps
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,36 +14,28 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, same_robot
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.accuracy_limits import FRAME, AccuracyClass, FrameLimits, limits_in_force, limits_text
+from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, check_same_robot
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from cellcal.procedures.judged_write import (
-    WriteAnyway,
-    ask_to_write,
-    frame_changes,
-    ordered,
-    refuse_failed,
-    shift_told,
-)
-from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
-from cellcal.procedures.motion.pace import Paced
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.motion.speed_limit import TimedMotion
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.pages import ARM_CHECKS, Moves, plan_page
+from cellcal.procedures.steps.pages import ARM_CHECKS, PlannedMoves, plan_page
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
 from cellcal.procedures.teaching.corner_touches import (
     CheckTouch,
-    Corner,
     CornerGoal,
     CornerOutlook,
+    CornerSetup,
     FeltPoint,
     compare_checks,
     construct_corner,
     corner_outlook,
-    fewest,
+    fewest_touches,
     outlook_of,
     read_probe_bench,
     touch_checks,
@@ -53,11 +45,19 @@ from cellcal.procedures.teaching.corner_touches import (
 from cellcal.procedures.verdict import (
     Characteristic,
     Contribution,
-    Verdict,
-    enough,
-    held,
+    ProcedureVerdict,
     known_within,
-    stated,
+    state_evidence,
+    state_fact,
+    state_figure,
+)
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    ask_to_write,
+    frame_changes,
+    refuse_failed,
+    shift_text,
+    with_order_remark,
 )
 
 CHECK_SIGMAS = 3.0
@@ -85,9 +85,9 @@ class ProbedFrame:
     limits: FrameLimits | None = None
     write_anyway: WriteAnyway = ""
 
-    def goal(self, tip_sigma_m: float) -> CornerGoal:
+    def corner_goal(self, tip_sigma_m: float) -> CornerGoal:
         """Return what the touches are for."""
-        limits = chosen(FRAME, self.accuracy_class, self.limits)
+        limits = limits_in_force(FRAME, self.accuracy_class, self.limits)
         return CornerGoal(limits.origin_m, limits.angle_rad, self.arm_sigma_m, tip_sigma_m)
 
 
@@ -108,15 +108,17 @@ class ProbedSetup:
 
 async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
     """Feel for the faces of a corner, solve for the user frame there, check it, and write it."""
-    await run.ensure("the probe is mounted", ask, READY)
+    await run.ensure("the probe is mounted", ask_confirmation, READY)
     bench = await run.step("read the robot", read_probe_bench)
-    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    await run.ensure("the robot kept its position", check_same_robot, bench.epoch)
     before = await run.step("read the user frame", read_user_frame, spec.frame_number)
     nominal, rules = before if spec.nominal is None else spec.nominal, spec.touching
 
     plan = await run.solve("plan the touches", plan_spots, bench, rules, nominal, (), first_spots())
-    await run.step("accept the plan", accept, _planned(plan, rules), sha256_of(to_jsonable_python(plan)))
-    corner = Corner(bench, rules, spec.goal(bench.tip_sigma_m), nominal)
+    await run.step(
+        "accept the plan", ask_acceptance, _plan_instruction(plan, rules), sha256_of(to_jsonable_python(plan))
+    )
+    corner = CornerSetup(bench, rules, spec.corner_goal(bench.tip_sigma_m), nominal)
     felt = await touch_corner(run, corner, plan)
     found = await run.solve("construct the frame", construct_corner, bench, rules, felt)
     checks = await touch_checks(run, corner, felt)
@@ -127,20 +129,20 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
         read_back=found.base_frame,  # as it will be, if a person wants it
         goal=corner.goal,
         touch_sigma_m=touch_sigma(felt),
-        points=tuple(map(FeltPoint.of, felt)),
+        points=tuple(map(FeltPoint.from_touch, felt)),
         outlook=outlook_of(corner, felt),
         checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
     )
-    verdict = _judge(spec, setup)
+    verdict = _judge_result(spec, setup)
     refuse_failed(verdict, spec.write_anyway, found)
     base_user = found.base_frame
-    result, sha256 = _shown(spec, setup, verdict), sha256_of(to_jsonable_python(base_user))
-    await run.step("accept the result", accept, result, sha256)
+    result, sha256 = _result_instruction(spec, setup, verdict), sha256_of(to_jsonable_python(base_user))
+    await run.step("accept the result", ask_acceptance, result, sha256)
     read_back = await run.write("write the user frame", write_user_frame, spec.frame_number, base_user)
     return replace(setup, read_back=read_back)
 
 
-def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
+def _plan_instruction(plan: FacePlan, rules: CornerRules) -> Instruction:
     motion, fastest_rad_s = plan.motion, max(plan.motion.speeds_rad_s)
     what = (
         f"the robot with its touch probe, to {len(plan.ways_rad)} points of three faces and to at most "
@@ -149,10 +151,10 @@ def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
         "at the contact"
     )
     moving_s = motion.moving_s + len(plan.ways_rad) * _feeling_s(rules)
-    tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, moving_s, fastest_rad_s))
-    asked = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
+    tour = PlanTour(len(plan.ways_rad), TimedMotion(motion.travel_rad, moving_s, fastest_rad_s))
+    instruction = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
     names = tuple(f"{spot.face} {spot.number + 1}" for spot in first_spots())
-    moves = Moves(
+    moves = PlannedMoves(
         ways_rad=tuple(way[1:] for way in plan.ways_rad),
         speed_rad_s=fastest_rad_s,
         checked=ARM_CHECKS,
@@ -160,21 +162,21 @@ def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
         most=rules.max_touches + len(FACES),
         names=names,
     )
-    return plan_page(asked, tour, moves)
+    return plan_page(instruction, tour, moves)
 
 
-def _shown(spec: ProbedFrame, setup: ProbedSetup, verdict: Verdict) -> Instruction:
+def _result_instruction(spec: ProbedFrame, setup: ProbedSetup, verdict: ProcedureVerdict) -> Instruction:
     x, y, z = (value * 1e3 for value in setup.found.base_frame.position_m)
-    turn = 1e3 * setup.goal.u(setup.found.covariance_matrix())[1]
+    turn = 1e3 * setup.goal.expanded_uncertainties(setup.found.covariance_matrix())[1]
     found = Instruction(
         "accept_frame",
         f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
-        f"are known to {turn:.2f} mm per metre (k=2). {shift_told(setup.before, setup.found.base_frame)}",
+        f"are known to {turn:.2f} mm per metre (k=2). {shift_text(setup.before, setup.found.base_frame)}",
     )
     return ask_to_write(found, verdict, setup.before, setup.found.base_frame, spec.write_anyway)
 
 
-def _outline(spec: ProbedFrame) -> tuple[Phase, ...]:
+def _outline_phases(spec: ProbedFrame) -> tuple[Phase, ...]:
     counts = _expected_counts(spec)
     further = sum(counts.values()) - sum(LEAST.values())
     return (
@@ -188,52 +190,59 @@ def _outline(spec: ProbedFrame) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: ProbedFrame, result: ProbedSetup) -> Keepsake:
-    return Keepsake("user_frame", str(spec.frame_number), result)
+def _results_to_store(spec: ProbedFrame, result: ProbedSetup) -> StoredResult:
+    return StoredResult("user_frame", str(spec.frame_number), result)
 
 
-def _verdict(spec: ProbedFrame, result: ProbedSetup) -> Verdict:
-    verdict = ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: ProbedFrame, result: ProbedSetup) -> ProcedureVerdict:
+    verdict = with_order_remark(_judge_result(spec, result), spec.write_anyway)
     return replace(verdict, changes=frame_changes(result.before, result.read_back))
 
 
-def _judge(spec: ProbedFrame, setup: ProbedSetup) -> Verdict:
-    limits, goal, found = chosen(FRAME, spec.accuracy_class, spec.limits), setup.goal, setup.found
-    origin_u, turn_u = (value / 2.0 for value in goal.u(found.covariance_matrix()))
+def _judge_result(spec: ProbedFrame, setup: ProbedSetup) -> ProcedureVerdict:
+    limits, goal, found = limits_in_force(FRAME, spec.accuracy_class, spec.limits), setup.goal, setup.found
+    origin_u, turn_u = (value / 2.0 for value in goal.expanded_uncertainties(found.covariance_matrix()))
     origin = known_within("origin of the frame", "m", u=origin_u, limit=limits.origin_m)
     turn = known_within("direction of the frame's axes", "rad", u=turn_u, limit=limits.angle_rad)
-    spare = enough(
+    spare = state_evidence(
         "coordinates beyond those that fix the frame",
         found.redundancy > 0,
         "PASS if there are points to compare, else UNDECIDED: allow one more touch (max_touches)",
         found=found.redundancy,
         limit=1,
     )
-    return Verdict(
+    return ProcedureVerdict(
         (
             origin.with_budget(
                 Contribution(
-                    "probe, skew of the times and scatter of the arm", max(found.sigma[:3]), "measured"
+                    "probe, skew of the times and scatter of the arm",
+                    max(found.standard_uncertainties[:3]),
+                    "measured",
                 ),
                 Contribution("the tip in the flange, tip_sigma_mm", goal.tip_sigma_m, "cell file"),
                 Contribution("the arm's own errors, arm_sigma_m", goal.arm_sigma_m, "estimated"),
             ),
             turn.with_budget(
                 Contribution(
-                    "probe, skew of the times and scatter of the arm", max(found.sigma[3:]), "measured"
+                    "probe, skew of the times and scatter of the arm",
+                    max(found.standard_uncertainties[3:]),
+                    "measured",
                 ),
                 Contribution("the arm's own errors, arm_sigma_m", goal.arm_turn_rad, "estimated"),
             ),
             spare,
-            *map(_checked, setup.checks),
-            *(stated("the faces' departure from a right angle", angle, "rad") for angle in found.square_rad),
+            *map(_check_figure, setup.checks),
+            *(
+                state_figure("the faces' departure from a right angle", angle, "rad")
+                for angle in found.square_rad
+            ),
         ),
-        limits_from=told(spec.accuracy_class, spec.limits),
+        limits_from=limits_text(spec.accuracy_class, spec.limits),
         not_verified=(
             "The forms of the faces count only as they scatter.",
             "All touches were made in one attitude: what the tip in the flange is wrong by shifts the frame.",
         ),
-        remarks=(_saving(setup, spec.touching.max_touches),),
+        remarks=(_saving_text(setup, spec.touching.max_touches),),
     )
 
 
@@ -245,13 +254,13 @@ _CHECKS: dict[FaceName, str] = {
 }
 
 
-def _checked(check: CheckTouch) -> Characteristic:
+def _check_figure(check: CheckTouch) -> Characteristic:
     most = CHECK_SIGMAS * check.sigma_m
     holds = abs(check.miss_m) <= most
-    return held(_CHECKS[check.face], holds, _CHECK_RULE, found=abs(check.miss_m), limit=most, unit="m")
+    return state_fact(_CHECKS[check.face], holds, _CHECK_RULE, found=abs(check.miss_m), limit=most, unit="m")
 
 
-def _saving(setup: ProbedSetup, most: int) -> str:
+def _saving_text(setup: ProbedSetup, most: int) -> str:
     outlook, touches = setup.outlook, len(setup.points)
     if not outlook.reached:
         return (
@@ -269,7 +278,9 @@ def _saving(setup: ProbedSetup, most: int) -> str:
 
 def _expected_counts(spec: ProbedFrame, tip_sigma_m: float = 0.0) -> dict[FaceName, int]:
     """Return how many touches of each face are expected; out of reach, none is asked for beyond those that fix it."""
-    outlook = corner_outlook(spec.touching, spec.goal(tip_sigma_m), ARM_SIGMA_M, fewest(ARM_SIGMA_M))
+    outlook = corner_outlook(
+        spec.touching, spec.corner_goal(tip_sigma_m), ARM_SIGMA_M, fewest_touches(ARM_SIGMA_M)
+    )
     again = outlook.again if outlook.reached else ()
     return {face: LEAST[face] + again.count(face) for face in FACES}
 
@@ -280,9 +291,9 @@ def _feeling_s(rules: CornerRules) -> float:
     return rules.search_way_m / rules.search_speed_m_s + BETWEEN_S + rules.repeats * again_s
 
 
-def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
-    tools, rules = known.instruments, spec.touching
-    goal, sigma_m = spec.goal(tools.probe_tip_sigma_m), math.hypot(tools.probe_sigma_m, ARM_SIGMA_M)
+def _forecast_run(spec: ProbedFrame, knowledge: Knowledge) -> Forecast:
+    tools, rules = knowledge.instruments, spec.touching
+    goal, sigma_m = spec.corner_goal(tools.probe_tip_sigma_m), math.hypot(tools.probe_sigma_m, ARM_SIGMA_M)
     counts = _expected_counts(spec, tools.probe_tip_sigma_m)
     touches, made = sum(counts.values()), {face: (sigma_m,) * counts[face] for face in FACES}
     each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
@@ -305,15 +316,15 @@ def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
     )
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="probed_frame",
     title="User frame from a corner felt by a touch probe",
     version=1,
     procedure=probed_frame,
     spec_type=ProbedFrame,
     needs=("moves_joints", "commanded", "model", "probe", "writes_user_frame"),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
 )

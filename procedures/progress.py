@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.shown import Page
+from cellcal.procedures.instruction_page import InstructionPage
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class StepProgress:
     """What a screen needs: which step, the how-manieth of how many, and what came of it."""
 
     kind: str  # started, finding, replayed, condition, failed, asked, answered, paused, resumed, ended
@@ -19,11 +19,11 @@ class Progress:
     message: str = ""
     value: Any = None  # JSON
     does: str = ""  # of a step: read, move, write, solve
-    page: Page | None = None  # of a step that asks: what it shows
+    page: InstructionPage | None = None  # of a step that asks: what it shows
     goal_rad: Joints | None = None  # where a step that moves wants to be
 
 
-class Gate:
+class PauseGate:
     """Lets a run pause at the border between two steps."""
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Gate:
         self._open.set()
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether the run will wait before its next step."""
         return not self._open.is_set()
 
@@ -43,10 +43,10 @@ class Gate:
         """Go on."""
         self._open.set()
 
-    async def passed(self) -> None:
+    async def wait_until_open(self) -> None:
         """Wait until the gate is open."""
         await self._open.wait()
 
 
-def ignore(_: Progress) -> None:
+def ignore_progress(_: StepProgress) -> None:
     """Show nothing."""

@@ -10,69 +10,71 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.cell import Cell
+from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.run import DeclinedError
-from cellcal.procedures.shown import Shown, on_page
 
 
-async def ask(cell: Cell, instruction: Instruction) -> Answer:
+async def ask_confirmation(cell: Cell, instruction: Instruction) -> Answer:
     """Have a person do or look at something and say yes."""
     try:
-        return await cell.operator.confirm(seen_from_here(cell, instruction))
+        return await cell.operator.confirm(with_cell_state(cell, instruction))
     except RefusedError as error:
         raise DeclinedError(
             f"declined: {instruction.text}", remedy="Resume the run when it can be done."
         ) from error
 
 
-async def enter(cell: Cell, question: Question) -> Answer:
+async def ask_for_value(cell: Cell, question: Question) -> Answer:
     """Ask for a number or a text that only a person knows."""
     try:
-        return await cell.operator.enter(question)
+        return await cell.operator.ask_question(question)
     except RefusedError as error:
         raise DeclinedError(
             f"not answered: {question.text}", remedy="Resume the run when it is known."
         ) from error
 
 
-async def accept(cell: Cell, instruction: Instruction, what_sha256: str) -> Answer:
+async def ask_acceptance(cell: Cell, instruction: Instruction, what_sha256: str) -> Answer:
     """Have a person accept exactly what is shown: its hash is journalled with the answer."""
     del what_sha256  # an input of the step: on replay it must be the same
-    answer = await ask(cell, instruction)
-    cell.motion.agree(_now())  # to a plan that was shown; any fault takes the approval back
+    answer = await ask_confirmation(cell, instruction)
+    cell.motion.note_approval(_loop_time())  # to a plan that was shown; any fault takes the approval back
     return answer
 
 
-async def let_move(cell: Cell, instruction: Instruction) -> Answer:
+async def ask_to_move(cell: Cell, instruction: Instruction) -> Answer:
     """Have a person look at the robot and agree to moves that are told in words, since no plan can be made."""
-    answer = await ask(cell, instruction)
-    cell.motion.agree(_now())
+    answer = await ask_confirmation(cell, instruction)
+    cell.motion.note_approval(_loop_time())
     return answer
 
 
-def _now() -> float:
+def _loop_time() -> float:
     return asyncio.get_running_loop().time()
 
 
-def seen_from_here(cell: Cell, asked: Instruction) -> Instruction:
+def with_cell_state(cell: Cell, instruction: Instruction) -> Instruction:
     """Return an instruction with what only the cell knows: what is selected on the controller, and planned tips."""
-    if not isinstance(asked, Shown):
-        return asked
+    if not isinstance(instruction, PagedInstruction):
+        return instruction
     data: dict[str, Any] = {}
     if cell.motion.frames is not None:
         data["frames"] = cell.motion.frames
-    plan = asked.page.data.get("plan")
+    plan = instruction.page.data.get("plan")
     if plan is not None and cell.model is not None:
         data["plan"] = {
             **plan,
             "poses": _with_tips(cell, cell.model, plan["poses"]),
             "level": cell.level.value,
         }
-    return on_page(asked, asked.page.kind, **data)
+    return with_page(instruction, instruction.page.kind, **data)
 
 
 def _with_tips(cell: Cell, model: RobotModel, poses: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
-    found = tips_at(model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axes), tip)
+    found = tips_at(
+        model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axis_count), tip
+    )
     return [{**pose, "tip_in_base_m": place.tolist()} for pose, place in zip(poses, found, strict=True)]
 
 

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from cellcal.calibration.geometry import Pose, log_rotation
-from cellcal.procedures.past import Finding
 from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.run_history import Finding
 
 Along = Literal["wire", "space", "touch", "place"]
 Use = tuple[bool, ...]  # of every point, in their order
@@ -46,7 +46,7 @@ class FitPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Miss:
+class PointMiss:
     """What a point misses the fit by; along a wire with its sign, measured minus computed."""
 
     size_m: float
@@ -55,7 +55,7 @@ class Miss:
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class FittedValue:
     """One figure of what was fitted."""
 
     name: str
@@ -64,12 +64,12 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Refitted:
+class RefitResult:
     """A fit of some points: what every point misses it by, those left out too, and what it says."""
 
-    misses: tuple[Miss, ...]
+    misses: tuple[PointMiss, ...]
     u_m: float  # of what the run is about, ``u_of`` in `Refit`
-    values: tuple[Value, ...]
+    values: tuple[FittedValue, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +83,14 @@ class Refit:
     points: tuple[FitPoint, ...]
     least: int
     u_of: Literal["tip", "origin", "hook"]
-    solve: Callable[[Use], Refitted]
+    solve: Callable[[Use], RefitResult]
 
     @property
-    def recorded(self) -> Use:
+    def recorded_use(self) -> Use:
         """Which points the run used."""
         return tuple(point.used for point in self.points)
 
-    def again(self, use: Use) -> Refitted:
+    def fit_again(self, use: Use) -> RefitResult:
         """Fit exactly the points told.
 
         Raises
@@ -110,25 +110,25 @@ def values_of(findings: Sequence[Finding]) -> Mapping[str, Any]:
     return {finding.step: finding.value for finding in findings}
 
 
-def pose_values(pose: Pose, recorded: Pose, name: str = "") -> tuple[Value, ...]:
+def pose_values(pose: Pose, recorded: Pose, name: str = "") -> tuple[FittedValue, ...]:
     """Return where a frame is, and by how much it is turned from the recorded one; ``name`` goes before."""
-    turned = float(np.linalg.norm(log_rotation(recorded.rotation().T @ pose.rotation())))
-    places = (Value(f"{name}{axis}", "m", v) for axis, v in zip("xyz", pose.position_m, strict=True))
-    return (*places, Value(f"{name}turned from the recorded result", "rad", turned))
+    turned = float(np.linalg.norm(log_rotation(recorded.rotation_matrix().T @ pose.rotation_matrix())))
+    places = (FittedValue(f"{name}{axis}", "m", v) for axis, v in zip("xyz", pose.position_m, strict=True))
+    return (*places, FittedValue(f"{name}turned from the recorded result", "rad", turned))
 
 
-def misses_in_space(gaps_m: Sequence[Sequence[float]], sigma_m: float, limit: float) -> tuple[Miss, ...]:
+def misses_in_space(gaps_m: Sequence[Sequence[float]], sigma_m: float, limit: float) -> tuple[PointMiss, ...]:
     """Return distances from gaps (n, k) [m] whose coordinates have one deviation; ``limit`` is of the deviations."""
     sizes = [math.hypot(*gap) for gap in gaps_m]
-    return tuple(Miss(size, size / sigma_m, size > limit * sigma_m) for size in sizes)
+    return tuple(PointMiss(size, size / sigma_m, size > limit * sigma_m) for size in sizes)
 
 
-def misses_of_lengths(residuals_m: Sequence[float], use: Use, worst: int) -> tuple[Miss, ...]:
+def misses_of_lengths(residuals_m: Sequence[float], use: Use, worst: int) -> tuple[PointMiss, ...]:
     """Return misses along a wire (n,) [m] over the RMS of those used; ``worst`` stands out by the fit, -1: none."""
-    used = np.array(kept(residuals_m, use))
+    used = np.array(used_values(residuals_m, use))
     rms_m = max(float(np.sqrt(np.mean(used**2))), 1e-9)
     return tuple(
-        Miss(
+        PointMiss(
             float(size),
             abs(float(size)) / rms_m,
             k == worst or (not use[k] and abs(size) > STANDS_OUT * rms_m),
@@ -137,6 +137,6 @@ def misses_of_lengths(residuals_m: Sequence[float], use: Use, worst: int) -> tup
     )
 
 
-def kept(values: Sequence[Any], use: Use) -> tuple[Any, ...]:
+def used_values(values: Sequence[Any], use: Use) -> tuple[Any, ...]:
     """Return those that are used."""
     return tuple(value for value, used in zip(values, use, strict=True) if used)

@@ -11,16 +11,17 @@ from dataclasses import replace
 from pydantic_core import to_jsonable_python
 
 from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
+from cellcal.procedures.accuracy_limits import CHECK, limits_in_force
 from cellcal.procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
-    bench_before,
+    check_same_robot,
+    declared_bench,
     of_target,
     read_bench,
-    same_robot,
 )
-from cellcal.procedures.arm.arm_motion import Reach, ordered_ways
+from cellcal.procedures.arm.arm_motion import MotionSpace, ordered_ways
 from cellcal.procedures.arm.arm_pages import (
     planned_steps,
     series_moves,
@@ -30,60 +31,71 @@ from cellcal.procedures.arm.arm_pages import (
     zero_changes,
     zero_displacement,
 )
-from cellcal.procedures.arm.arm_series import Visits
-from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
+from cellcal.procedures.arm.arm_series import ArmVisits
 from cellcal.procedures.arm.calibration_plan import (
     CalibrationPlan,
-    Choice,
-    Series,
-    Standing,
+    CalibrationSeries,
+    PoseChoice,
+    SeriesProgress,
     choose_poses,
     plan_series,
 )
-from cellcal.procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
+from cellcal.procedures.arm.calibration_result import (
+    ArmIdentification,
+    arm_after_mastering,
+    errors_after,
+    identify_arm,
+)
+from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration
 from cellcal.procedures.arm.calibration_verdict import verdict_on_calibration
 from cellcal.procedures.arm.tool_series import measure_points
 from cellcal.procedures.arm.tool_write import (
     ToolOrder,
+    not_written_reason,
     tool_words,
-    why_not_written,
     write_tool,
 )
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from cellcal.procedures.judged_write import refuse_failed, with_verdict
-from cellcal.procedures.limits import CHECK, chosen
-from cellcal.procedures.motion.plan_words import Tour, plan_words
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.pages import plan_page, with_changes
-from cellcal.procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
+from cellcal.procedures.steps.write import (
+    check_still_in_force,
+    read_tool_frame,
+    restore_mastering,
+    write_mastering,
+)
 from cellcal.procedures.verdict import (
     FAIL,
 )
+from cellcal.procedures.write_review import refuse_failed, with_verdict
 
 FINAL_POSES = 3
 
 
 async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResult:
     """Identify a robot's parameters with as few poses as it takes, and verify them."""
-    await run.ensure("the device is ready", ask, READY[spec.method])
+    await run.ensure("the device is ready", ask_confirmation, READY[spec.method])
     bench = await run.step("read the robot", read_bench, spec.method)
-    order = await _tool_before(run, spec)
-    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    order = await _read_tool_order(run, spec)
+    await run.ensure("the robot kept its position", check_same_robot, bench.epoch)
 
-    plan = await run.solve("plan the poses", plan_series, bench, spec.goal(), spec.rules)
-    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+    plan = await run.solve("plan the poses", plan_series, bench, spec.series_goal(), spec.rules)
+    await run.step(
+        "accept the plan", ask_acceptance, _plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
+    )
 
-    series = Series(bench, plan, spec.rules)
-    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
-    await visits.rest(plan.way_to_rest_rad)
-    ended, of_points = await _measure(run, series, visits)
-    checks = (*await _verify(run, series, visits), *of_points)
-    moved_m = await visits.hold_device(_way_back(series, visits))
+    series = CalibrationSeries(bench, plan, spec.rules)
+    visits = ArmVisits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
+    await visits.go_to_rest(plan.way_to_rest_rad)
+    ended, of_points = await _measure_series(run, series, visits)
+    checks = (*await _verify_arm(run, series, visits), *of_points)
+    moved_m = await visits.check_device(_way_back(series, visits))
 
-    identified = await run.solve("identify the arm", identify_arm, series, visits.captures(), checks)
+    identified = await run.solve("identify the arm", identify_arm, series, visits.valid_captures(), checks)
     result = CalibrationResult(
         identified,
         identified.arm,
@@ -93,33 +105,37 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
         bench,
         moved_m=moved_m,
     )
-    shown = with_verdict(_shown_result(result), verdict_on_calibration(spec, result), "Keep the parameters?")
-    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(identified)))
+    shown = with_verdict(
+        _result_instruction(result), verdict_on_calibration(spec, result), "Keep the parameters?"
+    )
+    await run.step("accept the result", ask_acceptance, shown, sha256_of(to_jsonable_python(identified)))
     if spec.write_zeros:
         result = await _write_zeros(run, spec, series, visits, result)
-    return result if order is None else await _with_tool(run, spec, result, order)
+    return result if order is None else await _write_tool(run, spec, result, order)
 
 
-async def _tool_before(run: Run, spec: RobotCalibration) -> ToolOrder | None:
+async def _read_tool_order(run: Run, spec: RobotCalibration) -> ToolOrder | None:
     if spec.tool_number is None:
         return None
     before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
     return ToolOrder(spec.tool_number, before, spec.write_anyway)
 
 
-async def _with_tool(
+async def _write_tool(
     run: Run, spec: RobotCalibration, result: CalibrationResult, order: ToolOrder
 ) -> CalibrationResult:
     """Write the tool frame where it is proved; else say in the result why it stays as it is: the arm is found."""
     found, verdict = result.identified.tool, verdict_on_calibration(spec, result)
     assert found is not None  # a number is refused without points
-    why_not = why_not_written(found, verdict, order)
+    why_not = not_written_reason(found, verdict, order)
     if why_not:
         return replace(result, tool_not_written=why_not)
     return replace(result, tool=await write_tool(run, found, verdict, order))
 
 
-async def _measure(run: Run, series: Series, visits: Visits) -> tuple[Choice, tuple[ArmCapture, ...]]:
+async def _measure_series(
+    run: Run, series: CalibrationSeries, visits: ArmVisits
+) -> tuple[PoseChoice, tuple[ArmCapture, ...]]:
     """Capture, look, choose; until it is enough, or shown not to be reachable. Return checks at points, too.
 
     The end-effector's points come after the first poses: what they tell is known when the others are chosen.
@@ -129,47 +145,47 @@ async def _measure(run: Run, series: Series, visits: Visits) -> tuple[Choice, tu
     checks: tuple[ArmCapture, ...] = ()
     while True:
         looks += 1
-        standing = Standing(visits.captures(), tuple(visits.retaken), visits.here_rad, coming)
+        standing = SeriesProgress(visits.valid_captures(), tuple(visits.retaken), visits.here_rad, coming)
         choice = await run.solve(f"choose poses {looks}", choose_poses, series, standing)
         if not choice.ways_rad:
             return choice, checks
         now = len(choice.ways_rad) if looks == 1 else 1  # before the first look nothing can be enough
         for way, again in zip(choice.ways_rad[:now], choice.again[:now], strict=True):
-            await visits.visit(way, again)
+            await visits.visit_pose(way, again)
         coming = choice.ways_rad[now:] if choice.again[0] < 0 else ()
         if looks == 1 and series.plan.tool is not None:
             checks = await measure_points(run, series, visits)
 
 
-async def _verify(run: Run, series: Series, visits: Visits) -> tuple[ArmCapture, ...]:
+async def _verify_arm(run: Run, series: CalibrationSeries, visits: ArmVisits) -> tuple[ArmCapture, ...]:
     """Capture at poses that no fit will see."""
-    wanted = series.rules.checks_for(len(of_target(visits.captures(), 0)))
-    ways = await run.solve("choose check poses", check_ways, series, visits.here_rad, wanted)
-    if len(ways) < min(wanted, series.rules.checks):
+    most_checks = series.rules.checks_for(len(of_target(visits.valid_captures(), 0)))
+    ways = await run.solve("choose check poses", check_ways, series, visits.here_rad, most_checks)
+    if len(ways) < min(most_checks, series.rules.checks):
         raise RefusalError(
-            f"only {len(ways)} of {wanted} check poses can be reached: nothing would be verified",
+            f"only {len(ways)} of {most_checks} check poses can be reached: nothing would be verified",
             code="procedure.unreachable",
             remedy="Widen the workspace box or allow more candidates; then start a new run.",
         )
-    return tuple([await visits.check("check", number, way) for number, way in enumerate(ways, 1)])
+    return tuple([await visits.check_pose("check", number, way) for number, way in enumerate(ways, 1)])
 
 
 def check_ways(
-    series: Series, here_rad: tuple[float, ...], wanted: int
+    series: CalibrationSeries, here_rad: tuple[float, ...], most_checks: int
 ) -> tuple[tuple[tuple[float, ...], ...], ...]:
     """Return ways to poses that were put aside for verification, which lie far from each other."""
-    reach, plan = series.reach(), series.plan
-    return ordered_ways(reach, plan.roads, here_rad, plan.reserved[:wanted])
+    reach, plan = series.motion_space(), series.plan
+    return ordered_ways(reach, plan.roads, here_rad, plan.reserved[:most_checks])
 
 
-def _way_back(series: Series, visits: Visits) -> tuple[tuple[float, ...], ...]:
+def _way_back(series: CalibrationSeries, visits: ArmVisits) -> tuple[tuple[float, ...], ...]:
     """Return the way to the pose that was gone to first."""
     assert visits.first_rad is not None  # a series has captures before it is verified
-    return ordered_ways(series.reach(), series.plan.roads, visits.here_rad, (visits.first_rad,))[0]
+    return ordered_ways(series.motion_space(), series.plan.roads, visits.here_rad, (visits.first_rad,))[0]
 
 
 async def _write_zeros(
-    run: Run, spec: RobotCalibration, series: Series, visits: Visits, result: CalibrationResult
+    run: Run, spec: RobotCalibration, series: CalibrationSeries, visits: ArmVisits, result: CalibrationResult
 ) -> CalibrationResult:
     """Write the joint zeros as mastering and look again; take them back where the robot is not where it should be."""
     found, bench = result.identified, series.bench
@@ -177,15 +193,15 @@ async def _write_zeros(
     verdict = verdict_on_calibration(spec, result)
     refuse_failed(verdict, None, result)
     question = "Write them as the robot's mastering? Taught positions move with them."
-    shown = with_verdict(_shown_zeros(found), verdict, question, writes=True)
+    shown = with_verdict(_zeros_instruction(found), verdict, question, writes=True)
     shown = with_changes(shown, zero_changes(bench, found), **zero_displacement(bench, series.plan, found))
-    await run.step("accept the zeros", accept, shown, sha256_of(to_jsonable_python(found.mastering)))
+    await run.step("accept the zeros", ask_acceptance, shown, sha256_of(to_jsonable_python(found.mastering)))
     written = await run.write("write the mastering", write_mastering, found.mastering)
-    await run.ensure("the written mastering is in force", still_in_force, found.mastering)
+    await run.ensure("the written mastering is in force", check_still_in_force, found.mastering)
     ways = check_ways(series, visits.here_rad, FINAL_POSES)
-    finals = tuple([await visits.check("final", number, way) for number, way in enumerate(ways, 1)])
-    rms_m = errors_after(series, visits.captures(), found.written_offsets_rad, finals)
-    limit_m = chosen(CHECK, spec.accuracy_class, spec.limits).check_rms_m
+    finals = tuple([await visits.check_pose("final", number, way) for number, way in enumerate(ways, 1)])
+    rms_m = errors_after(series, visits.valid_captures(), found.written_offsets_rad, finals)
+    limit_m = limits_in_force(CHECK, spec.accuracy_class, spec.limits).check_rms_m
     if not rms_m <= limit_m:
         old = MasteringData(bench.counts_at_zero, mastered=True)
         await run.write("restore the mastering", restore_mastering, old)
@@ -196,18 +212,18 @@ async def _write_zeros(
             remedy="Use the parameter set of a run without write_zeros; look whether arm or device were touched.",
             evidence=result,
         )
-    arm = after_mastering(found.arm, found.written_offsets_rad, found.mastering)
+    arm = arm_after_mastering(found.arm, found.written_offsets_rad, found.mastering)
     return replace(result, identified=found, arm=arm, written=written, final_rms_m=rms_m)
 
 
-def _refuse_zeros(found: Identified, bench: Bench) -> None:
+def _refuse_zeros(found: ArmIdentification, bench: Bench) -> None:
     if not found.mastering:
         raise NeedsUnmetError(
             "this robot's mastering cannot be written",
             missing=("access to encoder counts and mastering",),
             remedy="Use the parameter set: run again without write_zeros.",
         )
-    if not found.hold_out.offsets_explain or not found.hold_out.as_predicted:
+    if not found.hold_out.is_explained_by_offsets or not found.hold_out.is_as_predicted:
         raise RefusalError(
             f"joint zeros alone leave {found.hold_out.offsets_only_rms_m * 1e3:.2f} mm RMS at the check poses, the "
             f"whole model {found.hold_out.after_rms_m * 1e3:.2f} mm: writing them would hide what else is wrong",
@@ -217,7 +233,7 @@ def _refuse_zeros(found: Identified, bench: Bench) -> None:
         )
 
 
-def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
+def _plan_instruction(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
     rules, expected, checks = spec.rules, plan.expected_captures, plan.expected_checks
     doubt = f". Beware: {plan.shortfall}" if plan.shortfall else ""
     what = (
@@ -234,24 +250,24 @@ def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
             f"tip within {plan.tool.tip_u_m * 1e3:.3f} mm, axes within {math.degrees(plan.tool.angle_u_rad):.3f} deg"
         )
         hands = f"change the target {points + 1} times"
-    tour = Tour(stops, plan.foreseen(), hands)
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(asked, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
+    tour = PlanTour(stops, plan.expected_motion(), hands)
+    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(instruction, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
 
 
-def _shown_result(result: CalibrationResult) -> Instruction:
+def _result_instruction(result: CalibrationResult) -> Instruction:
     found, out = result.identified, result.identified.hold_out
     ended = "" if result.goal_reached else f" The goal was not reached: {result.why_ended}."
     return Instruction(
         "accept_parameters",
         f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
         f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
-        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended}"
+        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving_text}.{ended}"
         + (" " + tool_words(found.tool) if found.tool else ""),
     )
 
 
-def _shown_zeros(found: Identified) -> Instruction:
+def _zeros_instruction(found: ArmIdentification) -> Instruction:
     turned = ", ".join(f"J{k + 1} {math.degrees(v):+.4f}" for k, v in enumerate(found.written_offsets_rad))
     return Instruction(
         "accept_zeros",
@@ -259,7 +275,7 @@ def _shown_zeros(found: Identified) -> Instruction:
     )
 
 
-def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
+def _outline_phases(spec: RobotCalibration) -> tuple[Phase, ...]:
     expected = max(spec.rules.min_captures, min(45, spec.rules.max_captures))  # until there is a plan
     steps = series_steps(spec.rules, expected, spec.rules.checks_for(expected))
     series = {name: Phase(name, times, adaptive=True) for name, times in steps.items()}
@@ -302,23 +318,23 @@ def _point_phases(spec: RobotCalibration) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: RobotCalibration, result: CalibrationResult) -> tuple[Keepsake, ...]:
+def _results_to_store(spec: RobotCalibration, result: CalibrationResult) -> tuple[StoredResult, ...]:
     tool = result.tool
-    kept = () if tool is None else (Keepsake("tool_frame", str(tool.tool_number), tool),)
-    if verdict_on_calibration(spec, result).word is FAIL:
-        return kept
-    return (Keepsake("parameter_set", result.arm.robot_serial, result.arm), *kept)
+    stored_tool = () if tool is None else (StoredResult("tool_frame", str(tool.tool_number), tool),)
+    if verdict_on_calibration(spec, result).overall_decision is FAIL:
+        return stored_tool
+    return (StoredResult("parameter_set", result.arm.robot_serial, result.arm), *stored_tool)
 
 
-def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
-    bench = bench_before(known, spec.method)
+def _forecast_run(spec: RobotCalibration, knowledge: Knowledge) -> Forecast:
+    bench = declared_bench(knowledge, spec.method)
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
-    plan = plan_series(bench, spec.goal(), spec.rules)
+    plan = plan_series(bench, spec.series_goal(), spec.rules)
     ends = [way[-1] for way in plan.foreseen_rad]
     poses, checks = ends[: plan.expected_captures], ends[plan.expected_captures :]
     stops = len(ends) + len(tool_ways(plan.tool))
-    paced, each_s = plan.foreseen(), known.limits.settle_s + spec.rules.samples * SAMPLE_S
+    paced, each_s = plan.expected_motion(), knowledge.limits.settle_s + spec.rules.samples * SAMPLE_S
     after = f"after {plan.expected_captures} captures; each pose is chosen anew as readings come in"
     return Forecast(
         duration_s=math.ceil(paced.moving_s + stops * each_s + 3 * ANSWER_S),
@@ -336,20 +352,20 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
             f"the arm leaves {spec.rules.arm_sigma_m * 1e3:.2f} mm a coordinate that no parameter describes",
             *((plan.shortfall,) if plan.shortfall else ()),
         ),
-        not_checked=Reach.of(bench, spec.rules.room).not_checked(),
+        not_checked=MotionSpace.from_bench(bench, spec.rules.room).not_checked(),
         planned=planned_steps(plan, spec.rules),
     )
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="robot_calibration",
     title="Robot calibration with draw-wire or tracker",
     version=4,
     procedure=robot_calibration,
     spec_type=RobotCalibration,
     needs=("moves_joints", "model", "sees_the_flange"),
-    outline=_outline,
-    keeps=_keeps,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
     verdict=verdict_on_calibration,
-    forecast=_forecast,
+    forecast=_forecast_run,
 )

@@ -23,11 +23,11 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Instruction, Joints
-from cellcal.procedures.canonical import alike, sha256_of
+from cellcal.procedures.canonical_json import is_alike, sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.past import Effect, Finding, Kind, Past
-from cellcal.procedures.progress import Gate, Progress, ignore
-from cellcal.procedures.shown import Page, Shown, page_of
+from cellcal.procedures.instruction_page import InstructionPage, PagedInstruction, page_of
+from cellcal.procedures.progress import PauseGate, StepProgress, ignore_progress
+from cellcal.procedures.run_history import EventKind, Finding, RunHistory, StepEffect
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -89,19 +89,19 @@ class ReplayMismatchError(ProcedureError):
 class Ledger(Protocol):
     """Where facts go. A fact is durable when ``record`` returns; the same key is stored once."""
 
-    def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None: ...
+    def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None: ...
 
 
 @dataclass(slots=True)
-class _Book:
+class _RunState:
     """What a run and its sub-procedures share."""
 
     cell: Cell
     ledger: Ledger
-    past: Past
+    past: RunHistory
     expected: int
-    announce: Callable[[Progress], None]
-    gate: Gate
+    announce: Callable[[StepProgress], None]
+    gate: PauseGate
     named: set[str] = field(default_factory=set)
     done: int = 0
     attempts: dict[str, int] = field(default_factory=dict)
@@ -109,23 +109,23 @@ class _Book:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _StepTask:
     """One step as the journal sees it."""
 
     name: str
-    effect: Effect
-    kind: Kind
+    effect: StepEffect
+    kind: EventKind
     inputs: Any
     codec: TypeAdapter[Any]
     act: Callable[[Cell], Awaitable[Any]]
     solves: bool = False
-    page: Page | None = None
+    page: InstructionPage | None = None
     goal_rad: Joints | None = None
 
     @property
-    def does(self) -> str:
+    def activity_name(self) -> str:
         """What a screen says of it while it goes on: read, move, write, solve."""
-        return "solve" if self.solves else "read" if self.effect is Effect.NONE else self.effect.value
+        return "solve" if self.solves else "read" if self.effect is StepEffect.NONE else self.effect.value
 
 
 class Run:
@@ -140,18 +140,18 @@ class Run:
         self,
         cell: Cell,
         ledger: Ledger,
-        past: Past | None = None,
+        past: RunHistory | None = None,
         *,
         expected: int = 0,
-        announce: Callable[[Progress], None] = ignore,
-        gate: Gate | None = None,
+        announce: Callable[[StepProgress], None] = ignore_progress,
+        gate: PauseGate | None = None,
     ) -> None:
-        past = past or Past()
-        self._book = _Book(cell, ledger, past, expected, announce, gate or Gate())
+        past = past or RunHistory()
+        self._book = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
         self._book.attempts.update(past.attempts)
         self._prefix = ""
 
-    def under(self, prefix: str) -> "Run":
+    def with_prefix(self, prefix: str) -> "Run":
         """Return the same run for a sub-procedure: its steps are called ``prefix: name``."""
         inner = Run(self._book.cell, self._book.ledger)
         inner._book = self._book
@@ -162,19 +162,19 @@ class Run:
         self, name: str, work: Callable[Concatenate[Cell, P], Awaitable[R]], *args: P.args, **kwargs: P.kwargs
     ) -> R:
         """Do ``work`` once per run; afterwards answer from the journal."""
-        return await self._once(name, Effect.NONE, work, *args, **kwargs)
+        return await self._run_once(name, StepEffect.NONE, work, *args, **kwargs)
 
     async def move(
         self, name: str, work: Callable[Concatenate[Cell, P], Awaitable[R]], *args: P.args, **kwargs: P.kwargs
     ) -> R:
         """Do ``work`` that moves the robot once per run."""
-        return await self._once(name, Effect.MOVE, work, *args, **kwargs)
+        return await self._run_once(name, StepEffect.MOVE, work, *args, **kwargs)
 
     async def write(
         self, name: str, work: Callable[Concatenate[Cell, P], Awaitable[R]], *args: P.args, **kwargs: P.kwargs
     ) -> R:
         """Do ``work`` that changes a controller once per run; it decides by reading back whether to write."""
-        return await self._once(name, Effect.WRITE, work, *args, **kwargs)
+        return await self._run_once(name, StepEffect.WRITE, work, *args, **kwargs)
 
     async def solve(self, name: str, calculation: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Calculate once per run, beside the event loop; the journal keeps the result and an input hash.
@@ -183,13 +183,19 @@ class Run:
         """
         inputs = {"sha256": sha256_of(to_jsonable_python([args, kwargs]))}
 
-        async def act(_: Cell) -> R:
+        async def run_calculation(_: Cell) -> R:
             return await asyncio.to_thread(calculation, *args, **kwargs)
 
-        task = _Task(
-            self._claim(name), Effect.NONE, Kind.FINDING, inputs, _codec(calculation), act, solves=True
+        task = _StepTask(
+            self._claim_name(name),
+            StepEffect.NONE,
+            EventKind.FINDING,
+            inputs,
+            _result_codec(calculation),
+            run_calculation,
+            solves=True,
         )
-        result: R = await self._answer(task)
+        result: R = await self._answer_step(task)
         return result
 
     async def ensure(
@@ -200,45 +206,54 @@ class Run:
         **kwargs: P.kwargs,
     ) -> None:
         """Check a standing condition on every entry, also when resuming."""
-        inputs = _asked_for(args, kwargs)
+        inputs = _journalled_inputs(args, kwargs)
 
-        async def act(cell: Cell) -> Any:
+        async def run_check(cell: Cell) -> Any:
             return await work(cell, *args, **kwargs)
 
-        await self._perform(_Task(self._claim(name), Effect.NONE, Kind.CONDITION, inputs, _codec(work), act))
+        await self._perform_task(
+            _StepTask(
+                self._claim_name(name),
+                StepEffect.NONE,
+                EventKind.CONDITION,
+                inputs,
+                _result_codec(work),
+                run_check,
+            )
+        )
 
-    async def _once(
+    async def _run_once(
         self,
         name: str,
-        effect: Effect,
+        effect: StepEffect,
         work: Callable[Concatenate[Cell, P], Awaitable[R]],
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        inputs = _asked_for(args, kwargs)
+        inputs = _journalled_inputs(args, kwargs)
 
-        async def act(cell: Cell) -> R:
+        async def run_work(cell: Cell) -> R:
             return await work(cell, *args, **kwargs)
 
         page = next(
             (page_of(each) for each in (*args, *kwargs.values()) if isinstance(each, Instruction)), None
         )
-        goal_rad = _goal_of(*args) if effect is Effect.MOVE else None
-        result: R = await self._answer(
-            _Task(
-                self._claim(name),
+        goal_rad = _goal_of(*args) if effect is StepEffect.MOVE else None
+        result: R = await self._answer_step(
+            _StepTask(
+                self._claim_name(name),
                 effect,
-                Kind.FINDING,
+                EventKind.FINDING,
                 inputs,
-                _codec(work),
-                act,
+                _result_codec(work),
+                run_work,
                 page=page,
                 goal_rad=goal_rad,
             )
         )
         return result
 
-    async def _answer(self, task: _Task) -> Any:
+    async def _answer_step(self, task: _StepTask) -> Any:
         book = self._book
         replayed = book.done < len(book.past.findings)
         if replayed:
@@ -246,37 +261,37 @@ class Run:
             _refuse_mismatch(finding, task)
             stored = finding.value
         else:
-            stored = await self._perform(task)
+            stored = await self._perform_task(task)
         book.done += 1
-        self._announce("replayed" if replayed else "finding", task.name, value=stored, task=task)
+        self._announce_progress("replayed" if replayed else "finding", task.name, value=stored, task=task)
         return task.codec.validate_python(stored)  # a live step and a replayed one answer alike
 
-    def _claim(self, name: str) -> str:
+    def _claim_name(self, name: str) -> str:
         full = self._prefix + name
         if full in self._book.named:
             raise ReplayMismatchError(f"two steps are called {full!r}")
         self._book.named.add(full)
         return full
 
-    async def _perform(self, task: _Task) -> Any:
-        await self._wait_at_the_gate(task.name)
-        await self._clear_doubt(task.name, task.effect)
+    async def _perform_task(self, task: _StepTask) -> Any:
+        await self._wait_at_gate(task.name)
+        await self._confirm_after_resume(task.name, task.effect)
         tries = 0
         while True:
             tries += 1
             try:
-                return await self._live(task)
+                return await self._run_live(task)
             except RETRYABLE as error:
                 if tries == ATTEMPTS or not await self._may_retry(task.name, error):
                     raise
 
-    async def _live(self, task: _Task) -> Any:
+    async def _run_live(self, task: _StepTask) -> Any:
         book, name = self._book, task.name
         attempt = book.attempts[name] = book.attempts.get(name, 0) + 1
         body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
-        opening = Kind.ENTERED if task.effect is Effect.NONE else Kind.INTENT
+        opening = EventKind.ENTERED if task.effect is StepEffect.NONE else EventKind.INTENT
         book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
-        self._announce("started", name, task=task)
+        self._announce_progress("started", name, task=task)
         try:
             stored = task.codec.dump_python(await task.act(book.cell), mode="json")
             book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
@@ -288,74 +303,82 @@ class Run:
         return stored
 
     def _record_failure(self, body: Mapping[str, Any], error: BaseException, stopped: bool) -> None:
-        told = {"error": type(error).__name__, "code": getattr(error, "code", ""), "message": str(error)}
+        error_body = {
+            "error": type(error).__name__,
+            "code": getattr(error, "code", ""),
+            "message": str(error),
+        }
         fact = {
             "step": body["step"],
             "attempt": body["attempt"],
             "effect": body["effect"],
             "stopped": stopped,
         }
-        self._announce("failed", str(body["step"]), message=str(error) or type(error).__name__)
+        self._announce_progress("failed", str(body["step"]), message=str(error) or type(error).__name__)
         try:
-            key = f"{body['step']}/{body['attempt']}/{Kind.FAILED}"
-            self._book.ledger.record(Kind.FAILED, fact | told, key=key)
+            key = f"{body['step']}/{body['attempt']}/{EventKind.FAILED}"
+            self._book.ledger.record(EventKind.FAILED, fact | error_body, key=key)
         except CellError as second:  # the first error is the one to act on
             error.add_note(f"and the failure could not be journalled: {second}")
 
     async def _stop_robot(self) -> bool:
         """Ask the robot to stop and wait; True once it stands still."""
-        return await to_the_end(_stopped(self._book.cell))
+        return await to_the_end(_stop_and_wait(self._book.cell))
 
-    async def _wait_at_the_gate(self, name: str) -> None:
+    async def _wait_at_gate(self, name: str) -> None:
         gate = self._book.gate
-        if not gate.closed:
+        if not gate.is_closed:
             return
-        self._book.ledger.record(Kind.PAUSED, {"before": name})
-        self._announce("paused", name)
-        await gate.passed()
-        self._book.ledger.record(Kind.CONTINUED, {"before": name})
-        self._announce("resumed", name)
+        self._book.ledger.record(EventKind.PAUSED, {"before": name})
+        self._announce_progress("paused", name)
+        await gate.wait_until_open()
+        self._book.ledger.record(EventKind.CONTINUED, {"before": name})
+        self._announce_progress("resumed", name)
 
-    async def _clear_doubt(self, name: str, effect: Effect) -> None:
+    async def _confirm_after_resume(self, name: str, effect: StepEffect) -> None:
         """Before a resumed run acts for the first time, a person has looked."""
         book = self._book
-        if book.cleared or not book.past.resumed or (effect is Effect.NONE and book.past.in_doubt is None):
+        if (
+            book.cleared
+            or not book.past.resumed
+            or (effect is StepEffect.NONE and book.past.in_doubt is None)
+        ):
             return
         doubt = (
             f"Step '{book.past.in_doubt}' was interrupted and may have acted. " if book.past.in_doubt else ""
         )
         text = f"{doubt}Look at the robot. May it move from where it stands? Next: {name}."
-        await self._confirm(Instruction("may_move", text), name)
+        await self._confirm_go_on(Instruction("may_move", text), name)
         book.cleared = True
-        book.cell.motion.agree(asyncio.get_running_loop().time())
+        book.cell.motion.note_approval(asyncio.get_running_loop().time())
 
     async def _may_retry(self, name: str, error: CellError) -> bool:
         text = f"{error} Look at the robot. Try '{name}' again?"
         try:
-            await self._confirm(Instruction("retry", text), name)
+            await self._confirm_go_on(Instruction("retry", text), name)
         except (DeclinedError, DeviceError):
             return False
         return True
 
-    async def _confirm(self, instruction: Instruction, name: str) -> None:
+    async def _confirm_go_on(self, instruction: Instruction, name: str) -> None:
         try:
             answer = await self._book.cell.operator.confirm(instruction)
         except RefusedError as error:
             raise DeclinedError(f"declined: {instruction.text}", remedy="Resume when it is safe.") from error
         self._book.ledger.record(
-            Kind.APPROVAL,
+            EventKind.APPROVAL,
             {"before": name, "key": instruction.key, "who": answer.who, "text": instruction.text},
         )
 
-    def _announce(
-        self, kind: str, step: str, *, message: str = "", value: Any = None, task: _Task | None = None
+    def _announce_progress(
+        self, kind: str, step: str, *, message: str = "", value: Any = None, task: _StepTask | None = None
     ) -> None:
         book = self._book
         index = min(book.done + (kind not in ("finding", "replayed")), max(book.expected, book.done + 1))
-        told = Progress(kind, step, index, max(book.expected, index), message, value)
+        progress = StepProgress(kind, step, index, max(book.expected, index), message, value)
         if task is not None:
-            told = replace(told, does=task.does, page=task.page, goal_rad=task.goal_rad)
-        book.announce(told)
+            progress = replace(progress, does=task.activity_name, page=task.page, goal_rad=task.goal_rad)
+        book.announce(progress)
 
 
 async def to_the_end(work: Coroutine[Any, Any, R]) -> R:
@@ -369,7 +392,7 @@ async def to_the_end(work: Coroutine[Any, Any, R]) -> R:
     return cleaning.result()
 
 
-async def _stopped(cell: Cell) -> bool:
+async def _stop_and_wait(cell: Cell) -> bool:
     try:
         async with asyncio.timeout(STOP_DEADLINE_S):
             await cell.robot.stop()
@@ -378,13 +401,15 @@ async def _stopped(cell: Cell) -> bool:
     return True
 
 
-def _asked_for(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
+def _journalled_inputs(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
     """Return a step's inputs as the journal keeps them: how a screen shows an instruction is none of them."""
 
-    def words(given: Any) -> Any:
-        return given.words if isinstance(given, Shown) else given
+    def plain_value(value: Any) -> Any:
+        return value.plain_instruction if isinstance(value, PagedInstruction) else value
 
-    return to_jsonable_python([[*map(words, args)], {name: words(given) for name, given in kwargs.items()}])
+    return to_jsonable_python(
+        [[*map(plain_value, args)], {name: plain_value(value) for name, value in kwargs.items()}]
+    )
 
 
 def _goal_of(way: Any = None, *_: Any) -> Joints | None:
@@ -393,13 +418,13 @@ def _goal_of(way: Any = None, *_: Any) -> Joints | None:
     return end if isinstance(end, tuple) and all(isinstance(angle, float) for angle in end) else None
 
 
-def _refuse_mismatch(finding: Finding, task: _Task) -> None:
+def _refuse_mismatch(finding: Finding, task: _StepTask) -> None:
     if finding.step != task.name:
         raise ReplayMismatchError(
             f"the journal has {finding.step!r} where the procedure asks for {task.name!r}",
             remedy="The run was made by another version: start it anew.",
         )
-    if not alike(finding.inputs, task.inputs):
+    if not is_alike(finding.inputs, task.inputs):
         raise ReplayMismatchError(
             f"step {task.name!r} was done with other inputs than it is asked for",
             remedy="Redo the run from the step before it.",
@@ -407,7 +432,7 @@ def _refuse_mismatch(finding: Finding, task: _Task) -> None:
 
 
 @cache
-def _codec(work: Callable[..., Any]) -> TypeAdapter[Any]:
+def _result_codec(work: Callable[..., Any]) -> TypeAdapter[Any]:
     hints = get_type_hints(work)
     if "return" not in hints:
         raise TypeError(f"{work} needs a return annotation: its result is journalled")

@@ -18,31 +18,31 @@ from cellcal.calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, re
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
-from cellcal.calibration.points.tag_placement import Method, PlacedTags, Sigmas, place_by_tags
-from cellcal.calibration.points.tag_points import Pairs, TagPath, paired
+from cellcal.calibration.points.tag_placement import Method, PlacedTags, TagSigmas, place_by_tags
+from cellcal.calibration.points.tag_points import TagPairs, TagPath, match_tags
 from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry, Keepsake, Phase
-from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
-from cellcal.procedures.limits import (
+from cellcal.procedures.accuracy_limits import (
     CHECK,
     FRAME,
     TOOL,
     AccuracyClass,
     CheckLimits,
     FrameLimits,
-    chosen,
-    told,
+    limits_in_force,
+    limits_text,
 )
-from cellcal.procedures.past import Finding
-from cellcal.procedures.questions import accept
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
+from cellcal.procedures.run_history import Finding
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
 from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
-from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict
+from cellcal.procedures.verdict import NOTHING_MEASURED, ProcedureVerdict
 
 Part = Literal["robot", "base", "workpiece"]
 Description = NewType("Description", str)  # the text of a URDF; who types settings names the file
@@ -95,27 +95,27 @@ class CalibratedPart:
     found: CalibratedRobot | PlacedTags
 
 
-_PAIRS: TypeAdapter[Pairs] = TypeAdapter(Pairs)
+_PAIRS: TypeAdapter[TagPairs] = TypeAdapter(TagPairs)
 _PLACED: TypeAdapter[PlacedTags] = TypeAdapter(PlacedTags)
 
 
 async def simulation_cell(run: Run, spec: SimulationCell) -> CalibratedPart:
     """Calibrate a part of a simulated cell from tag points, and have the result accepted."""
-    pairs = await run.step("pair the tags", pair_tags, spec.simulated, spec.measured, _least(spec))
+    pairs = await run.step("pair the tags", pair_tags, spec.simulated, spec.measured, _least_tags(spec))
     found: CalibratedRobot | PlacedTags
     if spec.part == "robot":
         model = await run.step("choose the model", choose_model, spec.model, bool(spec.description))
         found = await run.solve("calibrate the robot", calibrate_robot, spec, model, pairs)
     else:
         found = await run.solve("place the tags", place_part, spec, pairs)
-    shown, sha256 = _shown(spec.part, found), sha256_of(to_jsonable_python(found))
-    await run.step("accept the result", accept, shown, sha256)
+    shown, sha256 = _result_instruction(spec.part, found), sha256_of(to_jsonable_python(found))
+    await run.step("accept the result", ask_acceptance, shown, sha256)
     return CalibratedPart(spec.part, found)
 
 
-def calibrate(spec: SimulationCell) -> CalibratedPart:
+def calibrate_part(spec: SimulationCell) -> CalibratedPart:
     """Do the same without a cell and without a journal."""
-    pairs = paired(spec.simulated, spec.measured, least=_least(spec))
+    pairs = match_tags(spec.simulated, spec.measured, least=_least_tags(spec))
     if spec.part != "robot":
         return CalibratedPart(spec.part, place_part(spec, pairs))
     if not (spec.model or spec.description):
@@ -123,10 +123,10 @@ def calibrate(spec: SimulationCell) -> CalibratedPart:
     return CalibratedPart(spec.part, calibrate_robot(spec, spec.model, pairs))
 
 
-async def pair_tags(cell: Cell, simulated: TagPath, measured: TagPath, least: int) -> Pairs:
+async def pair_tags(cell: Cell, simulated: TagPath, measured: TagPath, least: int) -> TagPairs:
     """Put the same tags of both paths side by side; a finding, so that the certificate holds what was used."""
     del cell
-    return paired(simulated, measured, least=least)
+    return match_tags(simulated, measured, least=least)
 
 
 async def choose_model(cell: Cell, model: str, described: bool) -> str:
@@ -138,20 +138,22 @@ async def choose_model(cell: Cell, model: str, described: bool) -> str:
     return cell.model.name
 
 
-def calibrate_robot(spec: SimulationCell, model: str, pairs: Pairs) -> CalibratedRobot:
+def calibrate_robot(spec: SimulationCell, model: str, pairs: TagPairs) -> CalibratedRobot:
     """Find zero positions and tool, and write them into the robot's description."""
-    arm = _described(spec)
+    arm = _read_description(spec)
     found, calibrated = fit_robot(spec, load_model(model) if arm is None else arm.model, pairs)
     text = bare_urdf(calibrated, geometric_joints=True) if arm is None else calibrated_urdf(arm, calibrated)
     return CalibratedRobot(found, text)
 
 
-def fit_robot(spec: SimulationCell, nominal: RobotModel, pairs: Pairs) -> tuple[SimulatedRobot, RobotModel]:
+def fit_robot(
+    spec: SimulationCell, nominal: RobotModel, pairs: TagPairs
+) -> tuple[SimulatedRobot, RobotModel]:
     """Find zero positions and tool; return the calibrated model, too."""
     return calibrate_simulated_robot(nominal, pairs, level=spec.level, start_guess=spec.nominal)
 
 
-def _described(spec: SimulationCell) -> UrdfArm | None:
+def _read_description(spec: SimulationCell) -> UrdfArm | None:
     if not spec.description:
         return None
     if not spec.tip_link:
@@ -161,18 +163,18 @@ def _described(spec: SimulationCell) -> UrdfArm | None:
     return read_urdf(spec.description, tip_link=spec.tip_link)
 
 
-def place_part(spec: SimulationCell, pairs: Pairs) -> PlacedTags:
+def place_part(spec: SimulationCell, pairs: TagPairs) -> PlacedTags:
     """Place the robot's base in the fixture, or the workpiece in the robot's base."""
     method = spec.method if spec.part == "workpiece" else "least_squares"
-    sigmas = Sigmas(spec.sigma_m, spec.sigma_rad)
+    sigmas = TagSigmas(spec.sigma_m, spec.sigma_rad)
     return place_by_tags(pairs, method, sigmas=sigmas, nominal=spec.nominal)
 
 
-def _least(spec: SimulationCell) -> int:
+def _least_tags(spec: SimulationCell) -> int:
     return LEAST_TAGS if spec.part == "robot" else 3
 
 
-def _shown(part: Part, found: CalibratedRobot | PlacedTags) -> Instruction:
+def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Instruction:
     if isinstance(found, CalibratedRobot):
         robot = found.found
         text = (
@@ -183,13 +185,13 @@ def _shown(part: Part, found: CalibratedRobot | PlacedTags) -> Instruction:
         x, y, z = (value * 1e3 for value in found.outer_inner.position_m)
         what = "The robot's base in the fixture" if part == "base" else "The workpiece in the robot's base"
         text = (
-            f"{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {found.origin.expanded * 1e3:.3f} mm and "
-            f"{math.degrees(found.angle.expanded):.4f} degrees (95 %)."
+            f"{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {found.origin_uncertainty.expanded_uncertainty * 1e3:.3f} mm and "
+            f"{math.degrees(found.angle_uncertainty.expanded_uncertainty):.4f} degrees (95 %)."
         )
     return Instruction("accept_part", f"{text} Take it over into the simulation?")
 
 
-def _outline(spec: SimulationCell) -> tuple[Phase, ...]:
+def _outline_phases(spec: SimulationCell) -> tuple[Phase, ...]:
     work = (
         (Phase("choose the model"), Phase("calibrate the robot"))
         if spec.part == "robot"
@@ -198,26 +200,28 @@ def _outline(spec: SimulationCell) -> tuple[Phase, ...]:
     return (Phase("pair the tags"), *work, Phase("accept the result"))
 
 
-def _keeps(spec: SimulationCell, result: CalibratedPart) -> Keepsake:
-    return Keepsake("simulated_cell", spec.part, result)
+def _results_to_store(spec: SimulationCell, result: CalibratedPart) -> StoredResult:
+    return StoredResult("simulated_cell", spec.part, result)
 
 
-def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> Verdict:
+def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> ProcedureVerdict:
     """Return what a calibrated part may claim."""
     if isinstance(result.found, CalibratedRobot):
-        check = chosen(CHECK, spec.accuracy_class, spec.robot_limits)
+        check = limits_in_force(CHECK, spec.accuracy_class, spec.robot_limits)
         tool = TOOL[spec.accuracy_class]
-        from_where = told(spec.accuracy_class, spec.robot_limits)
+        from_where = limits_text(spec.accuracy_class, spec.robot_limits)
         verdict = robot_verdict(result.found.found, check, tool, from_where)
     else:
-        limits = chosen(FRAME, spec.accuracy_class, spec.limits)
-        verdict = placed_verdict(result.found, limits, told(spec.accuracy_class, spec.limits), spec.sigma_m)
+        limits = limits_in_force(FRAME, spec.accuracy_class, spec.limits)
+        verdict = placed_verdict(
+            result.found, limits, limits_text(spec.accuracy_class, spec.limits), spec.sigma_m
+        )
     return replace(verdict, remarks=(*verdict.remarks, NOTHING_MEASURED))
 
 
-def _forecast(spec: SimulationCell, known: Knowledge) -> Forecast:
-    del known
-    pairs = paired(spec.simulated, spec.measured, least=_least(spec))
+def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:
+    del knowledge
+    pairs = match_tags(spec.simulated, spec.measured, least=_least_tags(spec))
     count = len(pairs.one)
     if spec.part == "robot":
         return Forecast(
@@ -225,40 +229,42 @@ def _forecast(spec: SimulationCell, known: Knowledge) -> Forecast:
         )
     sigma_m = spec.sigma_m or ASSUMED_SIGMA_M
     method = spec.method if spec.part == "workpiece" else "least_squares"
-    ideal = place_by_tags(Pairs(pairs.one, pairs.one, ()), method, sigmas=Sigmas(sigma_m, spec.sigma_rad))
+    ideal = place_by_tags(
+        TagPairs(pairs.one, pairs.one, ()), method, sigmas=TagSigmas(sigma_m, spec.sigma_rad)
+    )
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
     turn = {name: limit.angle_rad for name, limit in FRAME.items()}
     return Forecast(
         ANSWER_S,
         predictions=(
-            Prediction("origin of the frame", ideal.origin.expanded, "m", origin),
-            Prediction("turn of the frame", ideal.angle.expanded, "rad", turn),
+            Prediction("origin of the frame", ideal.origin_uncertainty.expanded_uncertainty, "m", origin),
+            Prediction("turn of the frame", ideal.angle_uncertainty.expanded_uncertainty, "rad", turn),
         ),
         assumed=(f"{count} tags, each coordinate good to {sigma_m * 1e3:.2f} mm (sigma_m)",),
     )
 
 
-def _refit(spec: SimulationCell, findings: Sequence[Finding]) -> Refit:
+def _make_refit(spec: SimulationCell, findings: Sequence[Finding]) -> Refit:
     found = values_of(findings)
     pairs = _PAIRS.validate_python(found["pair the tags"])
     if spec.part == "robot":
-        arm = _described(spec)
+        arm = _read_description(spec)
         nominal = load_model(found["choose the model"]) if arm is None else arm.model
         return refit_robot(pairs, lambda fewer: fit_robot(spec, nominal, fewer))
     placed = _PLACED.validate_python(found["place the tags"])
     return refit_place(pairs, placed, spec.sigma_m, lambda fewer: place_part(spec, fewer))
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="simulation_cell",
     title="Simulated cell from tag points",
     version=1,
     procedure=simulation_cell,
     spec_type=SimulationCell,
     needs=(),
-    outline=_outline,
-    keeps=_keeps,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
     verdict=verdict_on_part,
-    forecast=_forecast,
-    refit=_refit,
+    forecast=_forecast_run,
+    refit=_make_refit,
 )

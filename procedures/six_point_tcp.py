@@ -13,27 +13,33 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
-from cellcal.calibration.points.touch_design import foreseen_u_m, planned_attitudes
+from cellcal.calibration.points.touch_design import planned_attitudes, predicted_u_m
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.accuracy_limits import TOOL, AccuracyClass, ToolLimits, limits_in_force
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from cellcal.procedures.judged_write import (
-    WriteAnyway,
-    ask_to_write,
-    ordered,
-    refuse_failed,
-    shift_told,
-)
-from cellcal.procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
-from cellcal.procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
+from cellcal.procedures.teaching.tcp_methods import (
+    Method,
+    Orientation,
+    TeachingMethod,
+    ToolAttitude,
+    take_axes,
+)
 from cellcal.procedures.teaching.tcp_refit import refit_touches
 from cellcal.procedures.teaching.tcp_touches import TouchRules, take_touches
-from cellcal.procedures.teaching.tcp_verdict import Judging, arm_u, axes_u, verdict_on_tool
-from cellcal.procedures.verdict import SetAside, Verdict
+from cellcal.procedures.teaching.tcp_verdict import TcpCriteria, arm_u, axes_u, verdict_on_tool
+from cellcal.procedures.verdict import ProcedureVerdict, SetAside
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    ask_to_write,
+    refuse_failed,
+    shift_text,
+    with_order_remark,
+)
 
 FOOT_M = 0.3048
 
@@ -47,7 +53,7 @@ class SixPointTcp:
     tool_number: Annotated[int, Field(ge=0, le=99)]
     method: Method = "textbook"
     orientation: Orientation = "two_points"  # of three_plus_orientation
-    held: Held = "z_down"  # how the tool is held where the orientation is by the world
+    held: ToolAttitude = "z_down"  # how the tool is held where the orientation is by the world
     check_handedness: bool = False  # one more move where a method has none to spare
     rms_limit_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005
     min_touches: Annotated[int, Field(ge=0, le=50)] = 0  # 0: as few as the method has
@@ -69,15 +75,20 @@ class SixPointTcp:
     write_anyway: WriteAnyway = ""
 
     @property
-    def way(self) -> Way:
+    def teaching_method(self) -> TeachingMethod:
         """The method with its choices."""
-        return Way(self.method, self.orientation, self.held, self.check_handedness, self.min_move_m)
+        return TeachingMethod(
+            self.method, self.orientation, self.held, self.check_handedness, self.min_move_m
+        )
 
     @property
-    def rules(self) -> TouchRules:
+    def touch_rules(self) -> TouchRules:
         """When there are enough touches."""
-        least = max(self.min_touches, self.way.least_touches)
-        limit_m, by_arm_m = chosen(TOOL, self.accuracy_class, self.limits).tip_m, arm_u(self.arm_sigma_m)
+        least = max(self.min_touches, self.teaching_method.least_touches)
+        limit_m, by_arm_m = (
+            limits_in_force(TOOL, self.accuracy_class, self.limits).tip_m,
+            arm_u(self.arm_sigma_m),
+        )
         return TouchRules(
             least=least,
             most=max(self.max_touches, least),
@@ -107,11 +118,11 @@ class ToolSetup:
 
 async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
     """Find a tool's tip and axes from poses the technician teaches, and write the tool frame."""
-    await run.ensure("the pin is fixed", ask, FIX_PIN)
+    await run.ensure("the pin is fixed", ask_confirmation, FIX_PIN)
     before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
 
-    touches = await take_touches(run, spec.rules, spec.way.touches)
-    axes = await take_axes(run, spec.way, touches.base_flange[0])
+    touches = await take_touches(run, spec.touch_rules, spec.teaching_method.named_touches)
+    axes = await take_axes(run, spec.teaching_method, touches.base_flange[0])
 
     tip = touches.tip.tip_in_flange_m
     flange_tool = Pose(tip, before.quaternion) if axes is None else tool_pose(tip, axes)
@@ -126,28 +137,28 @@ async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
         before=before,
         read_back=flange_tool,  # as it will be, if a person wants it
     )
-    verdict = _judge(spec, found)
+    verdict = _judge_result(spec, found)
     refuse_failed(verdict, spec.write_anyway, found)
     sha256 = sha256_of(to_jsonable_python(flange_tool))
-    await run.step("accept the result", accept, _shown(spec, found, verdict), sha256)
+    await run.step("accept the result", ask_acceptance, _result_instruction(spec, found, verdict), sha256)
     read_back = await run.write("write the tool frame", write_and_read_back, spec.tool_number, flange_tool)
     return replace(found, read_back=read_back)
 
 
-def _shown(spec: SixPointTcp, found: ToolSetup, verdict: Verdict) -> Instruction:
+def _result_instruction(spec: SixPointTcp, found: ToolSetup, verdict: ProcedureVerdict) -> Instruction:
     tip, (x, y, z) = found.tip, (value * 1e3 for value in found.flange_tool.position_m)
     words = [
         f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
         f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS.",
         *(["Its axes stay as they are."] if spec.method == "four_point" else []),
-        shift_told(found.before, found.flange_tool),
+        shift_text(found.before, found.flange_tool),
     ]
     shown = Instruction("accept_tool", " ".join(words))
     return ask_to_write(shown, verdict, found.before, found.flange_tool, spec.write_anyway, lever_m=0.0)
 
 
-def _outline(spec: SixPointTcp) -> tuple[Phase, ...]:
-    way, named = spec.way, spec.way.touches
+def _outline_phases(spec: SixPointTcp) -> tuple[Phase, ...]:
+    way, named = spec.teaching_method, spec.teaching_method.named_touches
     expected = max(_expected_touches(spec), len(named))
     origin = () if way.origin_step is None else (Phase(way.origin_step),)
     return (
@@ -158,28 +169,30 @@ def _outline(spec: SixPointTcp) -> tuple[Phase, ...]:
         Phase("judge the touches", expected, adaptive=True),
         Phase("locate the tip"),
         *origin,
-        *(Phase(f"move along {axis}") for axis in way.moves),
+        *(Phase(f"move along {axis}") for axis in way.move_axes),
         *(() if spec.method == "four_point" else (Phase("find the axes"),)),
         *(Phase("accept the result"), Phase("write the tool frame")),
     )
 
 
-def _keeps(spec: SixPointTcp, result: ToolSetup) -> Keepsake:
-    return Keepsake("tool_frame", str(spec.tool_number), result)
+def _results_to_store(spec: SixPointTcp, result: ToolSetup) -> StoredResult:
+    return StoredResult("tool_frame", str(spec.tool_number), result)
 
 
-def _verdict(spec: SixPointTcp, result: ToolSetup) -> Verdict:
-    return ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: SixPointTcp, result: ToolSetup) -> ProcedureVerdict:
+    return with_order_remark(_judge_result(spec, result), spec.write_anyway)
 
 
-def _judge(spec: SixPointTcp, result: ToolSetup) -> Verdict:
-    judging = Judging(spec.way, spec.square_sigma_rad, spec.arm_sigma_m, spec.accuracy_class, spec.limits)
+def _judge_result(spec: SixPointTcp, result: ToolSetup) -> ProcedureVerdict:
+    judging = TcpCriteria(
+        spec.teaching_method, spec.square_sigma_rad, spec.arm_sigma_m, spec.accuracy_class, spec.limits
+    )
     return verdict_on_tool(judging, result)
 
 
 def _expected_touches(spec: SixPointTcp) -> int:
     """Return after how many touches the tip will be known well enough if they are as good as stated."""
-    rules = spec.rules
+    rules = spec.touch_rules
     for count in range(rules.least, rules.most):
         u_m = _u_m(spec, count)
         if u_m is not None and u_m <= rules.tip_u_m:
@@ -190,19 +203,19 @@ def _expected_touches(spec: SixPointTcp) -> int:
 def _u_m(spec: SixPointTcp, count: int) -> float | None:
     attitudes = planned_attitudes(count, spec.most_tilt_rad)
     freedom = max(3.0 * count - 6.0, 1.0)
-    return foreseen_u_m(attitudes, spec.touch_sigma_m, freedom, arm_sigma_m=spec.arm_sigma_m)
+    return predicted_u_m(attitudes, spec.touch_sigma_m, freedom, arm_sigma_m=spec.arm_sigma_m)
 
 
-def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
-    del known
-    rules, expected = spec.rules, _expected_touches(spec)
+def _forecast_run(spec: SixPointTcp, knowledge: Knowledge) -> Forecast:
+    del knowledge
+    rules, expected = spec.touch_rules, _expected_touches(spec)
     best = _u_m(spec, rules.most)
     limits = {name: limit.tip_m for name, limit in TOOL.items()}
     turn = {name: limit.orientation_rad for name, limit in TOOL.items()}
-    poses = expected + len(spec.way.moves) + (spec.way.origin_step is not None)
+    poses = expected + len(spec.teaching_method.move_axes) + (spec.teaching_method.origin_step is not None)
     tip = [] if best is None else [Prediction(f"tip, after {rules.most} touches at most", best, "m", limits)]
     if spec.method != "four_point":
-        u_rad = axes_u(spec.way, spec.touch_sigma_m, spec.square_sigma_rad)
+        u_rad = axes_u(spec.teaching_method, spec.touch_sigma_m, spec.square_sigma_rad)
         tip.append(Prediction("turn of the tool's axes", u_rad, "rad", turn))
     return Forecast(
         duration_s=poses * PERSON_S + 2.0 * ANSWER_S,
@@ -217,16 +230,16 @@ def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
     )
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="six_point_tcp",
     title="Tool frame from six points",
     version=3,
     procedure=six_point_tcp,
     spec_type=SixPointTcp,
     needs=("writes_tool_frame",),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
     refit=refit_touches,
 )

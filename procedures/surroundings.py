@@ -9,13 +9,13 @@ from functools import lru_cache
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.motion.collision import (
-    Box,
-    Capsule,
+    BoxObstacle,
     CellShape,
     CollisionCheck,
+    LinkCapsule,
     Obstacle,
-    Plane,
-    Sphere,
+    PlaneObstacle,
+    SphereObstacle,
     arm_shape,
     assumed_shape,
 )
@@ -27,7 +27,7 @@ UNKNOWN_SPEED_SHARE = 0.5  # of every cap, while nobody said what stands in the 
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class BoxBlock:
     """A box that stands in the cell."""
 
     name: str
@@ -39,10 +39,10 @@ class Block:
 class Surroundings:
     """Shapes of arm and cell; the workspace that arm and tool stay inside. Without obstacles nothing is known."""
 
-    blocks: tuple[Block, ...] = ()
-    balls: tuple[Sphere, ...] = ()
-    planes: tuple[Plane, ...] = ()
-    capsules: tuple[Capsule, ...] = ()  # of the links, where somebody measured them
+    blocks: tuple[BoxBlock, ...] = ()
+    balls: tuple[SphereObstacle, ...] = ()
+    planes: tuple[PlaneObstacle, ...] = ()
+    capsules: tuple[LinkCapsule, ...] = ()  # of the links, where somebody measured them
     link_radius_m: float | None = None  # else of every link
     tip_in_flange_m: Triple | None = None
     margin_m: float = 0.02
@@ -51,18 +51,20 @@ class Surroundings:
     box_high_m: Triple | None = None
 
     @property
-    def known(self) -> bool:
+    def is_known(self) -> bool:
         """Whether anybody said what stands in the cell."""
         return bool(self.blocks or self.balls or self.planes)
 
     @property
     def speed_share(self) -> float:
         """How much of a speed cap may be used."""
-        return 1.0 if self.known else UNKNOWN_SPEED_SHARE
+        return 1.0 if self.is_known else UNKNOWN_SPEED_SHARE
 
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def list_obstacles(self) -> tuple[Obstacle, ...]:
         """Return what stands in the cell."""
-        boxes = tuple(Box(block.name, block.base_box.matrix(), block.size_m) for block in self.blocks)
+        boxes = tuple(
+            BoxObstacle(block.name, block.base_box.to_matrix(), block.size_m) for block in self.blocks
+        )
         return (*boxes, *self.balls, *self.planes)
 
 
@@ -70,7 +72,7 @@ NOTHING_KNOWN = Surroundings()
 
 
 @lru_cache(maxsize=128)
-def clearances(
+def clearance_check(
     model_name: str,
     surroundings: Surroundings,
     wire: WirePath | None = None,
@@ -84,7 +86,7 @@ def clearances(
         A shape is on a link that the arm does not have.
     """
     model = load_model(model_name)
-    return CollisionCheck.prepare(model, cell_shape(model, surroundings, wire, tip_in_flange_m))
+    return CollisionCheck.from_model(model, cell_shape(model, surroundings, wire, tip_in_flange_m))
 
 
 def cell_shape(
@@ -94,15 +96,15 @@ def cell_shape(
     tip_in_flange_m: Triple | None = None,
 ) -> CellShape:
     """Return the shapes of an arm in its cell; where nobody measured the links, they are assumed, and it says so."""
-    known = surroundings
-    tip = tip_in_flange_m or known.tip_in_flange_m or (wire.hook_in_flange_m if wire else None)
-    arm, assumed = known.capsules, tuple[str, ...]()
-    if not arm and known.link_radius_m is not None:
-        arm = arm_shape(model, radius_m=known.link_radius_m, tip_in_flange_m=tip)
+    shapes = surroundings
+    tip = tip_in_flange_m or shapes.tip_in_flange_m or (wire.hook_in_flange_m if wire else None)
+    arm, assumed = shapes.capsules, tuple[str, ...]()
+    if not arm and shapes.link_radius_m is not None:
+        arm = arm_shape(model, radius_m=shapes.link_radius_m, tip_in_flange_m=tip)
         assumed = (
-            f"links are taken as {known.link_radius_m * 1e3:.0f} mm round about the kinematic skeleton",
+            f"links are taken as {shapes.link_radius_m * 1e3:.0f} mm round about the kinematic skeleton",
         )
     elif not arm:
         shape = assumed_shape(model, tip_in_flange_m=tip)
         arm, assumed = shape.arm, shape.assumed
-    return CellShape(arm, known.obstacles(), wire, known.margin_m, known.wire_margin_m, assumed)
+    return CellShape(arm, shapes.list_obstacles(), wire, shapes.margin_m, shapes.wire_margin_m, assumed)

@@ -17,21 +17,13 @@ from cellcal.calibration.points.frame_design import (
     FrameRole,
     frame_outlook,
 )
-from cellcal.calibration.points.frames import TaughtFrame, points_down
+from cellcal.calibration.points.frames import TaughtFrame, is_pointing_down
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.accuracy_limits import FRAME, AccuracyClass, FrameLimits, limits_in_force, limits_text
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from cellcal.procedures.judged_write import (
-    WriteAnyway,
-    ask_to_write,
-    frame_changes,
-    ordered,
-    refuse_failed,
-    shift_told,
-)
-from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
-from cellcal.procedures.questions import accept, ask
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
+from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.frame_refit import refit_frame
@@ -47,7 +39,22 @@ from cellcal.procedures.teaching.frame_touches import (
     named_touches,
     touch_points,
 )
-from cellcal.procedures.verdict import Contribution, SetAside, Verdict, enough, held, known_within
+from cellcal.procedures.verdict import (
+    Contribution,
+    ProcedureVerdict,
+    SetAside,
+    known_within,
+    state_evidence,
+    state_fact,
+)
+from cellcal.procedures.write_review import (
+    WriteAnyway,
+    ask_to_write,
+    frame_changes,
+    refuse_failed,
+    shift_text,
+    with_order_remark,
+)
 
 LEAST = 3
 ASSUMED_SIDE_M = 0.3  # of the triangle, in a dry run
@@ -78,9 +85,9 @@ class ThreePointFrame:
     write_anyway: WriteAnyway = ""
 
     @property
-    def rules(self) -> FrameRules:
+    def frame_rules(self) -> FrameRules:
         """Which points are touched, and when there are enough."""
-        limits = chosen(FRAME, self.accuracy_class, self.limits)
+        limits = limits_in_force(FRAME, self.accuracy_class, self.limits)
         return FrameRules(
             tip_in_flange_m=self.tip_in_flange_m,
             more_on_x=self.more_on_x,
@@ -105,44 +112,49 @@ class FrameSetup:
 
 async def three_point_frame(run: Run, spec: ThreePointFrame) -> FrameSetup:
     """Construct a user frame from touched points, three and as many more as it takes, and write it."""
-    await run.ensure("the pointer is mounted", ask, POINTER)
+    await run.ensure("the pointer is mounted", ask_confirmation, POINTER)
     before = await run.step("read the user frame", read_user_frame, spec.frame_number)
 
-    touches = await touch_points(run, spec.rules)
+    touches = await touch_points(run, spec.frame_rules)
 
     taught = await run.solve(
-        "construct the frame", construct_frame, spec.rules, touches.points, touches.above
+        "construct the frame", construct_frame, spec.frame_rules, touches.points, touches.above
     )
     found = FrameSetup(
         frame_number=spec.frame_number,
         taught=taught,
         before=before,
         read_back=taught.base_frame,  # as it will be, if a person wants it
-        effort=effort_of(spec.rules, touches, taught),
+        effort=effort_of(spec.frame_rules, touches, taught),
         set_aside=touches.set_aside,
     )
-    verdict = _judge(spec, found)
+    verdict = _judge_result(spec, found)
     refuse_failed(verdict, spec.write_anyway, taught)
     base_user = taught.base_frame
-    result, sha256 = _shown(spec, taught, before, verdict), sha256_of(to_jsonable_python(base_user))
-    await run.step("accept the result", accept, result, sha256)
+    result, sha256 = (
+        _result_instruction(spec, taught, before, verdict),
+        sha256_of(to_jsonable_python(base_user)),
+    )
+    await run.step("accept the result", ask_acceptance, result, sha256)
     read_back = await run.write("write the user frame", write_user_frame, spec.frame_number, base_user)
     return replace(found, read_back=read_back)
 
 
-def _shown(spec: ThreePointFrame, taught: TaughtFrame, before: Pose, verdict: Verdict) -> Instruction:
+def _result_instruction(
+    spec: ThreePointFrame, taught: TaughtFrame, before: Pose, verdict: ProcedureVerdict
+) -> Instruction:
     x, y, z = (value * 1e3 for value in taught.base_frame.position_m)
     turn = max(taught.rotation_sigma_rad) * 2e3
     found = Instruction(
         "accept_frame",
         f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
-        f"are known to {turn:.2f} mm per metre (k=2). {shift_told(before, taught.base_frame)}",
+        f"are known to {turn:.2f} mm per metre (k=2). {shift_text(before, taught.base_frame)}",
     )
     return ask_to_write(found, verdict, before, taught.base_frame, spec.write_anyway)
 
 
-def _outline(spec: ThreePointFrame) -> tuple[Phase, ...]:
-    named, expected = named_touches(spec.rules), _expected(spec)
+def _outline_phases(spec: ThreePointFrame) -> tuple[Phase, ...]:
+    named, expected = named_touches(spec.frame_rules), _expected_outlook(spec)
     again = [named[k][1] for k in expected.again] if expected.reached else []
     further: dict[FrameRole, int] = {"origin": 0, "on_x": spec.more_on_x, "in_plane": spec.more_in_plane}
     return (
@@ -155,8 +167,8 @@ def _outline(spec: ThreePointFrame) -> tuple[Phase, ...]:
     )
 
 
-def _keeps(spec: ThreePointFrame, result: FrameSetup) -> Keepsake:
-    return Keepsake("user_frame", str(spec.frame_number), result)
+def _results_to_store(spec: ThreePointFrame, result: FrameSetup) -> StoredResult:
+    return StoredResult("user_frame", str(spec.frame_number), result)
 
 
 _NONE_TO_SPARE = "Three points fix a frame without one to spare: a wrong touch leaves no trace in a residual."
@@ -168,55 +180,61 @@ _UP = (0.0, 0.0, 1.0)  # of a robot that stands on its feet
 _SPARE_RULE = "PASS if the points have coordinates to compare, else UNDECIDED: touch the origin once more"
 
 
-def _verdict(spec: ThreePointFrame, result: FrameSetup) -> Verdict:
-    verdict = ordered(_judge(spec, result), spec.write_anyway)
+def _make_verdict(spec: ThreePointFrame, result: FrameSetup) -> ProcedureVerdict:
+    verdict = with_order_remark(_judge_result(spec, result), spec.write_anyway)
     return replace(verdict, changes=frame_changes(result.before, result.read_back))
 
 
-def _judge(spec: ThreePointFrame, found: FrameSetup) -> Verdict:
-    taught, limits = found.taught, chosen(FRAME, spec.accuracy_class, spec.limits)
+def _judge_result(spec: ThreePointFrame, found: FrameSetup) -> ProcedureVerdict:
+    taught, limits = found.taught, limits_in_force(FRAME, spec.accuracy_class, spec.limits)
     origin_u, turn_u = max(taught.origin_sigma_m), max(taught.rotation_sigma_rad)
     budget = Contribution("one coordinate of one touch, sigma_m", spec.sigma_m, "estimated")
     origin = known_within("origin of the frame", "m", u=origin_u, limit=limits.origin_m)
     turn = known_within("direction of the frame's axes", "rad", u=turn_u, limit=limits.angle_rad)
-    spare = enough(
+    spare = state_evidence(
         "coordinates beyond those that fix the frame",
         taught.redundancy > 0,
         _SPARE_RULE,
         found=taught.redundancy,
         limit=1,
     )
-    above = held("handedness: a point above lies on +z", True, "refused where it does not")
+    above = state_fact("handedness: a point above lies on +z", True, "refused where it does not")
     unseen = (
         "Nothing was touched on the +z side: the order of the points was not checked.",
-        *((_HANGING,) if points_down(taught.base_frame, _UP) else ()),
+        *((_HANGING,) if is_pointing_down(taught.base_frame, _UP) else ()),
     )
-    return Verdict(
+    return ProcedureVerdict(
         (origin.with_budget(budget), turn, spare, *((above,) if spec.check_above else ())),
-        limits_from=told(spec.accuracy_class, spec.limits),
+        limits_from=limits_text(spec.accuracy_class, spec.limits),
         not_verified=(
             *(() if taught.redundancy else (_NONE_TO_SPARE,)),
             "The pointer's tip was taken as given.",
             *(() if spec.check_above else unseen),
         ),
-        remarks=() if found.effort is None else (found.effort.saving,),
+        remarks=() if found.effort is None else (found.effort.saving_text,),
         set_aside=found.set_aside,
     )
 
 
-def _expected(spec: ThreePointFrame, sharper: float = 1.0, most: int | None = None) -> FrameOutlook:
+def _expected_outlook(spec: ThreePointFrame, sharper: float = 1.0, most: int | None = None) -> FrameOutlook:
     """Return what a triangle of usual size would take beyond the touches that are made in any case."""
-    points = [FramePoint(role, _ASSUMED[role]) for _, role, _ in named_touches(spec.rules)]
-    goal = spec.rules.goal
+    points = [FramePoint(role, _ASSUMED[role]) for _, role, _ in named_touches(spec.frame_rules)]
+    goal = spec.frame_rules.goal
     goal = FrameGoal(goal.sigma_m, goal.origin_u_m / sharper, goal.angle_u_rad / sharper)
-    return frame_outlook(Pose((0.0, 0.0, 0.0)), points, goal, most or spec.rules.most)
+    return frame_outlook(Pose((0.0, 0.0, 0.0)), points, goal, most or spec.frame_rules.most)
 
 
-def _forecast(spec: ThreePointFrame, known: Knowledge) -> Forecast:
-    del known
-    expected, best, most = _expected(spec), _expected(spec, sharper=1e3), spec.rules.most
-    named = len(named_touches(spec.rules))
-    after = expected if expected.reached else _expected(spec, most=named)  # out of reach: none is asked for
+def _forecast_run(spec: ThreePointFrame, knowledge: Knowledge) -> Forecast:
+    del knowledge
+    expected, best, most = (
+        _expected_outlook(spec),
+        _expected_outlook(spec, sharper=1e3),
+        spec.frame_rules.most,
+    )
+    named = len(named_touches(spec.frame_rules))
+    after = (
+        expected if expected.reached else _expected_outlook(spec, most=named)
+    )  # out of reach: none is asked for
     touches = named + len(after.again)
     count = touches + spec.check_above
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
@@ -239,16 +257,16 @@ def _forecast(spec: ThreePointFrame, known: Knowledge) -> Forecast:
     )
 
 
-ENTRY = Entry(
+DEFINITION = ProcedureDefinition(
     name="three_point_frame",
     title="User frame from three points",
     version=3,
     procedure=three_point_frame,
     spec_type=ThreePointFrame,
     needs=("writes_user_frame",),
-    outline=_outline,
-    keeps=_keeps,
-    verdict=_verdict,
-    forecast=_forecast,
+    outline=_outline_phases,
+    results_to_store=_results_to_store,
+    verdict=_make_verdict,
+    forecast=_forecast_run,
     refit=refit_frame,
 )

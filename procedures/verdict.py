@@ -2,10 +2,10 @@
 
 A procedure says its verdict in a function ``(spec, result) -> Verdict`` on its card. Four ways to say a figure:
 
-* ``judged``: a measured magnitude with its uncertainty against a limit, after ISO 14253-1;
+* ``judge_value``: a measured magnitude with its uncertainty against a limit, after ISO 14253-1;
 * ``known_within``: how well something is known, against how well it must be known; never FAIL, only "measure more";
-* ``held``: a fact that holds or does not, such as a check of a gate or a value read back;
-* ``stated``: a figure that nothing judges.
+* ``state_fact``: a fact that holds or does not, such as a check of a gate or a value read back;
+* ``state_figure``: a figure that nothing judges.
 """
 
 import math
@@ -16,7 +16,7 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration import uncertainty
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.uncertainty import coverage_factor, decide
+from cellcal.calibration.uncertainty import coverage_factor, decide_conformity
 
 PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED
 
@@ -40,7 +40,7 @@ class Characteristic:
     value: float
     unit: str
     standard_uncertainty: float
-    coverage: float  # k of ``expanded``
+    coverage: float  # k of ``expanded_uncertainty``
     limit: float | None = None
     decision: uncertainty.Verdict | None = None  # None where nothing judges it
     rule: str = ""
@@ -52,7 +52,7 @@ class Characteristic:
             raise CalibrationError(f"{self.name}: a verdict needs finite figures and an uncertainty >= 0")
 
     @property
-    def expanded(self) -> float:
+    def expanded_uncertainty(self) -> float:
         """Expanded uncertainty U = k u."""
         return self.coverage * self.standard_uncertainty
 
@@ -62,7 +62,7 @@ class Characteristic:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ValueChange:
     """Something as it was before and as it is after; None where it was not read."""
 
     name: str
@@ -80,32 +80,32 @@ class SetAside:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ProcedureVerdict:
     """All that a procedure claims, and what it does not."""
 
     characteristics: tuple[Characteristic, ...]
     limits_from: str = ""  # "limits of class B"
     not_verified: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ValueChange, ...] = ()
     set_aside: tuple[SetAside, ...] = ()
     to_sign: tuple[str, ...] = ()  # what a responsible person must confirm by hand afterwards
 
     @property
-    def word(self) -> uncertainty.Verdict:
+    def overall_decision(self) -> uncertainty.Verdict:
         """FAIL if anything failed, else UNDECIDED if anything is or nothing was decided, else PASS."""
         found = {figure.decision for figure in self.characteristics}
         return next((word for word in (FAIL, UNDECIDED, PASS) if word in found), UNDECIDED)
 
-    def as_object(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return the verdict as JSON values, with its word and every U."""
         document: dict[str, Any] = to_jsonable_python(self)
-        for told, figure in zip(document["characteristics"], self.characteristics, strict=True):
-            told["expanded_uncertainty"] = figure.expanded
-        return document | {"word": self.word.value}
+        for row, figure in zip(document["characteristics"], self.characteristics, strict=True):
+            row["expanded_uncertainty"] = figure.expanded_uncertainty
+        return document | {"word": self.overall_decision.value}
 
 
-def judged(
+def judge_value(
     name: str,
     value: float,
     unit: str,
@@ -115,7 +115,7 @@ def judged(
     degrees_of_freedom: float = math.inf,
 ) -> Characteristic:
     """Judge the magnitude of a measured value: conformity and non-conformity must both be proved."""
-    decision = decide(abs(value), u, limit, degrees_of_freedom=degrees_of_freedom)
+    decision = decide_conformity(abs(value), u, limit, degrees_of_freedom=degrees_of_freedom)
     rule = f"PASS if x + g <= L, FAIL if x - g > L, else UNDECIDED; {decision.rule}"
     k = coverage_factor(degrees_of_freedom)
     return Characteristic(name, value, unit, u, k, limit, decision.verdict, rule)
@@ -136,21 +136,21 @@ def known_within(
     return Characteristic(name, k * u, unit, u, k, limit, word, rule)
 
 
-def held(
+def state_fact(
     name: str, holds: bool, rule: str, *, found: float = 1.0, limit: float | None = None, unit: str = "1"
 ) -> Characteristic:
     """State a fact that either holds (PASS) or does not (FAIL); ``rule`` says what was compared."""
     return Characteristic(name, found, unit, 0.0, 2.0, limit, PASS if holds else FAIL, rule)
 
 
-def enough(
+def state_evidence(
     name: str, holds: bool, rule: str, *, found: float, limit: float, unit: str = "1"
 ) -> Characteristic:
     """State whether the evidence suffices: PASS, or UNDECIDED with what is missing in ``rule``."""
     return Characteristic(name, found, unit, 0.0, 2.0, limit, PASS if holds else UNDECIDED, rule)
 
 
-def stated(
+def state_figure(
     name: str, value: float, unit: str, *, u: float = 0.0, k: float = 2.0, rule: str = ""
 ) -> Characteristic:
     """State a figure that nothing judges."""

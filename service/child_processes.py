@@ -25,22 +25,22 @@ class ChildEndedError(CellError):
         )
 
 
-class LastWords:
+class StderrTail:
     """What a process prints as errors: passed on to our own, and the end of it kept."""
 
     def __init__(self) -> None:
-        self._kept = b""
+        self._tail = b""
 
     async def pass_on(self, stream: asyncio.StreamReader) -> None:
         """Pass on until the stream ends."""
         while chunk := await stream.read(_CHUNK):
-            self._kept = (self._kept + chunk)[-_KEPT_BYTES:]
+            self._tail = (self._tail + chunk)[-_KEPT_BYTES:]
             sys.stderr.write(chunk.decode(errors="replace"))
             sys.stderr.flush()
 
-    def last(self) -> str:
+    def last_line(self) -> str:
         """Return the last line that says anything."""
-        lines = self._kept.decode(errors="replace").split("\n")
+        lines = self._tail.decode(errors="replace").split("\n")
         return next((line.strip()[:300] for line in reversed(lines) if line.strip()), "")
 
 

@@ -10,7 +10,7 @@ _SIGNS = frozenset(FORMULA_SIGNS)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
-class TextSink(Protocol):
+class CsvSink(Protocol):
     """What rows are written to."""
 
     def write(self, text: str, /) -> Any:
@@ -23,7 +23,7 @@ def formula_safe(text: str) -> str:
 
 
 def write_rows(
-    sink: TextSink, rows: Iterable[Iterable[Any]], *, delimiter: str = ",", line_end: str = "\r\n"
+    sink: CsvSink, rows: Iterable[Iterable[Any]], *, delimiter: str = ",", line_end: str = "\r\n"
 ) -> None:
     """Write rows; cells that are texts are made safe."""
     writer = csv.writer(sink, delimiter=delimiter, lineterminator=line_end)

@@ -10,7 +10,7 @@ _SHOWN = {
 }
 
 
-def quantity(value: float, unit: str) -> str:
+def format_quantity(value: float, unit: str) -> str:
     """Return a figure in SI with its unit as people read it."""
     factor, shown, digits = _SHOWN.get(unit, (1.0, unit, 6))
     scaled = value * factor

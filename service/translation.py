@@ -28,84 +28,96 @@ _NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
-class _Pattern:
+class _SentencePattern:
     matches: re.Pattern[str]
-    said: str
+    translated: str
 
     @classmethod
-    def of(cls, english: str, said: str) -> "_Pattern":
+    def compile_pattern(cls, english: str, translated: str) -> "_SentencePattern":
         literals = _HOLE.split(english)[::2]
-        return cls(re.compile("(.*?)".join(map(re.escape, literals)), re.DOTALL), said)
+        return cls(re.compile("(.*?)".join(map(re.escape, literals)), re.DOTALL), translated)
 
 
 @dataclass(frozen=True)
-class Sayings:
+class Translations:
     """One language's tables."""
 
     locale: Locale
     table: dict[str, str]
     commas: bool = False  # in numbers
-    _patterns: list[_Pattern] = field(default_factory=list)
-    _found: dict[str, _Pattern | None] = field(default_factory=dict)  # by sentences without their numbers
+    _patterns: list[_SentencePattern] = field(default_factory=list)
+    _found: dict[str, _SentencePattern | None] = field(
+        default_factory=dict
+    )  # by sentences without their numbers
 
     @classmethod
-    def read(cls, locale: Locale, folder: Path = BUILT) -> "Sayings":
+    def read_tables(cls, locale: Locale, folder: Path = BUILT) -> "Translations":
         """Read a language's tables."""
         table: dict[str, str] = {}
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
                 table |= parse_json(read_plain_text(file))
-        return cls.of(locale, table, commas=locale in _COMMA)
+        return cls.from_table(locale, table, commas=locale in _COMMA)
 
     @classmethod
-    def of(cls, locale: Locale, table: dict[str, str], *, commas: bool) -> "Sayings":
+    def from_table(cls, locale: Locale, table: dict[str, str], *, commas: bool) -> "Translations":
         """Make the sayings of a table."""
         holed = sorted(
             (english for english in table if _HOLE.search(english)),
             key=lambda english: -len(_HOLE.sub("", english)),  # what says more is tried first
         )
-        return cls(locale, table, commas, [_Pattern.of(english, table[english]) for english in holed])
+        return cls(
+            locale,
+            table,
+            commas,
+            [_SentencePattern.compile_pattern(english, table[english]) for english in holed],
+        )
 
-    def say(self, text: str) -> str:
+    def translate(self, text: str) -> str:
         """Return a text in this language, sentence by sentence."""
         if not self.table:
             return text
-        return self.join(self._said(part) or part for part in _SENTENCE.split(text))
+        return self.join_sentences(self._translate_part(part) or part for part in _SENTENCE.split(text))
 
-    def join(self, sentences: Iterable[str]) -> str:
+    def join_sentences(self, sentences: Iterable[str]) -> str:
         """Return sentences one after the other: Chinese has no space between them."""
-        told = " ".join(sentences)
-        return told.replace("。 ", "。") if self.locale == "zh" else told
+        text = " ".join(sentences)
+        return text.replace("。 ", "。") if self.locale == "zh" else text
 
-    def number(self, written: str) -> str:
+    def format_number(self, written: str) -> str:
         """Return a number as people write it here."""
         return written.replace(".", ",") if self.commas else written
 
-    def step(self, given: str) -> str:
+    def translate_step(self, step_name: str) -> str:
         """Return the name of a step, whose number may be its own."""
         if not self.table:
-            return given
-        name = given.removesuffix(",")  # of a phase whose steps are numbered after a comma
-        if (said := self._said(name)) is not None:
-            return said
+            return step_name
+        name = step_name.removesuffix(",")  # of a phase whose steps are numbered after a comma
+        if (translated := self._translate_part(name)) is not None:
+            return translated
         phase, _, rest = name.partition(": ")
         if phase and rest:
-            return f"{self.step(phase)}: {self.step(rest)}"
+            return f"{self.translate_step(phase)}: {self.translate_step(rest)}"
         numbered = _NUMBERED.fullmatch(name)
-        return f"{self.step(numbered[1])} {numbered[2]}" if numbered else given
+        return f"{self.translate_step(numbered[1])} {numbered[2]}" if numbered else step_name
 
-    def _said(self, text: str) -> str | None:
+    def _translate_part(self, text: str) -> str | None:
         text = text.strip()
-        return self._counted(text) or self._filled(text) or self._of_named(text) or self._listed(text)
+        return (
+            self._translate_counted(text)
+            or self._translate_pattern(text)
+            or self._of_named(text)
+            or self._translate_list(text)
+        )
 
-    def _counted(self, text: str) -> str | None:
-        said = self.table.get(text, self.table.get(_NUMBER.sub("#", text)))
-        if said is None:
+    def _translate_counted(self, text: str) -> str | None:
+        translated = self.table.get(text, self.table.get(_NUMBER.sub("#", text)))
+        if translated is None:
             return None
         numbers = iter(_NUMBER.findall(text))
-        return re.sub("#", lambda _: self.number(next(numbers, "#")), said)
+        return re.sub("#", lambda _: self.format_number(next(numbers, "#")), translated)
 
-    def _filled(self, text: str) -> str | None:
+    def _translate_pattern(self, text: str) -> str | None:
         alike = _NUMBER.sub("0", text)  # a million reasons differ in their numbers alone
         if alike not in self._found:
             self._found[alike] = next((p for p in self._patterns if p.matches.fullmatch(text)), None)
@@ -113,38 +125,42 @@ class Sayings:
         found = None if pattern is None else pattern.matches.fullmatch(text)
         if pattern is None or found is None:
             return None
-        return _HOLE.sub(lambda hole: self._value(found[int(hole[1])]), pattern.said)
+        return _HOLE.sub(lambda hole: self._translate_value(found[int(hole[1])]), pattern.translated)
 
     def _of_named(self, text: str) -> str | None:
         found = _NAMED.fullmatch(text)
-        said = None if found is None else self._said(found[2])
-        if found is None or said is None:
+        translated = None if found is None else self._translate_part(found[2])
+        if found is None or translated is None:
             return None
-        return f"{self._name(found[1])}: {said}"
+        return f"{self._translate_name(found[1])}: {translated}"
 
-    def _name(self, words: str) -> str:
-        return self.step(words) if _NUMBERED.fullmatch(words) else words  # a device has its own name
+    def _translate_name(self, words: str) -> str:
+        return (
+            self.translate_step(words) if _NUMBERED.fullmatch(words) else words
+        )  # a device has its own name
 
-    def _listed(self, text: str) -> str | None:
+    def _translate_list(self, text: str) -> str | None:
         first, cut, rest = text.partition("; ")
-        said = [self._said(part) for part in (first, rest)] if cut else [None]
-        return None if None in said else self._between.join(part for part in said if part)
+        translated = [self._translate_part(part) for part in (first, rest)] if cut else [None]
+        return None if None in translated else self._separator.join(part for part in translated if part)
 
     @property
-    def _between(self) -> str:
+    def _separator(self) -> str:
         return "；" if self.locale == "zh" else "; "  # noqa: RUF001 - Chinese
 
-    def _value(self, words: str) -> str:
+    def _translate_value(self, words: str) -> str:
         if _ONLY_A_NUMBER.fullmatch(words):
-            return self.number(words)
+            return self.format_number(words)
         parts = words.split("; ")  # a list: of names, or of a controller's own words and ours
-        told = [self._said(part) for part in parts]
-        if len(parts) > 1 and any(told) and self._counted(words) is None:
-            return self._between.join(said or part for said, part in zip(told, parts, strict=True))
-        return self._said(words) or self._name(words)
+        translations = [self._translate_part(part) for part in parts]
+        if len(parts) > 1 and any(translations) and self._translate_counted(words) is None:
+            return self._separator.join(
+                translated or part for translated, part in zip(translations, parts, strict=True)
+            )
+        return self._translate_part(words) or self._translate_name(words)
 
 
 @cache
-def sayings(locale: Locale) -> Sayings:
+def load_translations(locale: Locale) -> Translations:
     """Return a language's tables as they were built with the pages."""
-    return Sayings.read(locale)
+    return Translations.read_tables(locale)

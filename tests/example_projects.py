@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.geometry import Array, Pose, exp_rotation, homogeneous, inverse_transform
+from cellcal.calibration.geometry import Array, Pose, exp_rotation, homogeneous_matrix, inverse_transform
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.calibration.points.alignment import Alignment, alignment_text
 from cellcal.drivers.fanuc.program_files.programs import BRAND
@@ -23,7 +23,7 @@ from cellcal.service.engineering.programs.postures import PostureSearch
 
 FOLDER = Path(__file__).parents[1] / "deploy" / "example_projects" / "door_line"
 MODEL = "fanuc_r2000ic_165f"
-TOOL = homogeneous(np.eye(3), np.array([0.0, 0.0, 0.412]))
+TOOL = homogeneous_matrix(np.eye(3), np.array([0.0, 0.0, 0.412]))
 SIGMA_RAD, SIGMA_M = 1.5e-5, 3e-5
 FIXTURE_POINTS = np.array(
     [[0, 0, 0], [1.2, 0, 0], [1.2, 0.9, 0], [0, 0.9, 0], [0.6, 0.45, 0.25]], dtype=float
@@ -45,7 +45,7 @@ class Cell:
     def real(self) -> RobotModel:
         """The arm that stands there."""
         nominal, dice = load_model(MODEL), np.random.default_rng(self.seed)
-        errors = dice.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axes, 5))
+        errors = dice.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axis_count, 5))
         return nominal.with_dh_errors(np.where(_free(nominal), errors, 0.0))
 
 
@@ -63,8 +63,8 @@ def main() -> None:
 
 def cells() -> tuple[Cell, Cell]:
     """Return the master's cell and the clone's as they really are."""
-    stand = homogeneous(np.eye(3), np.array([1.05, -0.45, 0.55]))
-    shifted = stand @ homogeneous(
+    stand = homogeneous_matrix(np.eye(3), np.array([1.05, -0.45, 0.55]))
+    shifted = stand @ homogeneous_matrix(
         rotation_from("fanuc_wpr", np.deg2rad([0.12, -0.08, 0.4])), np.array([0.0118, -0.0079, 0.0034])
     )
     return (
@@ -78,7 +78,9 @@ def poses_of(listing: bytes) -> Array:
     found = re.findall(rb"([XYZWPR]) = *(-?[\d.]+) +(?:mm|deg)", listing)
     numbers = np.array([float(number) for _, number in found]).reshape(-1, 6)
     turns = [rotation_from("fanuc_wpr", np.deg2rad(row[3:])) for row in numbers]
-    return np.array([homogeneous(turn, row[:3] / 1e3) for turn, row in zip(turns, numbers, strict=True)])
+    return np.array(
+        [homogeneous_matrix(turn, row[:3] / 1e3) for turn, row in zip(turns, numbers, strict=True)]
+    )
 
 
 def tips_at_fixture(cell: Cell, listing: bytes) -> Array:
@@ -86,8 +88,10 @@ def tips_at_fixture(cell: Cell, listing: bytes) -> Array:
     nominal = load_model(MODEL)
     flange = cell.entered_frame @ poses_of(listing) @ inverse_transform(TOOL)
     search = PostureSearch(nominal, nominal, BRAND.configurations)
-    joints = search.alike(flange, np.broadcast_to(_FLANGE_SEED, (len(flange), 6)))
-    real_tool = homogeneous(np.eye(3), np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) / 1e3)
+    joints = search.nearest_postures(flange, np.broadcast_to(_FLANGE_SEED, (len(flange), 6)))
+    real_tool = homogeneous_matrix(
+        np.eye(3), np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) / 1e3
+    )
     tips: Array = inverse_transform(cell.base_fixture) @ cell.real.base_flange(joints) @ real_tool
     return tips
 
@@ -127,17 +131,17 @@ def _listing(
     down = rotation_from("fanuc_wpr", np.array([np.pi, 0.0, 0.0]))
     poses = np.array(
         [
-            homogeneous(down @ exp_rotation(tilt * np.sin(i)), np.array(place))
+            homogeneous_matrix(down @ exp_rotation(tilt * np.sin(i)), np.array(place))
             for i, place in enumerate(places)
         ]
     )
     nominal = load_model(MODEL)
     search = PostureSearch(nominal, nominal, BRAND.configurations)
     flange = frame @ poses @ inverse_transform(TOOL)
-    joints = search.alike(flange, np.broadcast_to(_FLANGE_SEED, (len(poses), 6)))
+    joints = search.nearest_postures(flange, np.broadcast_to(_FLANGE_SEED, (len(poses), 6)))
     assert np.isfinite(joints).all(), f"{name}: out of reach"
     assert BRAND.configurations is not None
-    texts = BRAND.configurations.spelled(nominal, joints, ["N U T, 0, 0, 0"] * len(poses))
+    texts = BRAND.configurations.write_configurations(nominal, joints, ["N U T, 0, 0, 0"] * len(poses))
     speed = "60%" if letter == "J" else "250mm/sec"
     moves = [f"{letter} P[{i + 1}] {speed} {end}    ;" for i in range(len(poses))]
     lines = [
@@ -207,7 +211,7 @@ def _alignment(cell: Cell, nominal: RobotModel) -> Alignment:
     dice = np.random.default_rng(cell.seed + 2000)
     sigma = np.array([2e-5, 2e-5, 2e-5, 3e-5, 3e-5, 3e-5])
     off = dice.normal(scale=sigma)
-    found = cell.base_fixture @ homogeneous(exp_rotation(off[3:]), off[:3])
+    found = cell.base_fixture @ homogeneous_matrix(exp_rotation(off[3:]), off[:3])
     return Alignment(
         fixture="door fixture",
         robot_serial=cell.serial,
@@ -283,7 +287,7 @@ CONTROL_CODE\t= 00000000 00000000;
 
 def _free(nominal: RobotModel) -> Array:
     """Return (n, 5): where the arm's geometry has a parameter of its own; the other errors nobody could find."""
-    free = np.zeros((nominal.axes, 5), dtype=bool)
+    free = np.zeros((nominal.axis_count, 5), dtype=bool)
     for entry in np.ndindex(free.shape):
         errors = np.zeros(free.shape)
         errors[entry] = 1e-3
@@ -295,7 +299,7 @@ def _rounded(pose: Array) -> Array:
     """Return a frame as somebody taught it: half a millimetre off, in three decimals."""
     wpr = np.round(np.degrees(values_from("fanuc_wpr", pose[:3, :3])), 3)
     place = np.round(pose[:3, 3] + [4e-4, -3e-4, 5e-4], 6)
-    return homogeneous(rotation_from("fanuc_wpr", np.deg2rad(wpr)), place)
+    return homogeneous_matrix(rotation_from("fanuc_wpr", np.deg2rad(wpr)), place)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cellcal.service.cli.story import Teller
-from cellcal.service.demo.story import Plot, tell_story
+from cellcal.service.cli.demo_output import DemoPrinter
+from cellcal.service.demo.recovery_demo import DemoScenario, run_recovery_demo
 from cellcal.service.engineering.identification.identify import identify_file
 from cellcal.service.engineering.plots.identify_plots import draw_identification
 
@@ -39,9 +39,9 @@ def draw_demo() -> None:
     logging.disable(logging.WARNING)
     console = Console(record=True, width=112, force_terminal=True, file=io.StringIO(), highlight=False)
     console.print("[bold green]$[/] make demo")
-    with tempfile.TemporaryDirectory() as folder, Teller(console) as teller:
+    with tempfile.TemporaryDirectory() as folder, DemoPrinter(console) as teller:
         # no bar in a still picture
-        report = asyncio.run(tell_story(Path(folder), Plot(say=teller.say)))
+        report = asyncio.run(run_recovery_demo(Path(folder), DemoScenario(say=teller.print_line)))
     teller.close_with(report, console)
     svg = console.export_svg(title="cellcal demo --headless")
     svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)

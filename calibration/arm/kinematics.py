@@ -25,14 +25,14 @@ from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 __all__ = [
     "DhTable",
     "RobotModel",
-    "along_next",
+    "by_independent_columns",
     "chain_frames",
+    "frames_of_placements",
     "independent_columns",
     "joint_columns",
     "load_model",
     "model_names",
     "placement_columns",
-    "turned_frames",
 ]
 
 
@@ -54,7 +54,7 @@ class DhTable:
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
             raise CalibrationError("the columns of a DH table must be as long as each other")
 
-    def rows(self) -> Array:
+    def to_rows(self) -> Array:
         """Return (n, 5) in the order theta, d, a, alpha, beta [rad, m]."""
         return np.stack([self.theta_rad, self.d_m, self.a_m, self.alpha_rad, self.beta_rad], axis=1)
 
@@ -65,9 +65,9 @@ class DhTable:
         if rows.ndim != 2 or rows.shape[1] not in (4, 5):
             raise CalibrationError(f"DH rows have four or five numbers, not shape {rows.shape}")
         columns = list(rows.T) if rows.shape[1] == 5 else [*rows.T, np.zeros(len(rows))]
-        return cls(*(_frozen(column) for column in columns))
+        return cls(*(_frozen_copy(column) for column in columns))
 
-    def placements(self) -> Array:
+    def to_placements(self) -> Array:
         """Return (n, 4, 4): ``Trans(z, d) Trans(x, a) Rot(x, alpha) Rot(y, beta)`` of each row."""
         ca, sa = np.cos(self.alpha_rad), np.sin(self.alpha_rad)
         cb, sb = np.cos(self.beta_rad), np.sin(self.beta_rad)
@@ -106,7 +106,7 @@ class RobotModel:
             "upper_rad",
             "max_speed_rad_s",
         ):
-            object.__setattr__(self, field, _frozen(self.__dict__[field]))
+            object.__setattr__(self, field, _frozen_copy(self.__dict__[field]))
         n = len(self.joint_names)
         shapes = {v.shape for v in (self.theta0_rad, self.lower_rad, self.upper_rad, self.max_speed_rad_s)}
         if shapes != {(n,)} or self.joint_coupling.shape != (n, n) or self.placements.shape != (n + 1, 4, 4):
@@ -133,35 +133,35 @@ class RobotModel:
             "max_speed_rad_s": np.ones(n),
         }
         names = tuple(f"joint_{i + 1}" for i in range(n))
-        given = {
+        dh_arrays = {
             "title": fields.get("name"),
             "joint_coupling": np.eye(n),
             "joint_names": names,
             **wide,
             **fields,
         }
-        placements = np.concatenate([first[None], dh.placements()])
-        return cls(dh=dh, placements=placements, theta0_rad=dh.theta_rad, **given)  # type: ignore[arg-type]  # checked in __post_init__
+        placements = np.concatenate([first[None], dh.to_placements()])
+        return cls(dh=dh, placements=placements, theta0_rad=dh.theta_rad, **dh_arrays)  # type: ignore[arg-type]  # checked in __post_init__
 
     @property
-    def axes(self) -> int:
+    def axis_count(self) -> int:
         """The number of joints."""
         return len(self.joint_names)
 
     def base_flange(self, joints_rad: Array) -> Array:
         """Return (N, 4, 4): the flange in the base for each of (N, n) joint vectors."""
         rotations, origins = chain_frames(self, joints_rad)
-        return _matrices(rotations[-1], origins[-1])
+        return _stack_matrices(rotations[-1], origins[-1])
 
     def tip_positions(self, joints_rad: Array, tip_in_flange_m: Array) -> Array:
         """Return (N, 3): where a point of the flange, (3,) or one per pose (N, 3), is in the base [m]."""
         rotations, origins = chain_frames(self, joints_rad)
-        return _tip(rotations, origins, tip_in_flange_m).T
+        return _tip_positions(rotations, origins, tip_in_flange_m).T
 
     def tip_jacobian(self, joints_rad: Array, tip_in_flange_m: Array) -> tuple[Array, Array]:
         """Return positions (N, 3) [m] and d position / d controller joint (N, 3, n) [m/rad]."""
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         columns = joint_columns(self, rotations, origins, tip)
         return tip.T, columns.transpose(2, 1, 0)
 
@@ -169,14 +169,14 @@ class RobotModel:
         """Return base_flange (N, 4, 4) and its Jacobian (N, 6, n): linear, then angular, in base axes."""
         rotations, origins = chain_frames(self, joints_rad)
         linear = joint_columns(self, rotations, origins, origins[-1])
-        angular = _couple(self, rotations[:-1, :, 2])
+        angular = _by_controller_joints(self, rotations[:-1, :, 2])
         jacobian = np.concatenate([linear, angular], axis=1).transpose(2, 1, 0)
-        return _matrices(rotations[-1], origins[-1]), jacobian
+        return _stack_matrices(rotations[-1], origins[-1]), jacobian
 
     def placement_regressor(self, joints_rad: Array, tip_in_flange_m: Array) -> tuple[Array, Array]:
         """Return positions (N, 3) and d position / d twist (N, 3, n + 1, 6): ``P_k <- P_k exp(v, w)``."""
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         columns = placement_columns(rotations, origins, tip)
         return tip.T, columns.transpose(3, 2, 0, 1)
 
@@ -184,7 +184,7 @@ class RobotModel:
         """Return positions (N, 3) and d position / d (theta, d, a, alpha, beta) of each row (N, 3, n, 5)."""
         dh = self._dh_table()
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         lever = tip - origins
         # Of the row's axes after Rot(z, theta), z is the joint's, and x the next frame's before Rot(y, beta).
         z, y = rotations[:-1, :, 2], rotations[1:, :, 1]
@@ -192,13 +192,13 @@ class RobotModel:
             rotations[1:, :, 0] * np.cos(dh.beta_rad)[:, None, None]
             + rotations[1:, :, 2] * np.sin(dh.beta_rad)[:, None, None]
         )
-        turns = [cross(z, lever[:-1]), z, x, cross(x, lever[1:]), cross(y, lever[1:])]
+        turns = [cross_product(z, lever[:-1]), z, x, cross_product(x, lever[1:]), cross_product(y, lever[1:])]
         return tip.T, np.stack(turns, axis=1).transpose(3, 2, 0, 1)
 
     def with_dh_errors(self, errors: Array) -> "RobotModel":
         """Return the model whose DH rows are changed by ``errors`` (n, 5) [rad, m]."""
-        dh = DhTable.from_rows(self._dh_table().rows() + np.asarray(errors, dtype=float))
-        placements = np.concatenate([self.placements[:1], dh.placements()])
+        dh = DhTable.from_rows(self._dh_table().to_rows() + np.asarray(errors, dtype=float))
+        placements = np.concatenate([self.placements[:1], dh.to_placements()])
         return replace(self, dh=dh, placements=placements, theta0_rad=dh.theta_rad)
 
     def with_twists(self, twists: Array) -> "RobotModel":
@@ -207,8 +207,10 @@ class RobotModel:
         The result has no DH table any more: apply DH errors first.
         """
         twists = np.asarray(twists, dtype=float)
-        if twists.shape != (self.axes + 1, 6):
-            raise CalibrationError(f"{self.name}: twists must be ({self.axes + 1}, 6), not {twists.shape}")
+        if twists.shape != (self.axis_count + 1, 6):
+            raise CalibrationError(
+                f"{self.name}: twists must be ({self.axis_count + 1}, 6), not {twists.shape}"
+            )
         return replace(self, dh=None, placements=self.placements @ exp_twist(twists))
 
     def _dh_table(self) -> DhTable:
@@ -244,15 +246,17 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
         Joint angles of another shape, or not finite.
     """
     joints = np.asarray(joints_rad, dtype=float)
-    if joints.ndim != 2 or joints.shape[1] != model.axes:
-        raise CalibrationError(f"{model.name}: joints must be (N, {model.axes}), not {joints.shape}")
+    if joints.ndim != 2 or joints.shape[1] != model.axis_count:
+        raise CalibrationError(f"{model.name}: joints must be (N, {model.axis_count}), not {joints.shape}")
     if not np.isfinite(joints).all():
         raise CalibrationError(f"{model.name}: joint angles must be finite")
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
-    return turned_frames(model.placements, angles)
+    return frames_of_placements(model.placements, angles)
 
 
-def turned_frames(placements: Array, angles_rad: Array, *, out: Array | None = None) -> tuple[Array, Array]:
+def frames_of_placements(
+    placements: Array, angles_rad: Array, *, out: Array | None = None
+) -> tuple[Array, Array]:
     """Return the frames of `chain_frames` for placements (n + 1, 4, 4) and their DH angles (n, N) [rad].
 
     ``out``, (n + 1, 4, 3, N), is where the frames are kept: iterations that give the same array again save
@@ -290,7 +294,7 @@ def cosine_and_sine(angles_rad: Array) -> tuple[Array, Array]:
 
 def joint_columns(model: RobotModel, rotations: Array, origins: Array, tip: Array) -> Array:
     """Return (n, 3, N): d tip / d controller joint, from the frames of `chain_frames` and tips (3, N)."""
-    return _couple(model, cross(rotations[:-1, :, 2], tip - origins[:-1]))
+    return _by_controller_joints(model, cross_product(rotations[:-1, :, 2], tip - origins[:-1]))
 
 
 def placement_columns(rotations: Array, origins: Array, tip: Array, *, out: Array | None = None) -> Array:
@@ -302,7 +306,7 @@ def placement_columns(rotations: Array, origins: Array, tip: Array, *, out: Arra
     axes = rotations.swapaxes(1, 2)
     columns = np.empty((len(rotations), 6, *origins.shape[1:])) if out is None else out
     columns[:, :3] = axes
-    cross(axes, (tip - origins)[:, None], out=columns[:, 3:])
+    cross_product(axes, (tip - origins)[:, None], out=columns[:, 3:])
     return columns
 
 
@@ -318,13 +322,13 @@ def independent_columns(rotations: Array, origins: Array, *, out: Array, scale: 
     factor = np.ones(count) if scale is None else scale
     columns = out[: 4 * n].reshape(n, 4, 3, count)
     np.multiply(rotations[:-1].swapaxes(1, 2)[:, :2], factor, out=columns[:, :2])
-    cross(columns[:, :2], (origins[-1] - origins[:-1])[:, None], out=columns[:, 2:])
+    cross_product(columns[:, :2], (origins[-1] - origins[:-1])[:, None], out=columns[:, 2:])
     np.multiply(rotations[-1].swapaxes(0, 1), factor, out=out[4 * n : 4 * n + 3])
     out[4 * n + 3 :] = 0.0
     return out
 
 
-def along_next(placements: Array) -> Array:
+def by_independent_columns(placements: Array) -> Array:
     """Return (6 (n + 1), 4 n + 6): every twist of a placement by those of `independent_columns`.
 
     Behind the tip's three ways stand its three turns, which move nothing but an attitude.
@@ -344,7 +348,7 @@ def along_next(placements: Array) -> Array:
     return combine.reshape(6 * (n + 1), -1)
 
 
-def cross(a: Array, b: Array, *, out: Array | None = None) -> Array:
+def cross_product(a: Array, b: Array, *, out: Array | None = None) -> Array:
     """Return a x b for arrays (…, 3, N) whose components are next to last, without numpy's axis shuffling."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape)) if out is None else out
     part = np.empty_like(result[..., 0, :])
@@ -367,7 +371,7 @@ def load_model(name: str) -> RobotModel:
     return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
 
 
-def _tip(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
+def _tip_positions(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
     tip = np.asarray(tip_in_flange_m, dtype=float)
     if tip.shape not in ((3,), (origins.shape[-1], 3)) or not np.isfinite(tip).all():
         raise CalibrationError(
@@ -379,13 +383,13 @@ def _tip(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
     return position
 
 
-def _couple(model: RobotModel, columns: Array) -> Array:
+def _by_controller_joints(model: RobotModel, columns: Array) -> Array:
     """Turn derivatives by DH angles (n, …) into derivatives by controller joints."""
     coupled = model.joint_coupling.T @ columns.reshape(len(columns), -1)
     return coupled.reshape(columns.shape)
 
 
-def _matrices(rotation: Array, origin: Array) -> Array:
+def _stack_matrices(rotation: Array, origin: Array) -> Array:
     matrix = np.zeros((origin.shape[-1], 4, 4))
     matrix[:, :3, :3] = rotation.transpose(2, 0, 1)
     matrix[:, :3, 3] = origin.T
@@ -393,7 +397,7 @@ def _matrices(rotation: Array, origin: Array) -> Array:
     return matrix
 
 
-def _frozen(array: Array) -> Array:
+def _frozen_copy(array: Array) -> Array:
     copy = np.array(array, dtype=float)
     copy.setflags(write=False)
     return copy

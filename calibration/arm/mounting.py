@@ -30,16 +30,18 @@ def gravity_of(mounting: str) -> Direction:
     if text in _NAMED:
         return _NAMED[text]
     try:
-        found = _tilted(text.removeprefix("tilt:")) if text.startswith("tilt:") else _vector(text)
+        found = (
+            _tilted_gravity(text.removeprefix("tilt:")) if text.startswith("tilt:") else _parse_vector(text)
+        )
     except (ValueError, KeyError) as broken:
-        raise _unknown(mounting) from broken
+        raise _unknown_mounting_error(mounting) from broken
     length = math.hypot(*found)
     if not (math.isfinite(length) and length > _SHORTEST):
-        raise _unknown(mounting)
+        raise _unknown_mounting_error(mounting)
     return found[0] / length, found[1] / length, found[2] / length
 
 
-def mounted(model: str, mounting: str) -> str:
+def mounted_name(model: str, mounting: str) -> str:
     """Return the name of a model that is mounted in some way; without one, the name as it is.
 
     Raises
@@ -59,10 +61,10 @@ def mounted(model: str, mounting: str) -> str:
     return f"{model}{MOUNTED}{mounting.strip().lower()}"
 
 
-def is_mounted_model(name: str, known: Container[str]) -> bool:
+def is_mounted_model(name: str, model_names: Container[str]) -> bool:
     """Tell whether a name is that of a known model, with or without a mounting that can be read."""
     base, _, mounting = name.partition(MOUNTED)
-    if base not in known:
+    if base not in model_names:
         return False
     try:
         return not mounting or bool(gravity_of(mounting))
@@ -70,7 +72,7 @@ def is_mounted_model(name: str, known: Container[str]) -> bool:
         return False
 
 
-def _tilted(text: str) -> Direction:
+def _tilted_gravity(text: str) -> Direction:
     axis, angle = text.split("=")
     turn = math.radians(float(angle))
     if not math.isfinite(turn):
@@ -81,12 +83,12 @@ def _tilted(text: str) -> Direction:
     return math.sin(turn), 0.0, -math.cos(turn)
 
 
-def _vector(text: str) -> Direction:
+def _parse_vector(text: str) -> Direction:
     x, y, z = (float(word) for word in text.split(","))
     return x, y, z
 
 
-def _unknown(mounting: str) -> CalibrationError:
+def _unknown_mounting_error(mounting: str) -> CalibrationError:
     return CalibrationError(
         f"{mounting!r} is no mounting.",
         remedy="Write floor, wall (the base's x points up), ceiling, tilt:x=30, tilt:y=-15 (degrees), or the "

@@ -12,8 +12,8 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
-from cellcal.calibration.orientation import elementary
+from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
+from cellcal.calibration.orientation import elementary_rotation
 
 _PARALLEL = 1e-9  # sine of the angle between two axes, below which they have no common normal of their own
 _NEARLY = 0.1
@@ -51,7 +51,7 @@ def standard_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
     ----------
     J. Denavit, R. S. Hartenberg, A kinematic notation for lower-pair mechanisms based on matrices, 1955.
     """
-    return _table(model, nominal, frozenset())
+    return _standard_table(model, nominal, frozenset())
 
 
 def hayati_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
@@ -68,37 +68,40 @@ def hayati_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
     ----------
     S. Hayati, Robot arm geometric link parameter estimation, 1983, IEEE CDC.
     """
-    return _table(model, nominal, frozenset(parallel_rows(nominal)))
+    return _standard_table(model, nominal, frozenset(parallel_rows(nominal)))
 
 
 def parallel_rows(nominal: RobotModel) -> tuple[int, ...]:
     """Return the rows (0-based) whose axis and the next are parallel, but not one line, in a table."""
     if nominal.dh is None:
         return ()
-    rows = nominal.dh.rows()[:-1]
+    rows = nominal.dh.to_rows()[:-1]
     return tuple(
         i for i, row in enumerate(rows) if abs(math.sin(row[3])) < _NEARLY and abs(row[2]) > _APART_M
     )
 
 
-def _table(model: RobotModel, nominal: RobotModel, hayati: frozenset[int]) -> StandardTable:
+def _standard_table(model: RobotModel, nominal: RobotModel, hayati: frozenset[int]) -> StandardTable:
     same_base = np.allclose(model.placements[0], nominal.placements[0], rtol=0, atol=1e-12)
-    if nominal.dh is None or model.axes != nominal.axes or not same_base:
+    if nominal.dh is None or model.axis_count != nominal.axis_count or not same_base:
         raise CalibrationError(f"{model.name}: a table needs a nominal model with a table and the same base")
     if not np.allclose(model.joint_coupling, nominal.joint_coupling):
         raise CalibrationError(f"{model.name} couples its joints in another way than {nominal.name}")
-    expected = nominal.dh.rows()
-    rows = np.zeros((model.axes, 5))
+    expected = nominal.dh.to_rows()
+    rows = np.zeros((model.axis_count, 5))
     carried = np.eye(4)
-    for i in range(model.axes):
-        step = _turn(float(model.theta0_rad[i])) @ carried @ model.placements[i + 1]
-        if i + 1 < model.axes:
+    for i in range(model.axis_count):
+        step = _turn_about_z(float(model.theta0_rad[i])) @ carried @ model.placements[i + 1]
+        if i + 1 < model.axis_count:
             if i in hayati:
-                rows[i] = _pierced_plane(step, expected[i])
+                rows[i] = _row_from_plane(step, expected[i])
             else:
                 rows[i, :4] = _common_normal(step, expected[i])
             carried = inverse_transform(_row_matrix(rows[i])) @ step
-            carried[:3, :2], carried[:2, 3] = _turn(math.atan2(carried[1, 0], carried[0, 0]))[:3, :2], 0.0
+            carried[:3, :2], carried[:2, 3] = (
+                _turn_about_z(math.atan2(carried[1, 0], carried[0, 0]))[:3, :2],
+                0.0,
+            )
             carried[:3, 2] = (0.0, 0.0, 1.0)
         else:
             rows[i] = _last_row(step, expected[i])
@@ -125,28 +128,28 @@ def _common_normal(step: Array, expected: Array) -> Array:
     return np.array([math.atan2(normal[1], normal[0]), d, a, math.atan2(sign * across, axis[2])])
 
 
-def _pierced_plane(step: Array, expected: Array) -> Array:
+def _row_from_plane(step: Array, expected: Array) -> Array:
     """Return theta, the nominal d, a, alpha, beta: where the axis of ``step`` meets the plane at d, and its tilt."""
     axis, point = step[:3, 2] * np.sign(step[2, 2]) * np.sign(math.cos(expected[3])), step[:3, 3]
     point = point + axis * (expected[1] - point[2]) / axis[2]
     sign = -1.0 if expected[2] < 0 else 1.0
     theta = math.atan2(sign * point[1], sign * point[0])
-    x, y, z = _turn(-theta)[:3, :3] @ axis
+    x, y, z = _turn_about_z(-theta)[:3, :3] @ axis
     length = sign * math.hypot(point[0], point[1])
     alpha = expected[3] + math.remainder(math.atan2(-y, z) - expected[3], 2 * math.pi)
     return np.array([theta, expected[1], length, alpha, math.asin(x)])
 
 
 def _last_row(step: Array, expected: Array) -> Array:
-    tilted = step[:3, :3] @ elementary("x", -expected[3])
+    tilted = step[:3, :3] @ elementary_rotation("x", -expected[3])
     theta = math.atan2(tilted[1, 0] - tilted[0, 1], tilted[0, 0] + tilted[1, 1])
     return np.array([theta, step[2, 3], expected[2], expected[3], 0.0])
 
 
 def _row_matrix(row: Array) -> Array:
-    matrix: Array = _turn(float(row[0])) @ DhTable.from_rows(row[None]).placements()[0]
+    matrix: Array = _turn_about_z(float(row[0])) @ DhTable.from_rows(row[None]).to_placements()[0]
     return matrix
 
 
-def _turn(angle: float) -> Array:
-    return homogeneous(elementary("z", np.array(angle)), np.zeros(3))
+def _turn_about_z(angle: float) -> Array:
+    return homogeneous_matrix(elementary_rotation("z", np.array(angle)), np.zeros(3))

@@ -32,10 +32,10 @@ class FactoryCalibration:
     joint_checksum: tuple[int, ...] = ()
     linearised: bool = True  # otherwise the deltas are nominal or another arm's: treat as unknown
 
-    def absolute(self, nominal: DhTable) -> DhTable:
+    def to_absolute(self, nominal: DhTable) -> DhTable:
         """Return the absolute table: nominal plus deltas."""
         deltas = [self.delta_theta_rad, self.delta_d_m, self.delta_a_m, self.delta_alpha_rad]
-        return DhTable.from_rows(nominal.rows()[:, :4] + np.array(deltas).T)
+        return DhTable.from_rows(nominal.to_rows()[:, :4] + np.array(deltas).T)
 
 
 def parse_calibration_conf(text: str) -> FactoryCalibration:
@@ -50,12 +50,14 @@ def parse_calibration_conf(text: str) -> FactoryCalibration:
     missing = [key for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha") if key not in values]
     if missing:
         raise CalibrationError(f"calibration.conf lacks {', '.join(missing)}")
-    checksum = _numbers("joint_checksum", values["joint_checksum"]) if "joint_checksum" in values else []
+    checksum = (
+        _parse_numbers("joint_checksum", values["joint_checksum"]) if "joint_checksum" in values else []
+    )
     return FactoryCalibration(
-        delta_theta_rad=_six("delta_theta", values["delta_theta"]),
-        delta_a_m=_six("delta_a", values["delta_a"]),
-        delta_d_m=_six("delta_d", values["delta_d"]),
-        delta_alpha_rad=_six("delta_alpha", values["delta_alpha"]),
+        delta_theta_rad=_parse_six("delta_theta", values["delta_theta"]),
+        delta_a_m=_parse_six("delta_a", values["delta_a"]),
+        delta_d_m=_parse_six("delta_d", values["delta_d"]),
+        delta_alpha_rad=_parse_six("delta_alpha", values["delta_alpha"]),
         joint_checksum=tuple(int(v) for v in checksum),
         linearised=values.get("calibration_status", "2") == "2",
     )
@@ -77,10 +79,10 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         The table does not belong to this type: a rewritten length is more than 20 mm, or an angle more than
         3 degrees, away from nominal.
     """
-    if nominal.dh is None or len(absolute.theta_rad) != nominal.axes:
+    if nominal.dh is None or len(absolute.theta_rad) != nominal.axis_count:
         raise CalibrationError(f"{nominal.name}: a factory table needs a nominal DH model with as many axes")
-    table = well_conditioned(absolute, nominal.dh)
-    change = np.abs(table.rows() - nominal.dh.rows()).max(axis=0)
+    table = to_well_conditioned(absolute, nominal.dh)
+    change = np.abs(table.to_rows() - nominal.dh.to_rows()).max(axis=0)
     if not (change[[1, 2]].max() <= 0.02 and change[[0, 3, 4]].max() <= math.radians(3)):
         raise CalibrationError(
             f"the factory table does not belong to a {nominal.title}.",
@@ -100,7 +102,7 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
     )
 
 
-def well_conditioned(table: DhTable, nominal: DhTable) -> DhTable:
+def to_well_conditioned(table: DhTable, nominal: DhTable) -> DhTable:
     """Rewrite rows whose axis is nearly parallel to the next with ``d = 0`` and beta; no pose changes.
 
     The next joint's axis pierces the plane z = 0 of the joint's own frame at a point near the arm: this
@@ -109,13 +111,13 @@ def well_conditioned(table: DhTable, nominal: DhTable) -> DhTable:
     """
     rows = np.zeros((len(table.theta_rad), 5))
     turn = travel = 0.0
-    for i, (theta, d, a, alpha) in enumerate(table.rows()[:, :4]):
+    for i, (theta, d, a, alpha) in enumerate(table.to_rows()[:, :4]):
         row = np.array([theta + turn, d + travel, a, alpha, 0.0])
         turn = travel = 0.0
         parallel = abs(math.sin(nominal.alpha_rad[i])) < 0.1 and i + 1 < len(rows)
         if parallel:
-            row, turn, travel = _hayati(row, backwards=bool(nominal.a_m[i] < 0))
-        row[0] = nominal.theta_rad[i] + _wrapped(row[0] - nominal.theta_rad[i])
+            row, turn, travel = _to_hayati(row, backwards=bool(nominal.a_m[i] < 0))
+        row[0] = nominal.theta_rad[i] + _wrap_angle(row[0] - nominal.theta_rad[i])
         rows[i] = row
     return DhTable.from_rows(rows)
 
@@ -126,11 +128,11 @@ def calibration_hash(absolute: DhTable) -> str:
     Equal names prove that a kinematics file belongs to the connected arm. The text that is hashed holds
     theta, d, a, alpha joint by joint with six significant digits; the hash is C++'s ``std::hash``.
     """
-    text = "".join(f"{value:g}" for value in absolute.rows()[:, :4].ravel())
+    text = "".join(f"{value:g}" for value in absolute.to_rows()[:, :4].ravel())
     return f"calib_{_libstdcxx_hash(text.encode())}"
 
 
-def _hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
+def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
     """Return the row with d = 0 and beta, and the turn and travel left for the next joint."""
     plain = _row_matrix(row)
     direction, point = plain[:3, 2], plain[:3, 3]
@@ -148,23 +150,23 @@ def _hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
 def _row_matrix(row: Array) -> Array:
     c, s = math.cos(row[0]), math.sin(row[0])
     turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-    matrix: Array = turn @ DhTable.from_rows(row[None]).placements()[0]
+    matrix: Array = turn @ DhTable.from_rows(row[None]).to_placements()[0]
     return matrix
 
 
-def _wrapped(angle: float) -> float:
+def _wrap_angle(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
-def _six(key: str, text: str) -> Six:
-    values = _numbers(key, text)
+def _parse_six(key: str, text: str) -> Six:
+    values = _parse_numbers(key, text)
     if len(values) != 6 or not all(math.isfinite(v) for v in values):
         raise CalibrationError(f"calibration.conf: {key} needs six finite numbers")
     a, b, c, d, e, f = values
     return (a, b, c, d, e, f)
 
 
-def _numbers(key: str, text: str) -> list[float]:
+def _parse_numbers(key: str, text: str) -> list[float]:
     try:
         return [float(value) for value in ast.literal_eval(text)]
     except (ValueError, SyntaxError, TypeError) as broken:

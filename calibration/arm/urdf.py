@@ -21,8 +21,8 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.errors import CalibrationError, CellError
-from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
-from cellcal.calibration.orientation import elementary, rotation_from, values_from
+from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
+from cellcal.calibration.orientation import elementary_rotation, rotation_from, values_from
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,25 +52,29 @@ def read_urdf(text: str, *, tip_link: str, base_link: str | None = None, name: s
     CalibrationError
         Not a description, a link that is not there, a joint on the way that slides or mimics another.
     """
-    pin = _pinocchio()
-    mimics = {joint.get("name") for joint in _parse(text).findall("joint") if joint.find("mimic") is not None}
+    pin = _import_pinocchio()
+    mimics = {
+        joint.get("name")
+        for joint in _parse_description(text).findall("joint")
+        if joint.find("mimic") is not None
+    }
     try:
         with _quiet_errors():
             arm = pin.buildModelFromXML(text)
     except ValueError as refused:
         raise CalibrationError(f"Pinocchio cannot read the description: {refused}") from refused
-    tip, base = _body(arm, tip_link), _body(arm, base_link) if base_link else 0
-    path = _path(arm, base, tip)
+    tip, base = _body_index(arm, tip_link), _body_index(arm, base_link) if base_link else 0
+    path = _moving_joints(arm, base, tip)
     if mimics & {arm.names[joint] for joint in path}:
         raise CalibrationError("a joint on the way mimics another")
     turns = [_axis_turn(pin, arm, joint) for joint in path]
-    limits = [_limits(arm, joint) for joint in path]
+    limits = [_joint_limits(arm, joint) for joint in path]
     n = len(path)
     model = RobotModel(
         name=name,
         title=f"{arm.name}, {arm.frames[base].name} to {tip_link}",
         dh=None,
-        placements=_placements(arm, base, tip, path, turns),
+        placements=_joint_placements(arm, base, tip, path, turns),
         theta0_rad=np.zeros(n),
         joint_coupling=np.eye(n),
         lower_rad=np.array([lower for lower, _, _ in limits]),
@@ -95,21 +99,21 @@ def calibrated_urdf(arm: UrdfArm, calibrated: RobotModel) -> str:
     """
     if calibrated.joint_names != arm.model.joint_names:
         raise CalibrationError("the calibrated model has other joints than the description")
-    if not np.allclose(calibrated.joint_coupling, np.eye(calibrated.axes)):
+    if not np.allclose(calibrated.joint_coupling, np.eye(calibrated.axis_count)):
         raise CalibrationError(
             "a description cannot hold coupled joints", remedy="Calibrate the model read from it."
         )
-    root = _parse(arm.text)
+    root = _parse_description(arm.text)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    last = next((joint for joint in joints.values() if _link(joint, "child") == arm.tip_link), None)
+    last = next((joint for joint in joints.values() if _link_name(joint, "child") == arm.tip_link), None)
     if last is None or last.get("type") != "fixed":
         raise CalibrationError(
             f"link {arm.tip_link} is not fixed behind the last joint.",
             remedy="Add a link on a fixed joint at the flange, and read the chain up to it.",
         )
     targets = [*(joints[name] for name in calibrated.joint_names), last]
-    for element, correction in zip(targets, _corrections(arm, calibrated), strict=True):
-        _set_origin(element, _origin(element) @ correction)
+    for element, correction in zip(targets, _placement_corrections(arm, calibrated), strict=True):
+        _set_origin(element, _joint_origin(element) @ correction)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
@@ -136,30 +140,33 @@ def bare_urdf(model: RobotModel, *, geometric_joints: bool = False) -> str:
             f"{model.name} couples joints, which a description cannot hold.",
             remedy="Write it with geometric joints, and convert the angles where it is used.",
         )
-    axes = np.ones(model.axes) if coupled else signs
+    axes = np.ones(model.axis_count) if coupled else signs
     root = ET.Element("robot", name=model.name)
     if coupled:
         root.append(ET.Comment(" Joint angles are geometric: joint_coupling @ (angles on the pendant). "))
-    links = ["base", *(f"link_{i + 1}" for i in range(model.axes)), "flange"]
+    links = ["base", *(f"link_{i + 1}" for i in range(model.axis_count)), "flange"]
     for link in links:
         ET.SubElement(root, "link", name=link)
     # A turn about the joint's own z, so it commutes with the axis written below.
     zeros = model.theta0_rad
-    origins = [p @ _turned(elementary("z", t)) for p, t in zip(model.placements, [*zeros, 0.0], strict=True)]
+    origins = [
+        p @ _to_transform(elementary_rotation("z", t))
+        for p, t in zip(model.placements, [*zeros, 0.0], strict=True)
+    ]
     for i, joint_name in enumerate([*model.joint_names, "flange_fixed"]):
-        kind = "revolute" if i < model.axes else "fixed"
+        kind = "revolute" if i < model.axis_count else "fixed"
         joint = ET.SubElement(root, "joint", name=joint_name, type=kind)
         ET.SubElement(joint, "parent", link=links[i])
         ET.SubElement(joint, "child", link=links[i + 1])
         _set_origin(joint, origins[i])
-        if i < model.axes:
+        if i < model.axis_count:
             ET.SubElement(joint, "axis", xyz=f"0 0 {axes[i]:g}")
-            ET.SubElement(joint, "limit", _limit(model, i))
+            ET.SubElement(joint, "limit", _limit_attributes(model, i))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _pinocchio() -> ModuleType:
+def _import_pinocchio() -> ModuleType:
     try:
         import pinocchio  # noqa: PLC0415  # optional: the extra "planning"
     except ImportError as missing:
@@ -172,7 +179,7 @@ def _pinocchio() -> ModuleType:
     return module
 
 
-def _parse(text: str) -> ET.Element:
+def _parse_description(text: str) -> ET.Element:
     try:
         root = parse_xml(text)
     except DocumentError as broken:
@@ -186,24 +193,24 @@ def _parse(text: str) -> ET.Element:
 def _quiet_errors() -> Iterator[None]:
     """Keep the C++ parser's remarks off the terminal: what they say is in the error that it raises."""
     sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    saved_stderr, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved_stderr, 2)
+        os.close(saved_stderr)
         os.close(nowhere)
 
 
-def _body(arm: Any, link: str) -> int:
+def _body_index(arm: Any, link: str) -> int:
     for index, frame in enumerate(arm.frames):
         if frame.name == link and frame.type.name == "BODY":
             return index
     raise CalibrationError(f"the description has no link {link!r}")
 
 
-def _path(arm: Any, base: int, tip: int) -> list[int]:
+def _moving_joints(arm: Any, base: int, tip: int) -> list[int]:
     """Return the moving joints between two frames."""
     path: list[int] = []
     joint, stop = arm.frames[tip].parentJoint, arm.frames[base].parentJoint
@@ -231,14 +238,14 @@ def _axis_turn(pin: ModuleType, arm: Any, joint: int) -> Array:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
-def _placements(arm: Any, base: int, tip: int, path: list[int], turns: list[Array]) -> Array:
+def _joint_placements(arm: Any, base: int, tip: int, path: list[int], turns: list[Array]) -> Array:
     steps = [arm.jointPlacements[j].homogeneous for j in path] + [arm.frames[tip].placement.homogeneous]
-    before = [arm.frames[base].placement.inverse().homogeneous, *(_turned(turn.T) for turn in turns)]
-    after = [*(_turned(turn) for turn in turns), np.eye(4)]
+    before = [arm.frames[base].placement.inverse().homogeneous, *(_to_transform(turn.T) for turn in turns)]
+    after = [*(_to_transform(turn) for turn in turns), np.eye(4)]
     return np.array([a @ step @ b for a, step, b in zip(before, steps, after, strict=True)])
 
 
-def _limits(arm: Any, joint: int) -> tuple[float, float, float]:
+def _joint_limits(arm: Any, joint: int) -> tuple[float, float, float]:
     """Return lower, upper and speed; a joint without end is given one turn about zero."""
     speed = float(arm.velocityLimit[arm.idx_vs[joint]])
     if arm.nqs[joint] != 1:
@@ -247,30 +254,30 @@ def _limits(arm: Any, joint: int) -> tuple[float, float, float]:
     return float(arm.lowerPositionLimit[index]), float(arm.upperPositionLimit[index]), speed
 
 
-def _corrections(arm: UrdfArm, calibrated: RobotModel) -> list[Array]:
+def _placement_corrections(arm: UrdfArm, calibrated: RobotModel) -> list[Array]:
     """Return what follows each joint's origin: the placement's own correction, seen from the joint's axes."""
     change = inverse_transform(arm.model.placements) @ calibrated.placements
-    change[:-1] = change[:-1] @ _turned(elementary("z", calibrated.theta0_rad))
-    turns = _turned(arm.joint_turns)
+    change[:-1] = change[:-1] @ _to_transform(elementary_rotation("z", calibrated.theta0_rad))
+    turns = _to_transform(arm.joint_turns)
     return [*(turns @ change[:-1] @ inverse_transform(turns)), change[-1]]
 
 
-def _turned(rotation: Array) -> Array:
-    return homogeneous(rotation, np.zeros(3))
+def _to_transform(rotation: Array) -> Array:
+    return homogeneous_matrix(rotation, np.zeros(3))
 
 
-def _link(joint: ET.Element, side: str) -> str | None:
+def _link_name(joint: ET.Element, side: str) -> str | None:
     element = joint.find(side)
     return None if element is None else element.get("link")
 
 
-def _origin(joint: ET.Element) -> Array:
+def _joint_origin(joint: ET.Element) -> Array:
     element = joint.find("origin")
     xyz, rpy = (
         ("0 0 0", "0 0 0") if element is None else (element.get("xyz", "0 0 0"), element.get("rpy", "0 0 0"))
     )
     rotation = rotation_from("ros_rpy", np.array(rpy.split(), dtype=float))
-    return homogeneous(rotation, np.array(xyz.split(), dtype=float))
+    return homogeneous_matrix(rotation, np.array(xyz.split(), dtype=float))
 
 
 def _set_origin(joint: ET.Element, matrix: Array) -> None:
@@ -283,7 +290,7 @@ def _set_origin(joint: ET.Element, matrix: Array) -> None:
     element.set("rpy", " ".join(repr(float(v)) for v in values_from("ros_rpy", matrix[:3, :3])))
 
 
-def _limit(model: RobotModel, joint: int) -> dict[str, str]:
+def _limit_attributes(model: RobotModel, joint: int) -> dict[str, str]:
     return {
         "lower": repr(float(model.lower_rad[joint])),
         "upper": repr(float(model.upper_rad[joint])),

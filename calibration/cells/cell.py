@@ -12,7 +12,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
-from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows
@@ -27,7 +27,7 @@ class CellRobot:
 
     name: str
     model: RobotModel
-    base: Place | None = None  # None: the world for the first robot, else unknown
+    base: FramePrior | None = None  # None: the world for the first robot, else unknown
     previous: ArmState | None = None  # geometry and joint terms to start from and to expect
 
 
@@ -37,7 +37,7 @@ class CellTool:
 
     name: str
     robot: str
-    place: Place | None = None
+    place: FramePrior | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,11 @@ class CellTarget:
 
     name: str
     tool: str
-    place: Place
+    place: FramePrior
 
 
 @dataclass(frozen=True, slots=True)
-class Scalar:
+class DeviceScalar:
     """A number that belongs to a device, such as the zero of a wire: expected value and standard deviation."""
 
     value: float
@@ -70,12 +70,12 @@ class CellDevice:
     """
 
     name: str
-    places: tuple[Place, ...] = (Place.unknown(),)
-    scalars: Mapping[str, Scalar] = field(default_factory=lambda: MappingProxyType({}))
+    places: tuple[FramePrior, ...] = (FramePrior.without_prior(),)
+    scalars: Mapping[str, DeviceScalar] = field(default_factory=lambda: MappingProxyType({}))
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class CellSeries:
     """Rows of one kind by one device of one target; the mounting of a row counts the places of the device.
 
     ``covariance`` (N, c, c) of the rows' channels, in the device's axes [m^2, m rad, rad^2], goes before their
@@ -100,7 +100,7 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class CalibrationCell:
     """Everything that one fit takes together.
 
     Raises
@@ -113,14 +113,14 @@ class Cell:
     robots: Sequence[CellRobot]
     tools: Sequence[CellTool]
     devices: Sequence[CellDevice]
-    series: Sequence[Series]
+    series: Sequence[CellSeries]
     targets: Sequence[CellTarget] = ()
 
     def __post_init__(self) -> None:
         if not self.robots or not self.series:
             raise CalibrationError("a cell needs a robot and a series of observations")
         _refuse_doubles("robot", [robot.name for robot in self.robots])
-        _refuse_doubles("target", self._targets())
+        _refuse_doubles("target", self._target_names())
         _refuse_doubles("device", [device.name for device in self.devices])
         _refuse_doubles("series", [series.name for series in self.series])
         for tool in self.tools:
@@ -128,7 +128,7 @@ class Cell:
         for target in self.targets:
             _require_name("tool", target.tool, [t.name for t in self.tools], f"target {target.name!r}")
         for series in self.series:
-            self._check(series)
+            self._check_series(series)
 
     def tool_of(self, target: str) -> CellTool:
         """Return the tool that carries a target; a tool carries its own origin."""
@@ -142,55 +142,57 @@ class Cell:
         name = self.tool_of(target).robot
         return next(robot for robot in self.robots if robot.name == name)
 
-    def device(self, name: str) -> CellDevice:
+    def find_device(self, name: str) -> CellDevice:
         """Return the device of this name."""
         return next(device for device in self.devices if device.name == name)
 
-    def _targets(self) -> list[str]:
+    def _target_names(self) -> list[str]:
         return [*(tool.name for tool in self.tools), *(target.name for target in self.targets)]
 
-    def _check(self, series: Series) -> None:
+    def _check_series(self, series: CellSeries) -> None:
         here = f"series {series.name!r}"
         _require_name("device", series.device, [d.name for d in self.devices], here)
-        _require_name("target", series.target, self._targets(), here)
-        axes, joints = self.robot_of(series.target).model.axes, series.observations.joints_rad.shape[1]
+        _require_name("target", series.target, self._target_names(), here)
+        axes, joints = self.robot_of(series.target).model.axis_count, series.observations.joints_rad.shape[1]
         if axes != joints:
             raise CalibrationError(f"{here}: its robot has {axes} joints, its rows have {joints}")
-        places, last = len(self.device(series.device).places), int(series.observations.mounting.max())
+        places, last = len(self.find_device(series.device).places), int(series.observations.mounting.max())
         if last >= places:
             raise CalibrationError(
                 f"{here}: rows of mounting {last + 1}, but {series.device!r} has {places} places.",
                 remedy="Give the device one place for each time it was put up.",
             )
-        unknown = set(self.device(series.device).scalars) - {"zero_m", "scale", "radius_m"}
+        unknown = set(self.find_device(series.device).scalars) - {"zero_m", "scale", "radius_m"}
         if unknown:
             raise CalibrationError(f"device {series.device!r} has no number {sorted(unknown)[0]!r}")
 
 
-def _check_observations(name: str, seen: CellObservations) -> None:
-    count = len(seen)
+def _check_observations(name: str, observations: CellObservations) -> None:
+    count = len(observations)
     if not count:
         raise CalibrationError(f"series {name!r} has no rows")
-    for what, values in seen.__dict__.items():
+    for what, values in observations.__dict__.items():
         if len(values) != count:
             raise CalibrationError(f"series {name!r}: {len(values)} entries of {what} for {count} rows")
-    sigmas = [seen.sigma_m] + ([seen.sigma_rad] if isinstance(seen, PoseObservations) else [])
+    sigmas = [observations.sigma_m] + (
+        [observations.sigma_rad] if isinstance(observations, PoseObservations) else []
+    )
     if not all(np.isfinite(sigma).all() and (sigma > 0).all() for sigma in sigmas):
         raise CalibrationError(
             f"series {name!r}: standard deviations must be finite and above zero.",
             remedy="State what the device's certificate says; only ratios matter much, sizes are checked.",
         )
-    if int(np.min(seen.mounting)) < 0:
+    if int(np.min(observations.mounting)) < 0:
         raise CalibrationError(f"series {name!r}: mountings count from zero")
-    if isinstance(seen, BarLengths) and bool((seen.lengths_m <= 0).any()):
+    if isinstance(observations, BarLengths) and bool((observations.lengths_m <= 0).any()):
         raise CalibrationError(f"series {name!r}: the length of a bar is above zero")
 
 
-def _check_covariance(name: str, seen: CellObservations, covariance: Array) -> None:
-    wanted = (len(seen), seen.channels, seen.channels)
-    if covariance.shape != wanted or not np.isfinite(covariance).all():
+def _check_covariance(name: str, observations: CellObservations, covariance: Array) -> None:
+    expected_shape = (len(observations), observations.channels, observations.channels)
+    if covariance.shape != expected_shape or not np.isfinite(covariance).all():
         raise CalibrationError(
-            f"series {name!r}: covariances are {wanted} finite numbers, not {covariance.shape}"
+            f"series {name!r}: covariances are {expected_shape} finite numbers, not {covariance.shape}"
         )
     size = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     scaled = covariance / np.maximum(size[:, :, None] * size[:, None, :], 1e-300)
@@ -208,9 +210,9 @@ def _refuse_doubles(what: str, names: list[str]) -> None:
         raise CalibrationError(f"every {what} needs a name of its own; {doubled!r} has none")
 
 
-def _require_name(what: str, name: str, known: list[str], where: str) -> None:
-    if name not in known:
+def _require_name(what: str, name: str, names: list[str], where: str) -> None:
+    if name not in names:
         raise CalibrationError(
             f"{where}: there is no {what} {name!r}.",
-            remedy=f"Known are {', '.join(map(repr, known)) or 'none'}.",
+            remedy=f"Known are {', '.join(map(repr, names)) or 'none'}.",
         )

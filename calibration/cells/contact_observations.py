@@ -13,7 +13,7 @@ import numpy as np
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     MeasuredRows,
     PointObservations,
@@ -34,7 +34,7 @@ class PinTouches(PointObservations):
     place_axes: ClassVar[tuple[int, ...]] = (0, 1, 2)
 
     @classmethod
-    def of(cls, joints_rad: Array, sigma_m: Array, mounting: Rows) -> Self:
+    def on_pin(cls, joints_rad: Array, sigma_m: Array, mounting: Rows) -> Self:
         """Build for rows that all put the tip on their mounting's pin."""
         return cls(joints_rad, np.zeros((len(joints_rad), 3)), sigma_m, mounting)
 
@@ -58,16 +58,18 @@ class PlaneContacts(MeasuredRows):
     def __post_init__(self) -> None:
         check_rows(self.joints_rad, self.heights_m, ())
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
         residual: Array = ((self.heights_m[rows] - tip[0][2]) / self.sigma_m[rows])[None]
         return residual
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         """Return how the height follows motions of the tip: (P, 3, N) to (P, 1, N)."""
         return linear[:, 2:]
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the height follows the device's own parameters: it has none."""
         return np.empty((0, 1, tip[0].shape[-1]))
 
@@ -96,18 +98,20 @@ class SphereContacts(MeasuredRows):
     def __post_init__(self) -> None:
         check_rows(self.joints_rad, self.radii_m, ())
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
         distance = np.linalg.norm(tip[0], axis=0) - device.radius_m
         residual: Array = ((self.radii_m[rows] - distance) / self.sigma_m[rows])[None]
         return residual
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         """Return how the distance follows motions of the tip: (P, 3, N) to (P, 1, N)."""
-        along: Array = np.einsum("pcn,cn->pn", linear, _unit(tip[0]))[:, None]
+        along: Array = np.einsum("pcn,cn->pn", linear, _unit_vectors(tip[0]))[:, None]
         return along
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the distance follows the unknown part of the radius (1, 1, N)."""
         return -np.ones((1, 1, tip[0].shape[-1]))
 
@@ -141,21 +145,23 @@ class GuidedLengthObservations(LengthObservations):
     place_axes: ClassVar[tuple[int, ...]] = (0, 1, 2, 3, 4)
     scalars: ClassVar[tuple[str, ...]] = ("zero_m", "scale", "radius_m")
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
-        predicted = device.zero_m + device.scale * _guided(tip[0], device.radius_m)[0]
+        predicted = device.zero_m + device.scale * _guided_lengths(tip[0], device.radius_m)[0]
         residual: Array = ((self.lengths_m[rows] - predicted) / self.sigma_m[rows])[None]
         return residual
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         """Return how the length follows motions of the tip: (P, 3, N) to (P, 1, N)."""
-        direction = device.scale * _guided(tip[0], device.radius_m)[1]
+        direction = device.scale * _guided_lengths(tip[0], device.radius_m)[1]
         along: Array = np.einsum("pcn,cn->pn", linear, direction)[:, None]
         return along
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the length follows zero, scale and radius (3, 1, N)."""
-        length, _, turn = _guided(tip[0], device.radius_m)
+        length, _, turn = _guided_lengths(tip[0], device.radius_m)
         return np.stack([np.ones_like(length), length, device.scale * (turn - np.sin(turn))])[:, None]
 
 
@@ -183,7 +189,7 @@ class BarLengths(LengthObservations):
                 f"not {self.other_joints_rad.shape}"
             )
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the length follows zero and scale (2, 1, N)."""
         return super().own_columns(tip, device)[3:]
 
@@ -204,12 +210,12 @@ def scaled_sigma(observations: CellObservations, factor: float, turn_factor: flo
     return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
-def _unit(way: Array) -> Array:
+def _unit_vectors(way: Array) -> Array:
     unit: Array = way / np.maximum(np.linalg.norm(way, axis=0), _NEAREST_M)
     return unit
 
 
-def _guided(tip: Array, radius_m: float) -> tuple[Array, Array, Array]:
+def _guided_lengths(tip: Array, radius_m: float) -> tuple[Array, Array, Array]:
     """Return length (N,), direction of the free wire (3, N) and angle turned (N,) for tips (3, N)."""
     across = np.hypot(tip[0], tip[1])
     sideways, height = across - radius_m, tip[2]

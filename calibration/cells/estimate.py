@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.cells.state import CellLayout, CellState
-from cellcal.calibration.cells.system import CellProblem, SeriesRows, chains, system
+from cellcal.calibration.cells.system import CellProblem, SeriesRows, series_chains, white_system
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import inverse_information, settled
+from cellcal.calibration.identification.estimator import inverse_information, is_settled
 from cellcal.calibration.identification.leverage import channel_groups
 
 _MAX_ITERATIONS = 60
@@ -63,7 +63,7 @@ def estimate_cell(
         Nothing finite comes out.
     """
     roots = None if weights is None else [np.sqrt(some) for some in weights]
-    shares, gradient, cost = _equations(layout, state, problem, roots)
+    shares, gradient, cost = _normal_equations(layout, state, problem, roots)
     inverse = inverse_information(np.sum(shares, axis=0))
     damping, iterations = 0.0, 0
     while len(layout) and iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
@@ -73,11 +73,11 @@ def estimate_cell(
         if damping:
             damped = inverse_information(information + damping * np.diag(np.diag(information)))
         step = damped @ gradient
-        candidate = layout.step(state, step * layout.prior)
-        if settled(step, np.sqrt(np.diag(damped)), layout.prior):
+        candidate = layout.apply_step(state, step * layout.prior_sigmas)
+        if is_settled(step, np.sqrt(np.diag(damped)), layout.prior_sigmas):
             state, cost = candidate, cost - float(gradient @ step)
             break
-        there = _equations(layout, candidate, problem, roots)
+        there = _normal_equations(layout, candidate, problem, roots)
         if there[2] <= cost * (1 + 1e-12):
             state, (shares, gradient, cost) = candidate, there
             inverse = inverse_information(np.sum(shares, axis=0))
@@ -86,12 +86,14 @@ def estimate_cell(
             damping = max(1e-3, damping * 10)
     learnt = iter([float(np.sum(share * inverse)) for share in shares[1:]])
     by_series = [channel_groups(series.observations.channels) for series in problem.series]
-    told = tuple(np.array([next(learnt) for _ in groups]) for groups in by_series)
-    covariance = inverse * np.outer(layout.prior, layout.prior)
-    return CellFit(state, layout, covariance, layout.deviations(state), cost, told, iterations)
+    learnt_by_series = tuple(np.array([next(learnt) for _ in groups]) for groups in by_series)
+    covariance = inverse * np.outer(layout.prior_sigmas, layout.prior_sigmas)
+    return CellFit(
+        state, layout, covariance, layout.prior_deviations(state), cost, learnt_by_series, iterations
+    )
 
 
-def _equations(
+def _normal_equations(
     layout: CellLayout, state: CellState, problem: CellProblem, roots: Weights
 ) -> tuple[list[Array], Array, float]:
     """Return the information of priors and of each series' channel groups (p, p), gradient, and twice the cost."""
@@ -99,7 +101,7 @@ def _equations(
     shares = [information]
     for number, series in enumerate(problem.series):
         root = None if roots is None else roots[number]
-        for share, pull, misfit in _of_series(layout, state, series, root):
+        for share, pull, misfit in _series_equations(layout, state, series, root):
             shares.append(share)
             gradient, cost = gradient + pull, cost + misfit
     if not np.isfinite(cost):
@@ -109,15 +111,15 @@ def _equations(
     return shares, gradient, cost
 
 
-def _of_series(
+def _series_equations(
     layout: CellLayout, state: CellState, series: SeriesRows, root: Array | None
 ) -> Iterator[tuple[Array, Array, float]]:
     """Yield information, gradient and cost of every channel group of a series."""
-    by_mounting = chains(layout, state, series)
+    by_mounting = series_chains(layout, state, series)
     groups = channel_groups(series.observations.channels)
     products = [[np.zeros((c.tangent.shape[1] + 1,) * 2) for c in by_mounting] for _ in groups]
-    for mounting, rows in series.blocks():
-        block = system(series, by_mounting[mounting], rows)
+    for mounting, rows in series.iterate_blocks():
+        block = white_system(series, by_mounting[mounting], rows)
         if root is not None:
             block *= root[rows]
         for sums, group in zip(products, groups, strict=True):
@@ -126,7 +128,7 @@ def _of_series(
     for sums in products:
         information, gradient, cost = np.zeros((len(layout),) * 2), np.zeros(len(layout)), 0.0
         for chain, product in zip(by_mounting, sums, strict=True):
-            tangent = chain.tangent * layout.prior[:, None]
+            tangent = chain.tangent * layout.prior_sigmas[:, None]
             information += tangent @ product[:-1, :-1] @ tangent.T
             gradient += tangent @ product[:-1, -1]
             cost += float(product[-1, -1])

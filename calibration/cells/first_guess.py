@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.cells.cell import Series
+from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.contact_observations import PinTouches, PlaneContacts, SphereContacts
-from cellcal.calibration.cells.state import NOWHERE, Frames, Route
+from cellcal.calibration.cells.state import NOWHERE, CellFrames, FrameRoute
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
-    homogeneous,
+    homogeneous_matrix,
     inverse_transform,
     mean_rotation,
     nearest_rotation,
 )
-from cellcal.calibration.identification.estimator import Problem, estimate
-from cellcal.calibration.identification.first_guess import anchors, base_and_tool, first_guess
+from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
+from cellcal.calibration.identification.first_guess import base_and_tool, first_guess, locate_anchors
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
@@ -42,7 +42,7 @@ _FEWEST_WITH_TOOL = {
 }
 
 
-def first_places(frames: Frames) -> Array:
+def first_places(frames: CellFrames) -> Array:
     """Return a start for every frame of a cell (M, 4, 4).
 
     Full poses are asked first, then points, lengths, pins, balls and planes: each kind can place less by itself. A
@@ -53,8 +53,8 @@ def first_places(frames: Frames) -> Array:
     DegenerateDataError
         A frame that no series shows well enough to begin with, and for which no rough place is given.
     """
-    guess = _Guess(frames)
-    while any(advance(guess, sight) for advance, sight in _sights(guess)) or guess.settle():
+    guess = _FrameGuess(frames)
+    while any(advance(guess, sight) for advance, sight in _order_views(guess)) or guess.settle_frames():
         pass
     for number, slot in enumerate(frames.slots):
         if number not in guess.places:
@@ -69,43 +69,43 @@ def first_places(frames: Frames) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
+class _SeriesView:
     """The rows of one series on one mounting."""
 
-    series: Series
-    route: Route
+    series: CellSeries
+    route: FrameRoute
     model: RobotModel
     flange: Array  # (N, 4, 4)
     rows: Rows
 
     @property
-    def turns(self) -> Array:
+    def flange_rotations(self) -> Array:
         return self.flange[:, :3, :3]
 
-    def tips(self, tip: Array) -> Array:
-        tips: Array = self.turns @ tip + self.flange[:, :3, 3]
+    def tip_positions(self, tip: Array) -> Array:
+        tips: Array = self.flange_rotations @ tip + self.flange[:, :3, 3]
         return tips
 
-    def enough(self, *, tool_known: bool) -> bool:
+    def has_enough_rows(self, *, tool_known: bool) -> bool:
         fewest = _FEWEST_WITH_TOOL if tool_known else _FEWEST_WITHOUT_TOOL
         kind = self.series.observations.kind
         return kind in fewest and len(self.rows) >= fewest[kind]
 
 
 @dataclass(eq=False)
-class _Guess:
-    frames: Frames
+class _FrameGuess:
+    frames: CellFrames
     places: dict[int, Array] = field(default_factory=dict)
     targets: dict[tuple[int, int], Array] = field(default_factory=dict)  # in the flange, by tool and target
     turned: set[tuple[int, int]] = field(default_factory=set)  # whose attitude is known, too
-    seen: dict[tuple[int, int], Array] = field(
+    device_points: dict[tuple[int, int], Array] = field(
         default_factory=dict
     )  # points of devices in bases that are not placed
 
     def __post_init__(self) -> None:
         self.places = {i: s.place.pose for i, s in enumerate(self.frames.slots) if s.place.pose is not None}
 
-    def tip(self, route: Route) -> Array | None:
+    def tip_in_flange(self, route: FrameRoute) -> Array | None:
         """Return the target in the flange (3,), if it is known."""
         key = route.tool, route.target
         if route.tool not in self.places:
@@ -114,12 +114,12 @@ class _Guess:
         tip: Array = (self.places[route.tool] @ offset)[:3, 3]
         return tip
 
-    def put_target(self, route: Route, target: Array, *, turned: bool = False) -> None:
+    def put_target(self, route: FrameRoute, target: Array, *, turned: bool = False) -> None:
         self.targets[route.tool, route.target] = target
         if turned:
             self.turned.add((route.tool, route.target))
 
-    def put_device(self, route: Route, device_base: Array) -> bool:
+    def put_device(self, route: FrameRoute, device_base: Array) -> bool:
         """Place the device or the base, whichever is missing while the other is there."""
         if route.base in self.places and route.device not in self.places:
             self.places[route.device] = self.places[route.base] @ inverse_transform(device_base)
@@ -129,36 +129,38 @@ class _Guess:
             return False
         return True
 
-    def put_point(self, route: Route, in_base_m: Array, rotation: Array | None = None) -> bool:
+    def put_point(self, route: FrameRoute, in_base_m: Array, rotation: Array | None = None) -> bool:
         """Place a device whose own axes are the world's, or have this rotation in the base."""
         if route.base not in self.places:
-            self.seen[route.base, route.device] = in_base_m
+            self.device_points[route.base, route.device] = in_base_m
             return True
         base = self.places[route.base]
         turn = np.eye(3) if rotation is None else base[:3, :3] @ rotation
-        self.places[route.device] = homogeneous(turn, base[:3, :3] @ in_base_m + base[:3, 3])
+        self.places[route.device] = homogeneous_matrix(turn, base[:3, :3] @ in_base_m + base[:3, 3])
         return True
 
-    def used(self, route: Route, *, tip_known: bool) -> bool:
+    def is_used(self, route: FrameRoute, *, tip_known: bool) -> bool:
         """Return whether a point of a device has told already what it can."""
         if route.base not in self.places:
-            return (route.base, route.device) in self.seen
+            return (route.base, route.device) in self.device_points
         return tip_known and route.device in self.places
 
-    def settle(self) -> bool:
+    def settle_frames(self) -> bool:
         """Place what takes several series to place; return whether anything was."""
         return self._settle_bases() or self._settle_tools()
 
     def _settle_bases(self) -> bool:
         """Place every base in which three points of placed devices were found."""
         found = False
-        for base in {base for base, _ in self.seen if base not in self.places}:
+        for base in {base for base, _ in self.device_points if base not in self.places}:
             points = [
-                (p, self.places[d]) for (b, d), p in self.seen.items() if b == base and d in self.places
+                (p, self.places[d])
+                for (b, d), p in self.device_points.items()
+                if b == base and d in self.places
             ]
             if len(points) > 2:
                 here = np.array([point for point, _ in points])
-                self.places[base] = _aligned(here, np.array([place[:3, 3] for _, place in points]))
+                self.places[base] = _align_points(here, np.array([place[:3, 3] for _, place in points]))
                 found = True
         return found
 
@@ -166,28 +168,30 @@ class _Guess:
         """Place every tool of which a target was found: by its attitude, by three targets, or unturned."""
         found = {tool for tool, _ in self.targets if tool not in self.places}
         for tool in found:
-            seen = {target: pose for (its, target), pose in self.targets.items() if its == tool}
-            offsets = {t: np.eye(4) if t == NOWHERE else self.places[t] for t in seen}
-            whole = next((t for t in seen if (tool, t) in self.turned), None)
+            poses_by_target = {target: pose for (its, target), pose in self.targets.items() if its == tool}
+            offsets = {t: np.eye(4) if t == NOWHERE else self.places[t] for t in poses_by_target}
+            whole = next((t for t in poses_by_target if (tool, t) in self.turned), None)
             if whole is not None:
-                self.places[tool] = seen[whole] @ inverse_transform(offsets[whole])
+                self.places[tool] = poses_by_target[whole] @ inverse_transform(offsets[whole])
                 continue
-            here = np.array([offsets[t][:3, 3] for t in seen])
-            there = np.array([seen[t][:3, 3] for t in seen])
-            self.places[tool] = _aligned(here, there) if len(seen) > 2 else _unturned(here, there)
+            here = np.array([offsets[t][:3, 3] for t in poses_by_target])
+            there = np.array([poses_by_target[t][:3, 3] for t in poses_by_target])
+            self.places[tool] = (
+                _align_points(here, there) if len(poses_by_target) > 2 else _align_unturned(here, there)
+            )
         return bool(found)
 
 
-def _sights(guess: _Guess) -> list[tuple[Callable[[_Guess, _Sight], bool], _Sight]]:
+def _order_views(guess: _FrameGuess) -> list[tuple[Callable[[_FrameGuess, _SeriesView], bool], _SeriesView]]:
     """Return what may be tried next, the most telling first."""
-    ways: dict[str, Callable[[_Guess, _Sight], bool]] = {
-        "pose": _by_points,
-        "point": _by_points,
-        "length": _by_lengths,
-        "guided length": _by_lengths,
-        "pin": _by_pin,
-        "sphere": _by_lengths,
-        "plane": _by_plane,
+    ways: dict[str, Callable[[_FrameGuess, _SeriesView], bool]] = {
+        "pose": _place_by_points,
+        "point": _place_by_points,
+        "length": _place_by_lengths,
+        "guided length": _place_by_lengths,
+        "pin": _place_by_pin,
+        "sphere": _place_by_lengths,
+        "plane": _place_by_plane,
     }
     kinds = list(ways)
     cell = guess.frames.cell
@@ -198,121 +202,135 @@ def _sights(guess: _Guess) -> list[tuple[Callable[[_Guess, _Sight], bool], _Sigh
     found = []
     for series in ordered:
         robot = cell.robot_of(series.target)
-        model = robot.model if robot.previous is None else robot.previous.arm
-        for mounting in range(len(cell.device(series.device).places)):
+        model = robot.model if robot.previous is None else robot.previous.arm_model
+        for mounting in range(len(cell.find_device(series.device).places)):
             rows = np.flatnonzero(series.observations.mounting == mounting)
             rows = rows[:: 1 + len(rows) // _MOST_ROWS]
             if len(rows):
-                route = guess.frames.route(series.target, series.device, mounting)
+                route = guess.frames.find_route(series.target, series.device, mounting)
                 flange = model.base_flange(series.observations.joints_rad[rows])
-                sight = _Sight(series, route, robot.model, flange, rows)
+                sight = _SeriesView(series, route, robot.model, flange, rows)
                 found.append((ways[series.observations.kind], sight))
     return found
 
 
-def _by_points(guess: _Guess, sight: _Sight) -> bool:
-    seen, route = sight.series.observations, sight.route
-    assert isinstance(seen, PointObservations)
-    positions, tip = seen.positions_m[sight.rows], guess.tip(route)
+def _place_by_points(guess: _FrameGuess, sight: _SeriesView) -> bool:
+    observations, route = sight.series.observations, sight.route
+    assert isinstance(observations, PointObservations)
+    positions, tip = observations.positions_m[sight.rows], guess.tip_in_flange(route)
     if tip is not None:
         missing = (route.base in guess.places) != (route.device in guess.places)
-        if not (missing and sight.enough(tool_known=True)):
+        if not (missing and sight.has_enough_rows(tool_known=True)):
             return False
-        return guess.put_device(route, _aligned(sight.tips(tip), positions))
+        return guess.put_device(route, _align_points(sight.tip_positions(tip), positions))
     if route.base in guess.places and route.device in guess.places:
         device_base = inverse_transform(guess.places[route.device]) @ guess.places[route.base]
-        found = _mean_tip(sight, _carried(inverse_transform(device_base), positions))
-    elif sight.enough(tool_known=False):
+        found = _mean_tip(sight, _transform_points(inverse_transform(device_base), positions))
+    elif sight.has_enough_rows(tool_known=False):
         device_base, found = base_and_tool(sight.flange, positions)
     else:
         return False
-    if isinstance(seen, PoseObservations):
-        turned = np.swapaxes(device_base[:3, :3] @ sight.turns, 1, 2) @ seen.rotations[sight.rows]
-        found = homogeneous(mean_rotation(turned), found[:3, 3])
-    guess.put_target(route, found, turned=isinstance(seen, PoseObservations))
+    if isinstance(observations, PoseObservations):
+        turned = (
+            np.swapaxes(device_base[:3, :3] @ sight.flange_rotations, 1, 2)
+            @ observations.rotations[sight.rows]
+        )
+        found = homogeneous_matrix(mean_rotation(turned), found[:3, 3])
+    guess.put_target(route, found, turned=isinstance(observations, PoseObservations))
     guess.put_device(route, device_base)
     return True
 
 
-def _by_lengths(guess: _Guess, sight: _Sight) -> bool:
-    route, tip = sight.route, guess.tip(sight.route)
+def _place_by_lengths(guess: _FrameGuess, sight: _SeriesView) -> bool:
+    route, tip = sight.route, guess.tip_in_flange(sight.route)
     placed = route.device in guess.places and route.base in guess.places
-    if guess.used(route, tip_known=tip is not None):
+    if guess.is_used(route, tip_known=tip is not None):
         return False
-    if not sight.enough(tool_known=placed or tip is not None):
+    if not sight.has_enough_rows(tool_known=placed or tip is not None):
         return False
-    seen = sight.series.observations
-    lengths = seen.radii_m if isinstance(seen, SphereContacts) else _lengths(seen)
+    observations = sight.series.observations
+    lengths = observations.radii_m if isinstance(observations, SphereContacts) else _lengths_of(observations)
     if placed:
         base_device = inverse_transform(guess.places[route.base]) @ guess.places[route.device]
         tip = _tip_by_lengths(sight, base_device[:3, 3], lengths[sight.rows])
-        guess.put_target(route, homogeneous(np.eye(3), tip))
+        guess.put_target(route, homogeneous_matrix(np.eye(3), tip))
         return True
     if tip is None:
-        anchor, tip = _placed_alone(sight, lengths[sight.rows])
-        guess.put_target(route, homogeneous(np.eye(3), tip))
+        anchor, tip = _anchor_and_tip(sight, lengths[sight.rows])
+        guess.put_target(route, homogeneous_matrix(np.eye(3), tip))
     else:
-        tips = sight.tips(tip)
+        tips = sight.tip_positions(tip)
         anchor = min(
-            anchors(tips, lengths[sight.rows]),
+            locate_anchors(tips, lengths[sight.rows]),
             key=lambda a: float(np.sum((np.linalg.norm(tips - a, axis=1) - lengths[sight.rows]) ** 2)),
         )
-    axis = _frame_along(sight.tips(tip).mean(axis=0) - anchor) if seen.kind == "guided length" else None
+    axis = (
+        _frame_along(sight.tip_positions(tip).mean(axis=0) - anchor)
+        if observations.kind == "guided length"
+        else None
+    )
     return guess.put_point(route, anchor, axis)
 
 
-def _lengths(seen: object) -> Array:
-    assert isinstance(seen, LengthObservations)
-    return seen.lengths_m
+def _lengths_of(observations: object) -> Array:
+    assert isinstance(observations, LengthObservations)
+    return observations.lengths_m
 
 
-def _placed_alone(sight: _Sight, lengths_m: Array) -> tuple[Array, Array]:
+def _anchor_and_tip(sight: _SeriesView, lengths_m: Array) -> tuple[Array, Array]:
     """Return anchor and tip of lengths whose tool nobody knows, from both sides of the postures."""
     once = np.zeros(len(sight.rows), dtype=np.intp)
     joints = sight.series.observations.joints_rad[sight.rows]
     rows = LengthObservations(joints, lengths_m, sight.series.observations.sigma_m[sight.rows], once)
     layout = make_layout(sight.model, "length", 1, level=FRAMES)
-    fits = [estimate(layout, start, Problem.of(start, rows)) for start in first_guess(sight.model, rows)]
+    fits = [
+        estimate_arm(layout, start, FitProblem.from_observations(start, rows))
+        for start in first_guess(sight.model, rows)
+    ]
     best = min(fits, key=lambda fit: fit.cost).state
     return best.devices[0].anchor_in_base_m, best.flange_tool[:3, 3]
 
 
-def _tip_by_lengths(sight: _Sight, anchor: Array, lengths_m: Array) -> Array:
+def _tip_by_lengths(sight: _SeriesView, anchor: Array, lengths_m: Array) -> Array:
     """Return the tip (3,) that fits lengths from a known anchor, from the flange on: tools are short."""
     tip = np.zeros(3)
     for _ in range(_STEPS):
-        away = sight.tips(tip) - anchor
+        away = sight.tip_positions(tip) - anchor
         distance = np.linalg.norm(away, axis=1)
-        slopes = np.einsum("nij,ni->nj", sight.turns, away / distance[:, None])
+        slopes = np.einsum("nij,ni->nj", sight.flange_rotations, away / distance[:, None])
         tip = tip + np.linalg.lstsq(slopes, lengths_m - distance, rcond=_FLAT)[0]
     return tip
 
 
-def _by_pin(guess: _Guess, sight: _Sight) -> bool:
-    seen, route, tip = sight.series.observations, sight.route, guess.tip(sight.route)
-    assert isinstance(seen, PinTouches)
-    if guess.used(route, tip_known=tip is not None) or not sight.enough(tool_known=tip is not None):
+def _place_by_pin(guess: _FrameGuess, sight: _SeriesView) -> bool:
+    observations, route, tip = sight.series.observations, sight.route, guess.tip_in_flange(sight.route)
+    assert isinstance(observations, PinTouches)
+    if guess.is_used(route, tip_known=tip is not None) or not sight.has_enough_rows(
+        tool_known=tip is not None
+    ):
         return False
     turn = guess.places[route.base][:3, :3] if route.base in guess.places else np.eye(3)
-    aside = seen.positions_m[sight.rows] @ turn
+    aside = observations.positions_m[sight.rows] @ turn
     if tip is None:
         count = len(sight.rows)
-        design = np.concatenate([sight.turns, np.tile(-np.eye(3), (count, 1, 1))], axis=2).reshape(-1, 6)
+        design = np.concatenate([sight.flange_rotations, np.tile(-np.eye(3), (count, 1, 1))], axis=2).reshape(
+            -1, 6
+        )
         tip = np.linalg.lstsq(design, (aside - sight.flange[:, :3, 3]).reshape(-1), rcond=None)[0][:3]
-        guess.put_target(route, homogeneous(np.eye(3), tip))
+        guess.put_target(route, homogeneous_matrix(np.eye(3), tip))
     if route.device in guess.places and route.base in guess.places:
         return True
-    return guess.put_point(route, (sight.tips(tip) - aside).mean(axis=0))
+    return guess.put_point(route, (sight.tip_positions(tip) - aside).mean(axis=0))
 
 
-def _by_plane(guess: _Guess, sight: _Sight) -> bool:
-    seen, route, tip = sight.series.observations, sight.route, guess.tip(sight.route)
-    assert isinstance(seen, PlaneContacts)
+def _place_by_plane(guess: _FrameGuess, sight: _SeriesView) -> bool:
+    observations, route, tip = sight.series.observations, sight.route, guess.tip_in_flange(sight.route)
+    assert isinstance(observations, PlaneContacts)
     if tip is None or route.device in guess.places or route.base not in guess.places:
         return False
-    if not sight.enough(tool_known=True):
+    if not sight.has_enough_rows(tool_known=True):
         return False
-    tips, heights = sight.tips(tip), seen.heights_m[sight.rows]
+    tips, heights = sight.tip_positions(tip), observations.heights_m[sight.rows]
     centre = tips.mean(axis=0)
     normal = np.linalg.svd(tips - centre, full_matrices=False)[2][2]
     up = normal if normal[2] >= 0 else -normal
@@ -323,17 +341,17 @@ def _by_plane(guess: _Guess, sight: _Sight) -> bool:
     return guess.put_point(route, centre - heights.mean() * up, _frame_along(up))
 
 
-def _mean_tip(sight: _Sight, in_base_m: Array) -> Array:
+def _mean_tip(sight: _SeriesView, in_base_m: Array) -> Array:
     away = in_base_m - sight.flange[:, :3, 3]
-    return homogeneous(np.eye(3), np.einsum("nji,nj->i", sight.turns, away) / len(away))
+    return homogeneous_matrix(np.eye(3), np.einsum("nji,nj->i", sight.flange_rotations, away) / len(away))
 
 
-def _carried(transform: Array, points: Array) -> Array:
+def _transform_points(transform: Array, points: Array) -> Array:
     carried: Array = points @ transform[:3, :3].T + transform[:3, 3]
     return carried
 
 
-def _aligned(source: Array, target: Array) -> Array:
+def _align_points(source: Array, target: Array) -> Array:
     """Return the rigid transform (4, 4) that carries points (N, 3) nearest to others."""
     here, there = source.mean(axis=0), target.mean(axis=0)
     try:
@@ -343,11 +361,11 @@ def _aligned(source: Array, target: Array) -> Array:
             "the places that shall tell where a frame is lie on one point or line.",
             remedy="Measure postures or targets that span a plane at least.",
         ) from error
-    return homogeneous(rotation, there - rotation @ here)
+    return homogeneous_matrix(rotation, there - rotation @ here)
 
 
-def _unturned(source: Array, target: Array) -> Array:
-    return homogeneous(np.eye(3), (target - source).mean(axis=0))
+def _align_unturned(source: Array, target: Array) -> Array:
+    return homogeneous_matrix(np.eye(3), (target - source).mean(axis=0))
 
 
 def _frame_along(direction: Array) -> Array:

@@ -4,22 +4,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellcal.calibration.cells.cell import Cell
+from cellcal.calibration.cells.cell import CalibrationCell
 from cellcal.calibration.cells.first_guess import first_places
 from cellcal.calibration.cells.levels import (
     CellOptions,
     CellTrial,
     choose_level,
-    grouped,
+    group_cell_rows,
     refuse_unknown_words,
 )
-from cellcal.calibration.cells.robust import RobustCellFit, widened_cell
-from cellcal.calibration.cells.state import CellState, Frames
+from cellcal.calibration.cells.robust import RobustCellFit, widen_cell_fit
+from cellcal.calibration.cells.state import CellFrames, CellState
 from cellcal.calibration.cells.system import errors_m
-from cellcal.calibration.cells.unknowns import not_identified_in
+from cellcal.calibration.cells.unknowns import find_not_identified
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Errors
+from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.identifiability import CorrelatedPair, NotIdentified, correlated_pairs
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.parameters import FRAMES, OFFSETS
@@ -51,19 +51,19 @@ class SeriesErrors:
     held_out_m: Array  # of those, level and fit chosen without them
 
     @property
-    def fit(self) -> Errors:
+    def fit_errors(self) -> ErrorSummary:
         """Residuals of the kept rows: never an accuracy."""
-        return Errors.of(np.delete(self.fit_m, self.rejected))
+        return ErrorSummary.from_sizes(np.delete(self.fit_m, self.rejected))
 
     @property
-    def before(self) -> Errors:
+    def before_errors(self) -> ErrorSummary:
         """The arms as they were known, with places fitted by other rows."""
-        return Errors.of(self.before_m)
+        return ErrorSummary.from_sizes(self.before_m)
 
     @property
-    def after(self) -> Errors:
+    def after_errors(self) -> ErrorSummary:
         """Each fold predicted by everything that the other folds lead to."""
-        return Errors.of(self.held_out_m)
+        return ErrorSummary.from_sizes(self.held_out_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class CellIdentification:
     group_effects: tuple[str, ...]  # by how much rows that go together widen what is stated, for people
 
 
-def fit_cell(cell: Cell, options: CellOptions | None = None) -> CellIdentification:
+def fit_cell(cell: CalibrationCell, options: CellOptions | None = None) -> CellIdentification:
     r"""Identify all arms of a cell from all its series at once.
 
     Parameters
@@ -115,17 +115,17 @@ def fit_cell(cell: Cell, options: CellOptions | None = None) -> CellIdentificati
         raise CalibrationError(
             f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
         )
-    frames = Frames.of(cell)
+    frames = CellFrames.from_cell(cell)
     refuse_unknown_words(frames, options)
     _refuse_too_few(frames)
     rows = tuple(np.arange(len(series.observations)) for series in cell.series)
-    trial = CellTrial(frames, first_places(frames), options, rows, grouped(frames))
-    before = trial.fit(FRAMES)
+    trial = CellTrial(frames, first_places(frames), options, rows, group_cell_rows(frames))
+    before = trial.fit_level(FRAMES)
     trial = replace(trial, places=before.fit.state.places)
     level, reasons = choose_level(trial)
     groups = [trial.groups[trial.series_of == number] for number in range(len(rows))]
-    robust, said = widened_cell(trial.fit(level) if level != FRAMES else before, groups)
-    told = robust if level != FRAMES else widened_cell(trial.fit(OFFSETS), groups)[0]
+    robust, group_remarks = widen_cell_fit(trial.fit_level(level) if level != FRAMES else before, groups)
+    offsets_fit = robust if level != FRAMES else widen_cell_fit(trial.fit_level(OFFSETS), groups)[0]
     errors = [errors_m(series, robust.fit.state) for series in robust.problem.series]
     return CellIdentification(
         robust.fit.state,
@@ -133,16 +133,16 @@ def fit_cell(cell: Cell, options: CellOptions | None = None) -> CellIdentificati
         robust,
         level,
         reasons,
-        _judged(trial, robust, errors),
-        _rejected(robust, errors),
-        not_identified_in(told.fit),
-        correlated_pairs(told.fit),
+        _held_out_errors(trial, robust, errors),
+        _rejected_rows(robust, errors),
+        find_not_identified(offsets_fit.fit),
+        correlated_pairs(offsets_fit.fit),
         tuple(groups),
-        said,
+        group_remarks,
     )
 
 
-def _refuse_too_few(frames: Frames) -> None:
+def _refuse_too_few(frames: CellFrames) -> None:
     unknown = sum(int(np.isinf(slot.place.sigma).sum()) for slot in frames.slots)
     readings = sum(len(s.observations) * s.observations.channels for s in frames.cell.series)
     if readings < unknown + _LEAST_REDUNDANT:
@@ -152,27 +152,31 @@ def _refuse_too_few(frames: Frames) -> None:
         )
 
 
-def _judged(trial: CellTrial, robust: RobustCellFit, errors: list[Array]) -> tuple[SeriesErrors, ...]:
+def _held_out_errors(
+    trial: CellTrial, robust: RobustCellFit, errors: list[Array]
+) -> tuple[SeriesErrors, ...]:
     """Predict every row that may be held out by choices and fits without its fold."""
     count = len(trial.groups)
     before, after, held_rows = np.zeros(count), np.zeros(count), np.zeros(0, dtype=np.intp)
     if trial.options.judge:
         folds = replace(trial, options=replace(trial.options, folds=min(_FOLDS, trial.options.folds))).folds
         for fold in range(int(folds.max()) + 1):
-            held, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
+            fold_rows, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
             inner = trial.restricted_to(rest)
             inner = replace(
                 inner, options=replace(trial.options, folds=min(_INNER_FOLDS, trial.options.folds))
             )
-            frames_only = inner.fit(FRAMES)
+            frames_only = inner.fit_level(FRAMES)
             inner = replace(inner, places=frames_only.fit.state.places)
             level, _ = choose_level(inner)
-            before[held] = trial.errors(frames_only, held)
-            after[held] = trial.errors(inner.fit(level) if level != FRAMES else frames_only, held)
+            before[fold_rows] = trial.prediction_errors(frames_only, fold_rows)
+            after[fold_rows] = trial.prediction_errors(
+                inner.fit_level(level) if level != FRAMES else frames_only, fold_rows
+            )
         held_rows = np.flatnonzero(folds >= 0)
     found: list[SeriesErrors] = []
     start = 0
-    for result, rows in zip(robust.series, trial.parted(held_rows), strict=True):
+    for result, rows in zip(robust.series, trial.split_by_series(held_rows), strict=True):
         number = len(found)
         here = start + rows
         found.append(
@@ -182,7 +186,7 @@ def _judged(trial: CellTrial, robust: RobustCellFit, errors: list[Array]) -> tup
     return tuple(found)
 
 
-def _rejected(robust: RobustCellFit, errors: list[Array]) -> tuple[RejectedCellRow, ...]:
+def _rejected_rows(robust: RobustCellFit, errors: list[Array]) -> tuple[RejectedCellRow, ...]:
     return tuple(
         RejectedCellRow(
             result.name,

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.cells.robust import RobustCellFit, fit_cell_robustly
-from cellcal.calibration.cells.state import CellLayout, Frames, cell_layout
+from cellcal.calibration.cells.state import CellFrames, CellLayout, cell_layout
 from cellcal.calibration.cells.system import CellProblem, errors_m
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Grouping, deal_folds, group_rows
-from cellcal.calibration.identification.free_parameters import GROUPS, PLACE_ROLES, every_term
+from cellcal.calibration.identification.cross_validation import Grouping, assign_folds, group_rows
+from cellcal.calibration.identification.free_parameters import GROUPS, PLACE_ROLES, all_joint_terms
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.parameters import LEVEL_NAMES, Parameter, Priors
 from cellcal.calibration.identification.selection import (
     LEVELS,
     best_level,
-    evenly,
+    evenly_spaced,
     possible_levels,
     terms_of_level,
 )
@@ -48,7 +48,7 @@ class CellOptions:
 class CellTrial:
     """Some rows of a cell with their groups, and a start for the places."""
 
-    frames: Frames
+    frames: CellFrames
     places: Array  # (M, 4, 4)
     options: CellOptions
     rows: tuple[Rows, ...]  # of every series
@@ -57,7 +57,7 @@ class CellTrial:
     def restricted_to(self, chosen: Rows) -> "CellTrial":
         """Return the trial of some of its rows, numbered through all series."""
         groups = np.unique(self.groups[chosen], return_inverse=True)[1].reshape(-1)
-        rows = tuple(mine[part] for mine, part in zip(self.rows, self.parted(chosen), strict=True))
+        rows = tuple(mine[part] for mine, part in zip(self.rows, self.split_by_series(chosen), strict=True))
         return replace(self, rows=rows, groups=groups)
 
     @cached_property
@@ -65,13 +65,13 @@ class CellTrial:
         """The series of every row (total,)."""
         return np.repeat(np.arange(len(self.rows)), [len(rows) for rows in self.rows])
 
-    def parted(self, chosen: Rows) -> list[Rows]:
+    def split_by_series(self, chosen: Rows) -> list[Rows]:
         """Return rows numbered through all series as rows of each."""
         starts = np.cumsum([0, *(len(rows) for rows in self.rows)]).tolist()
         return [chosen[(chosen >= a) & (chosen < b)] - a for a, b in pairwise(starts)]
 
     @cached_property
-    def votes(self) -> NDArray[np.bool_]:
+    def is_voting(self) -> NDArray[np.bool_]:
         """Whether a row may be held out (total,): rows of short series are needed to place their devices."""
         sizes = np.array([len(rows) for rows in self.rows])
         may = (sizes >= _FEWEST_VOTING) | (sizes == sizes.max())
@@ -81,45 +81,47 @@ class CellTrial:
     def folds(self) -> Rows:
         """The fold of every row (total,), -1 for rows that are always fitted."""
         dealt = np.full(len(self.groups), -1)
-        voting = np.flatnonzero(self.votes)
+        voting = np.flatnonzero(self.is_voting)
         groups = Grouping(self.groups, "").of_rows(voting)
-        dealt[voting] = deal_folds(groups, self.options.folds, self.options.seed)
+        dealt[voting] = assign_folds(groups, self.options.folds, self.options.seed)
         return dealt
 
-    def layout(self, level: int) -> CellLayout:
+    def layout_of(self, level: int) -> CellLayout:
         """Return what a level leaves unknown, of that what the options free."""
         cell = self.frames.cell
         terms = []
         for robot in cell.robots:
             joints = [s.observations.joints_rad for s in cell.series if cell.robot_of(s.target) is robot]
-            whole = np.concatenate(joints) if joints else np.zeros((0, robot.model.axes))
+            whole = np.concatenate(joints) if joints else np.zeros((0, robot.model.axis_count))
             terms.append(terms_of_level(robot.model, whole, level))
-        return freed(cell_layout(self.frames, level, terms, self.options.priors), self.options)
+        return without_fixed(cell_layout(self.frames, level, terms, self.options.priors), self.options)
 
-    def problem(self, layout: CellLayout) -> CellProblem:
+    def problem_of(self, layout: CellLayout) -> CellProblem:
         """Return the rows of the trial for a layout's joint terms."""
-        return CellProblem.of(self.frames, layout.expected).take(self.rows)
+        return CellProblem.from_frames(self.frames, layout.expected).select_rows(self.rows)
 
-    def fit(self, level: int, chosen: Rows | None = None) -> RobustCellFit:
+    def fit_level(self, level: int, chosen: Rows | None = None) -> RobustCellFit:
         """Fit a level to the rows of the trial, or to some."""
-        layout = self.layout(level)
-        problem = self.problem(layout)
+        layout = self.layout_of(level)
+        problem = self.problem_of(layout)
         if chosen is not None:
-            problem = problem.take(self.parted(chosen))
+            problem = problem.select_rows(self.split_by_series(chosen))
         start = replace(layout.expected, places=self.places)
         return fit_cell_robustly(layout, start, problem)
 
-    def errors(self, fit: RobustCellFit, chosen: Rows) -> Array:
+    def prediction_errors(self, fit: RobustCellFit, chosen: Rows) -> Array:
         """Return the errors of some rows by a fit of others [m]."""
-        problem = self.problem(fit.fit.layout).take(self.parted(chosen))
+        problem = self.problem_of(fit.fit.layout).select_rows(self.split_by_series(chosen))
         return np.concatenate([errors_m(series, fit.fit.state) for series in problem.series])
 
     def held_out(self, level: int) -> Array:
         """Return the error of every row by a fit without its fold (total,) [m]; zero for rows that never vote."""
         errors = np.zeros(len(self.groups))
         for fold in range(int(self.folds.max()) + 1):
-            held = np.flatnonzero(self.folds == fold)
-            errors[held] = self.errors(self.fit(level, np.flatnonzero(self.folds != fold)), held)
+            held_rows = np.flatnonzero(self.folds == fold)
+            errors[held_rows] = self.prediction_errors(
+                self.fit_level(level, np.flatnonzero(self.folds != fold)), held_rows
+            )
         return errors
 
     @cached_property
@@ -132,21 +134,21 @@ class CellTrial:
 
 def choose_level(trial: CellTrial) -> tuple[int, tuple[str, ...]]:
     """Return the level that predicts unseen groups best, and why; wider ones must be surely better."""
-    wanted = trial.options.level
-    if wanted is not None:
-        return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
-    few = trial.restricted_to(evenly(len(trial.groups), _MOST_ROWS))
-    sizes = {level: len(few.layout(level)) for level in LEVELS}
-    seen = [series.observations for series in few.frames.cell.series]
-    most = sum(len(rows) * of.channels for rows, of in zip(few.rows, seen, strict=True))
-    possible, said = possible_levels(sizes, most)
+    forced_level = trial.options.level
+    if forced_level is not None:
+        return forced_level, (f"level {forced_level}, {LEVEL_NAMES[forced_level]}, was asked for",)
+    few = trial.restricted_to(evenly_spaced(len(trial.groups), _MOST_ROWS))
+    sizes = {level: len(few.layout_of(level)) for level in LEVELS}
+    observations = [series.observations for series in few.frames.cell.series]
+    most = sum(len(rows) * of.channels for rows, of in zip(few.rows, observations, strict=True))
+    possible, notes = possible_levels(sizes, most)
     level, reasons = best_level(
-        possible, lambda each: few.held_out(each) * few.weights, few.groups, few.votes
+        possible, lambda each: few.held_out(each) * few.weights, few.groups, few.is_voting
     )
-    return level, (*said, *reasons)
+    return level, (*notes, *reasons)
 
 
-def grouped(frames: Frames) -> Rows:
+def group_cell_rows(frames: CellFrames) -> Rows:
     """Return the group of every row, series after series: rows of one robot in one posture share one.
 
     Series that were measured at the same stops must not tell on each other, so groups are found over all of them.
@@ -158,39 +160,41 @@ def grouped(frames: Frames) -> Rows:
             continue
         joints = np.concatenate([s.observations.joints_rad for s in mine])
         labels = [s.groups for s in mine if s.groups is not None]
-        given = np.concatenate(labels) if len(labels) == len(mine) else None
-        found = group_rows(joints, given)
+        given_groups = np.concatenate(labels) if len(labels) == len(mine) else None
+        found = group_rows(joints, given_groups)
         at = 0
         for series in mine:
             count = len(series.observations)
             groups[series.name] = first + found.groups[at : at + count]
             at += count
-        first += found.count
+        first += found.group_count
     return np.concatenate([groups[series.name] for series in cell.series])
 
 
-def freed(layout: CellLayout, options: CellOptions) -> CellLayout:
+def without_fixed(layout: CellLayout, options: CellOptions) -> CellLayout:
     """Return the layout without what the options hold."""
-    held = [p for p in layout.parameters if any(_means(word, p) for word in options.fixed)]
+    fixed_parameters = [
+        p for p in layout.parameters if any(_names_parameter(word, p) for word in options.fixed)
+    ]
     if options.free:
-        held += [
+        fixed_parameters += [
             p
             for p in layout.parameters
             if p.role not in (*PLACE_ROLES, "target", "device")
-            and not any(_means(w, p) for w in options.free)
+            and not any(_names_parameter(w, p) for w in options.free)
         ]
-    names = {parameter.name for parameter in held}
+    names = {parameter.name for parameter in fixed_parameters}
     free = [i for i in layout.free if layout.whole[i].name not in names]
     return replace(layout, free=np.array(free, dtype=np.intp))
 
 
-def _means(word: str, parameter: Parameter) -> bool:
+def _names_parameter(word: str, parameter: Parameter) -> bool:
     if word in GROUPS:
         return parameter.role in GROUPS[word]
     return parameter.name == word or parameter.name.startswith(f"{word} ")
 
 
-def refuse_unknown_words(frames: Frames, options: CellOptions) -> None:
+def refuse_unknown_words(frames: CellFrames, options: CellOptions) -> None:
     """Refuse words of the options that name nothing of the cell, at any level.
 
     Raises
@@ -198,11 +202,11 @@ def refuse_unknown_words(frames: Frames, options: CellOptions) -> None:
     CalibrationError
         With what could be meant.
     """
-    terms = [every_term(robot.model) for robot in frames.cell.robots]
-    known = cell_layout(frames, LEVELS[-1], terms, options.priors).whole
+    terms = [all_joint_terms(robot.model) for robot in frames.cell.robots]
+    all_parameters = cell_layout(frames, LEVELS[-1], terms, options.priors).whole
     for word in (*options.free, *options.fixed):
-        if not any(_means(word, parameter) for parameter in known):
-            near = sorted({p.name.rsplit(" ", 1)[0] for p in known if p.role != "harmonic"})
+        if not any(_names_parameter(word, parameter) for parameter in all_parameters):
+            near = sorted({p.name.rsplit(" ", 1)[0] for p in all_parameters if p.role != "harmonic"})
             raise CalibrationError(
                 f"there is no parameter {word!r} in this cell.",
                 remedy=f"Groups: {', '.join(GROUPS)}. Names begin with: {', '.join(near)}.",

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.cells.estimate import CellFit
-from cellcal.calibration.cells.state import NOWHERE, CellLayout, CellState, Route
-from cellcal.calibration.cells.system import Chain, Postures
+from cellcal.calibration.cells.state import NOWHERE, CellLayout, CellState, FrameRoute
+from cellcal.calibration.cells.system import PreparedPostures, RouteChain
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, adjoint, inverse_transform
+from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
 
 WORLD = ""
 
@@ -28,9 +28,9 @@ class FoundFrame:
 
 def target_positions(fit: CellFit, target: str, joints_rad: Array, *, seen_from: str | None = None) -> Array:
     """Return where a target or tool is (N, 3) [m]; ``seen_from`` as in `tip_covariance`."""
-    chain = _chain(fit.layout, fit.state, target, seen_from)
-    postures = Postures.of(chain.along.arm, np.asarray(joints_rad, dtype=float))
-    positions: Array = chain.frames(postures, np.arange(len(joints_rad)))[1][-1].T
+    chain = _target_chain(fit.layout, fit.state, target, seen_from)
+    postures = PreparedPostures.from_joints(chain.along.arm, np.asarray(joints_rad, dtype=float))
+    positions: Array = chain.compute_frames(postures, np.arange(len(joints_rad)))[1][-1].T
     return positions
 
 
@@ -64,12 +64,18 @@ def tip_covariance(fit: CellFit, target: str, joints_rad: Array, *, seen_from: s
     recorded makes positions in the base uncertain, and those in the device's frame not.
     """
     joints = np.asarray(joints_rad, dtype=float)
-    chain = _chain(fit.layout, fit.state, target, seen_from)
-    if joints.ndim != 2 or joints.shape[1] != chain.along.arm.nominal.axes or not np.isfinite(joints).all():
+    chain = _target_chain(fit.layout, fit.state, target, seen_from)
+    if (
+        joints.ndim != 2
+        or joints.shape[1] != chain.along.arm.nominal.axis_count
+        or not np.isfinite(joints).all()
+    ):
         raise CalibrationError(
-            f"joints must be finite and (N, {chain.along.arm.nominal.axes}), not {joints.shape}"
+            f"joints must be finite and (N, {chain.along.arm.nominal.axis_count}), not {joints.shape}"
         )
-    _, linear, _ = chain.columns(Postures.of(chain.along.arm, joints), np.arange(len(joints)), turning=False)
+    _, linear, _ = chain.motion_columns(
+        PreparedPostures.from_joints(chain.along.arm, joints), np.arange(len(joints)), turning=False
+    )
     columns = np.tensordot(chain.tangent, linear, axes=1)  # (p, 3, N)
     spread = np.tensordot(fit.covariance, columns, axes=1)
     covariance: Array = np.einsum("pcn,pdn->ncd", columns, spread)
@@ -88,12 +94,12 @@ def frame_between(fit: CellFit, outer: str, inner: str, *, mounting: int = 0) ->
         No robot or device has such a name.
     """
     layout, places = fit.layout, fit.state.places
-    numbers = [_slot(layout, outer), _slot(layout, inner) + mounting]
+    numbers = [_slot_number(layout, outer), _slot_number(layout, inner) + mounting]
     first, second = (np.eye(4) if number == NOWHERE else places[number] for number in numbers)
     pose = inverse_transform(first) @ second
     follows = np.zeros((6, len(layout.whole)))
     if numbers[0] != NOWHERE:
-        follows[:, 6 * numbers[0] : 6 * numbers[0] + 6] -= adjoint(inverse_transform(pose))
+        follows[:, 6 * numbers[0] : 6 * numbers[0] + 6] -= adjoint_matrix(inverse_transform(pose))
     if numbers[1] != NOWHERE:
         follows[:, 6 * numbers[1] : 6 * numbers[1] + 6] += np.eye(6)
     follows = follows[:, layout.free]
@@ -115,7 +121,7 @@ def tool_in_flange(fit: CellFit, tool: str) -> FoundFrame:
     return FoundFrame(fit.state.places[number], follows @ fit.covariance @ follows.T)
 
 
-def _slot(layout: CellLayout, name: str) -> int:
+def _slot_number(layout: CellLayout, name: str) -> int:
     if name == WORLD:
         return NOWHERE
     for role in ("base", "device"):
@@ -127,11 +133,13 @@ def _slot(layout: CellLayout, name: str) -> int:
     )
 
 
-def _chain(layout: CellLayout, state: CellState, target: str, seen_from: str | None) -> Chain:
-    known = [key[1] for key in layout.frames.names if key[0] in ("tool", "target")]
-    if target not in known:
-        raise CalibrationError(f"the cell has no target {target!r}.", remedy=f"It has {', '.join(known)}.")
-    route = layout.frames.route(target)
-    viewpoint = route.base if seen_from is None else _slot(layout, seen_from)
-    route = Route(route.arm, route.base, route.tool, route.target, viewpoint)
-    return Chain.of(layout, state, route, NOWHERE, ())
+def _target_chain(layout: CellLayout, state: CellState, target: str, seen_from: str | None) -> RouteChain:
+    target_names = [key[1] for key in layout.frames.names if key[0] in ("tool", "target")]
+    if target not in target_names:
+        raise CalibrationError(
+            f"the cell has no target {target!r}.", remedy=f"It has {', '.join(target_names)}."
+        )
+    route = layout.frames.find_route(target)
+    viewpoint = route.base if seen_from is None else _slot_number(layout, seen_from)
+    route = FrameRoute(route.arm, route.base, route.tool, route.target, viewpoint)
+    return RouteChain.along_route(layout, state, route, NOWHERE, ())

@@ -4,13 +4,13 @@ import numpy as np
 
 from cellcal.calibration.cells.estimate import CellFit
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.free_parameters import PLACE_ROLES, PartLayout
-from cellcal.calibration.identification.observations import Device
+from cellcal.calibration.identification.observations import DevicePlacement
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
 
 
-def fit_of_robot(fit: CellFit, robot: str) -> Fit:
+def fit_of_robot(fit: CellFit, robot: str) -> ArmFit:
     """Return a robot's arm with its share of the cell's covariance: what all series together leave of it.
 
     Base, tool and devices are left out: `calibration.cells.prediction` tells them.
@@ -30,7 +30,7 @@ def fit_of_robot(fit: CellFit, robot: str) -> Fit:
         arm.terms,
         arm.coefficients,
         np.eye(4),
-        (Device(np.eye(4), np.zeros(3)),),
+        (DevicePlacement(np.eye(4), np.zeros(3)),),
     )
     whole = make_layout(arm.nominal, "point", 1, level=GEOMETRY, terms=arm.terms)
     mark = f"{robot} " if len(names) > 1 else ""
@@ -48,8 +48,8 @@ def fit_of_robot(fit: CellFit, robot: str) -> Fit:
         whole.terms,
         whole=whole,
         free=numbers,
-        means=whole.deviations(state)[numbers] - fit.deviations[rows],
+        means=whole.prior_deviations(state)[numbers] - fit.deviations[rows],
     )
-    return Fit(
+    return ArmFit(
         state, layout, fit.covariance[np.ix_(rows, rows)], fit.deviations[rows], fit.cost, fit.iterations
     )

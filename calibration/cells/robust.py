@@ -9,12 +9,12 @@ from scipy.special import chdtri
 
 from cellcal.calibration.cells.estimate import CellFit, estimate_cell
 from cellcal.calibration.cells.state import CellLayout, CellState
-from cellcal.calibration.cells.system import CellProblem, SeriesRows, residuals, whole_columns
+from cellcal.calibration.cells.system import CellProblem, SeriesRows, series_residuals, whole_columns
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.group_effect import GroupEffect, expected_of, group_effect
-from cellcal.calibration.identification.leverage import CROWDED, channel_groups, in_own_deviations
+from cellcal.calibration.identification.leverage import CROWDED, channel_groups, standardise_residuals
 from cellcal.calibration.identification.observations import PoseObservations, Rows
-from cellcal.calibration.identification.robust import rejection_limit, standing_out
+from cellcal.calibration.identification.robust import find_outliers, rejection_limit
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
 _MAX_ROUNDS = 12
@@ -80,75 +80,77 @@ def fit_cell_robustly(layout: CellLayout, start: CellState, problem: CellProblem
     stated = problem
     weights = [np.ones(len(series)) for series in problem.series]
     fit = estimate_cell(layout, start, problem)
-    problem, left = _rescaled(fit, stated, problem, weights)
+    problem, standardised = _rescale_problem(fit, stated, problem, weights)
     for _ in range(_MAX_ROUNDS):
-        fresh = [1.0 / (1.0 + (np.linalg.norm(some, axis=0) / _CAUCHY) ** 2) for some in left]
+        fresh = [1.0 / (1.0 + (np.linalg.norm(some, axis=0) / _CAUCHY) ** 2) for some in standardised]
         change = max(float(np.abs(a - b).max()) for a, b in zip(fresh, weights, strict=True))
         weights = fresh
         if change < _WEIGHTS_SETTLED:
             break
         fit = estimate_cell(layout, fit.state, problem, weights)
-        problem, left = _rescaled(fit, stated, problem, weights)
-    return _reject_and_refit(fit, stated, problem, left)
+        problem, standardised = _rescale_problem(fit, stated, problem, weights)
+    return _reject_and_refit(fit, stated, problem, standardised)
 
 
-def widened_cell(robust: RobustCellFit, groups: Sequence[Rows]) -> tuple[RobustCellFit, tuple[str, ...]]:
+def widen_cell_fit(robust: RobustCellFit, groups: Sequence[Rows]) -> tuple[RobustCellFit, tuple[str, ...]]:
     """Return a fit with the covariance that alike rows of each series' groups allow, and what is said about it.
 
     The estimate stays: see `calibration.identification.group_effect`.
     """
-    factors, said, weights, freedom = [], [], [], []
+    factors, notes, weights, freedom = [], [], [], []
     for series, result, labels in zip(robust.problem.series, robust.series, groups, strict=True):
-        kept = np.ones(len(series), dtype=bool)
-        kept[result.rejected] = False
-        effect = _effect(robust.fit, series, np.flatnonzero(kept), labels[kept])
+        is_kept = np.ones(len(series), dtype=bool)
+        is_kept[result.rejected] = False
+        effect = _group_effect_of(robust.fit, series, np.flatnonzero(is_kept), labels[is_kept])
         factors.append(effect.widening)
-        weights.append(kept.astype(float))
+        weights.append(is_kept.astype(float))
         least = min(result.degrees_of_freedom, effect.degrees_of_freedom or np.inf)
         freedom.append(replace(result, degrees_of_freedom=least))
         if effect.said:
-            said.append(f"{series.name}: {effect.said}")
+            notes.append(f"{series.name}: {effect.said}")
     if max(factors) == 1.0:
         return robust, ()
     rows = zip(robust.problem.series, factors, strict=True)
-    problem = CellProblem(tuple(series.scaled(np.full(2, factor)) for series, factor in rows))
+    problem = CellProblem(tuple(series.scale_sigmas(np.full(2, factor)) for series, factor in rows))
     wide = estimate_cell(robust.fit.layout, robust.fit.state, problem, weights)
     fit = replace(robust.fit, covariance=wide.covariance)
-    return replace(robust, fit=fit, series=tuple(freedom)), tuple(said)
+    return replace(robust, fit=fit, series=tuple(freedom)), tuple(notes)
 
 
-def _effect(fit: CellFit, series: SeriesRows, rows: Rows, groups: Rows) -> GroupEffect:
+def _group_effect_of(fit: CellFit, series: SeriesRows, rows: Rows, groups: Rows) -> GroupEffect:
     labels = np.unique(groups, return_inverse=True)[1].reshape(-1)
 
-    def columns(some: Rows) -> Array:
-        return whole_columns(fit.layout, fit.state, series.take(rows[some]))[0]
+    def columns_of(some: Rows) -> Array:
+        return whole_columns(fit.layout, fit.state, series.select_rows(rows[some]))[0]
 
-    left = residuals(series, fit.state)[:, rows]
-    return group_effect(left, labels, expected_of(fit.covariance, columns, labels, len(left)))
+    row_residuals = series_residuals(series, fit.state)[:, rows]
+    return group_effect(
+        row_residuals, labels, expected_of(fit.covariance, columns_of, labels, len(row_residuals))
+    )
 
 
 def _reject_and_refit(
-    fit: CellFit, stated: CellProblem, problem: CellProblem, left: list[Array]
+    fit: CellFit, stated: CellProblem, problem: CellProblem, standardised: list[Array]
 ) -> RobustCellFit:
-    limits = [_limit(fit, series, number) for number, series in enumerate(problem.series)]
-    kept = [np.ones(len(series), dtype=bool) for series in problem.series]
+    limits = [_series_limit(fit, series, number) for number, series in enumerate(problem.series)]
+    is_kept = [np.ones(len(series), dtype=bool) for series in problem.series]
     for _ in range(_MAX_ROUNDS):
-        fresh = [~standing_out(some, limit) for some, limit in zip(left, limits, strict=True)]
-        settled = all(bool((a == b).all()) for a, b in zip(fresh, kept, strict=True))
+        fresh = [~find_outliers(some, limit) for some, limit in zip(standardised, limits, strict=True)]
+        settled = all(bool((a == b).all()) for a, b in zip(fresh, is_kept, strict=True))
         if settled and not all(some.all() for some in fresh):
             break
-        kept = fresh
-        weights = [some.astype(float) for some in kept]
+        is_kept = fresh
+        weights = [some.astype(float) for some in is_kept]
         fit = estimate_cell(fit.layout, fit.state, problem, weights)
-        problem, left = _rescaled(fit, stated, problem, weights)
+        problem, standardised = _rescale_problem(fit, stated, problem, weights)
         if settled:
             break
-    fit, problem, freedom = _scaled_by_chi_square(fit, stated, problem, kept)
+    fit, problem, freedom = _scaled_by_chi_square(fit, stated, problem, is_kept)
     results = tuple(
         SeriesResult(
             series.name,
-            np.flatnonzero(~kept[i]),
-            np.linalg.norm(left[i], axis=0),
+            np.flatnonzero(~is_kept[i]),
+            np.linalg.norm(standardised[i], axis=0),
             limits[i],
             _scale_of(stated.series[i], series),
             freedom[i],
@@ -159,62 +161,68 @@ def _reject_and_refit(
     return RobustCellFit(fit, problem, results)
 
 
-def _limit(fit: CellFit, series: SeriesRows, number: int) -> float:
+def _series_limit(fit: CellFit, series: SeriesRows, number: int) -> float:
     channels = series.observations.channels
     redundant = max(channels * len(series) - float(fit.learnt[number].sum()), 1.0)
     return rejection_limit(channels, len(series), redundant)
 
 
-def _rescaled(
+def _rescale_problem(
     fit: CellFit, stated: CellProblem, problem: CellProblem, weights: list[Array]
 ) -> tuple[CellProblem, list[Array]]:
     """Return the problem with sigmas as the median residuals show them, and residuals in such deviations."""
     series, every = [], []
     for number, (first, rows) in enumerate(zip(stated.series, problem.series, strict=True)):
-        left = _standardised(fit, rows, number, weights[number])
-        groups = channel_groups(len(left))
-        medians = [np.median((left[g] ** 2).sum(axis=0)) / chdtri(len(left[g]), 0.5) for g in groups]
-        freedom = left.size - float(fit.learnt[number].sum())
+        standardised = _standardised_residuals(fit, rows, number, weights[number])
+        groups = channel_groups(len(standardised))
+        medians = [
+            np.median((standardised[g] ** 2).sum(axis=0)) / chdtri(len(standardised[g]), 0.5) for g in groups
+        ]
+        freedom = standardised.size - float(fit.learnt[number].sum())
         before = _scale_of(first, rows)
-        scaled = _with_scale(first, rows, _believed(np.sqrt(np.array(medians)) * before, freedom))
+        scaled = _scale_stated_sigmas(
+            first, rows, _limit_factors(np.sqrt(np.array(medians)) * before, freedom)
+        )
         for group, factor in zip(groups, _scale_of(first, scaled) / before, strict=True):
-            left[group] /= factor
+            standardised[group] /= factor
         series.append(scaled)
-        every.append(left)
+        every.append(standardised)
     return CellProblem(tuple(series)), every
 
 
-def _standardised(fit: CellFit, series: SeriesRows, number: int, weights: Array) -> Array:
+def _standardised_residuals(fit: CellFit, series: SeriesRows, number: int, weights: Array) -> Array:
     """Return the residuals of a series (channels, N), each in deviations of what it may be."""
-    left = residuals(series, fit.state)
-    crowd = float(fit.learnt[number].sum()) / left.size
+    whitened = series_residuals(series, fit.state)
+    crowd = float(fit.learnt[number].sum()) / whitened.size
     if crowd < CROWDED:
-        raised: Array = left / np.sqrt(1.0 - crowd)
+        raised: Array = whitened / np.sqrt(1.0 - crowd)
         return raised
     columns, _ = whole_columns(fit.layout, fit.state, series)
-    return in_own_deviations(left, columns, fit.covariance, weights)
+    return standardise_residuals(whitened, columns, fit.covariance, weights)
 
 
 def _scaled_by_chi_square(
-    fit: CellFit, stated: CellProblem, problem: CellProblem, kept: list[NDArray[np.bool_]]
+    fit: CellFit, stated: CellProblem, problem: CellProblem, is_kept: list[NDArray[np.bool_]]
 ) -> tuple[CellFit, CellProblem, list[float]]:
     """Return the fit with the scales that the kept rows show, and the redundant readings of every series.
 
     How much a series has to tell depends on its scale against the others': a few rounds settle that.
     """
-    weights = [some.astype(float) for some in kept]
+    weights = [some.astype(float) for some in is_kept]
     for _ in range(_MAX_ROUNDS):
         freedom, series, change = [], [], 0.0
         for number, (first, rows) in enumerate(zip(stated.series, problem.series, strict=True)):
-            left = residuals(rows, fit.state)[:, kept[number]]
-            groups = channel_groups(len(left))
-            sizes = np.array([left[group].size for group in groups])
+            fit_residuals = series_residuals(rows, fit.state)[:, is_kept[number]]
+            groups = channel_groups(len(fit_residuals))
+            sizes = np.array([fit_residuals[group].size for group in groups])
             redundant = np.maximum(sizes - fit.learnt[number], _LEAST_FREEDOM)
-            squares = np.array([float((left[group] ** 2).sum()) for group in groups])
+            squares = np.array([float((fit_residuals[group] ** 2).sum()) for group in groups])
             before = _scale_of(first, rows)
             freedom.append(float(redundant.sum()))
             series.append(
-                _with_scale(first, rows, _believed(np.sqrt(squares / redundant) * before, freedom[-1]))
+                _scale_stated_sigmas(
+                    first, rows, _limit_factors(np.sqrt(squares / redundant) * before, freedom[-1])
+                )
             )
             change = max(change, float(np.abs(_scale_of(first, series[-1]) / before - 1.0).max()))
         problem = CellProblem(tuple(series))
@@ -226,17 +234,17 @@ def _scaled_by_chi_square(
     return fit, problem, freedom
 
 
-def _believed(factors: Array, freedom: float) -> Array:
+def _limit_factors(factors: Array, freedom: float) -> Array:
     return factors if freedom >= _FEW_FREEDOM else np.maximum(factors, 1.0)
 
 
-def _with_scale(stated: SeriesRows, rows: SeriesRows, factors: Array) -> SeriesRows:
+def _scale_stated_sigmas(stated: SeriesRows, rows: SeriesRows, factors: Array) -> SeriesRows:
     """Return rows with the stated sigmas times factors."""
-    seen = stated.observations
-    smallest = [_SMALLEST_M / float(np.median(seen.sigma_m))]
-    if isinstance(seen, PoseObservations):
-        smallest.append(_SMALLEST_RAD / float(np.median(seen.sigma_rad)))
-    return rows.scaled(np.maximum(factors, smallest) / _scale_of(stated, rows))
+    observations = stated.observations
+    smallest = [_SMALLEST_M / float(np.median(observations.sigma_m))]
+    if isinstance(observations, PoseObservations):
+        smallest.append(_SMALLEST_RAD / float(np.median(observations.sigma_rad)))
+    return rows.scale_sigmas(np.maximum(factors, smallest) / _scale_of(stated, rows))
 
 
 def _scale_of(stated: SeriesRows, rows: SeriesRows) -> Array:

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import JointTerm
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTool, Scalar
-from cellcal.calibration.cells.places import AXES, Place, moved
+from cellcal.calibration.cells.cell import CalibrationCell, CellDevice, CellRobot, CellTool, DeviceScalar
+from cellcal.calibration.cells.frame_priors import AXES, FramePrior, move_frames
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, adjoint, inverse_transform
-from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
+from cellcal.calibration.identification.observations import DevicePlacement, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
     ArmState,
@@ -30,16 +30,16 @@ NOWHERE = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Slot:
+class FrameSlot:
     """One frame among the unknowns."""
 
     name: str
     role: str  # base | tool | target | device
-    place: Place
+    place: FramePrior
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class FrameRoute:
     """Which frames stand between a device and a target: numbers of slots, or NOWHERE for the identity."""
 
     arm: int
@@ -57,40 +57,40 @@ class CellState:
     places: Array  # (M, 4, 4), one a slot
     scalars: Array  # (D, 3): zero [m], scale [1], radius [m] of every device
 
-    def along(self, route: Route, device: int = NOWHERE) -> "Along":
+    def along_route(self, route: FrameRoute, device: int = NOWHERE) -> "ArmAlongRoute":
         """Return what stands between a route's device, or the world, and its target."""
         arm, base, tool = self.arms[route.arm], self.places[route.base], self.places[route.tool]
         if route.device != NOWHERE:
             base = inverse_transform(self.places[route.device]) @ base
         if route.target != NOWHERE:
             tool = tool @ self.places[route.target]
-        placements = arm.arm.placements.copy()
+        placements = arm.arm_model.placements.copy()
         placements[0], placements[-1] = base @ placements[0], placements[-1] @ tool
         numbers = _EXPECTED if device == NOWHERE else self.scalars[device]
-        seen = Device(np.eye(4), np.zeros(3), *(float(v) for v in numbers))
-        return Along(arm, tool, placements, seen)
+        device_state = DevicePlacement(np.eye(4), np.zeros(3), *(float(v) for v in numbers))
+        return ArmAlongRoute(arm, tool, placements, device_state)
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
+class ArmAlongRoute:
     """The arm between a device's frame and a target, which is where the device's own numbers apply."""
 
     arm: ArmState
     flange_target: Array  # (4, 4)
     placements: Array  # (n + 1, 4, 4)
-    device: Device
+    device: DevicePlacement
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class CellFrames:
     """The slots of a cell, and the routes through them."""
 
-    cell: Cell
-    slots: tuple[Slot, ...]
+    cell: CalibrationCell
+    slots: tuple[FrameSlot, ...]
     names: dict[tuple[str, str], int]  # (role, name) to the first of its slots
 
     @classmethod
-    def of(cls, cell: Cell) -> "Frames":
+    def from_cell(cls, cell: CalibrationCell) -> "CellFrames":
         """Lay out the frames of a cell: bases, tools, targets, devices.
 
         Raises
@@ -98,19 +98,19 @@ class Frames:
         CalibrationError
             Nothing ties a robot or device to the world.
         """
-        slots: list[Slot] = []
+        slots: list[FrameSlot] = []
         names: dict[tuple[str, str], int] = {}
-        for name, slot in _slots(cell):
+        for name, slot in _list_slots(cell):
             names.setdefault((slot.role, name), len(slots))
             slots.append(slot)
         frames = cls(cell, tuple(slots), names)
         _refuse_loose(frames)
         return frames
 
-    def route(self, target: str, device: str = "", mounting: int = 0) -> Route:
+    def find_route(self, target: str, device: str = "", mounting: int = 0) -> FrameRoute:
         """Return the way from a device, or from the world, to a target."""
         robot = self.cell.robot_of(target)
-        return Route(
+        return FrameRoute(
             [r.name for r in self.cell.robots].index(robot.name),
             self.names["base", robot.name],
             self.names["tool", self.cell.tool_of(target).name],
@@ -123,43 +123,43 @@ class Frames:
         return [device.name for device in self.cell.devices].index(name)
 
 
-def _slots(cell: Cell) -> Iterator[tuple[str, Slot]]:
+def _list_slots(cell: CalibrationCell) -> Iterator[tuple[str, FrameSlot]]:
     for i, robot in enumerate(cell.robots):
-        world = Place.known(np.eye(4)) if i == 0 else Place.unknown()
-        yield robot.name, Slot(f"base of {robot.name}", "base", robot.base or world)
+        world = FramePrior.from_pose(np.eye(4)) if i == 0 else FramePrior.without_prior()
+        yield robot.name, FrameSlot(f"base of {robot.name}", "base", robot.base or world)
     for tool in cell.tools:
         label = "tool" if len(cell.tools) == 1 else f"tool {tool.name}"
-        yield tool.name, Slot(label, "tool", tool.place or _default_tool(cell, tool))
+        yield tool.name, FrameSlot(label, "tool", tool.place or _default_tool(cell, tool))
     for target in cell.targets:
-        yield target.name, Slot(f"target {target.name}", "target", target.place)
+        yield target.name, FrameSlot(f"target {target.name}", "target", target.place)
     for device in cell.devices:
         axes = {a for s in cell.series if s.device == device.name for a in s.observations.place_axes}
         for i, place in enumerate(device.places):
             label = device.name if len(device.places) == 1 else f"{device.name} {i + 1}"
-            yield device.name, Slot(label, "device", place.only(tuple(sorted(axes))))
+            yield device.name, FrameSlot(label, "device", place.free_axes_only(tuple(sorted(axes))))
 
 
-def _default_tool(cell: Cell, tool: CellTool) -> Place:
+def _default_tool(cell: CalibrationCell, tool: CellTool) -> FramePrior:
     here = [s for s in cell.series if cell.tool_of(s.target) is tool]
     aside = {target.name for target in cell.targets if target.tool == tool.name}
     turning_shows = any(s.observations.needs_rotation or s.target in aside for s in here)
-    return Place.unknown() if turning_shows else Place.unknown_point()
+    return FramePrior.without_prior() if turning_shows else FramePrior.point_without_prior()
 
 
-def _refuse_loose(frames: Frames) -> None:
+def _refuse_loose(frames: CellFrames) -> None:
     """Refuse robots and devices whose place in the world nothing tells."""
     cell = frames.cell
-    tied = {slot for slot in frames.names.values() if frames.slots[slot].place.tied}
+    tied = {slot for slot in frames.names.values() if frames.slots[slot].place.has_position_prior}
     links = [
-        (frames.route(s.target).base, frames.names["device", s.device])
+        (frames.find_route(s.target).base, frames.names["device", s.device])
         for s in cell.series
         if s.observations.place_axes
     ]
     for _ in links:
         tied |= {end for link in links if tied & set(link) for end in link}
     for robot in cell.robots:
-        seen = any(cell.robot_of(s.target) is robot for s in cell.series)
-        if seen and frames.names["base", robot.name] not in tied:
+        is_measured = any(cell.robot_of(s.target) is robot for s in cell.series)
+        if is_measured and frames.names["base", robot.name] not in tied:
             raise CalibrationError(
                 f"nothing tells where robot {robot.name!r} stands in the world.",
                 remedy="Let one device see both robots, or give the base's place or a device's.",
@@ -170,7 +170,7 @@ def _refuse_loose(frames: Frames) -> None:
 class CellLayout:
     """Which of all unknowns are free. The whole vector holds six numbers a slot, three a device, then the arms."""
 
-    frames: Frames
+    frames: CellFrames
     whole: tuple[Parameter, ...]
     free: Rows  # numbers of free unknowns in the whole vector
     entries: tuple[tuple[tuple[int, int], ...], ...]  # free entries of every arm's geometry
@@ -185,11 +185,11 @@ class CellLayout:
         return tuple(self.whole[i] for i in self.free)
 
     @cached_property
-    def prior(self) -> Array:
+    def prior_sigmas(self) -> Array:
         """Prior standard deviations (p,)."""
         return np.array([parameter.prior for parameter in self.parameters])
 
-    def deviations(self, state: CellState) -> Array:
+    def prior_deviations(self, state: CellState) -> Array:
         """Return how far each unknown is from its prior mean (p,); zero where there is none."""
         every = [self._slot_prior(i, state)[0] for i in range(len(self.frames.slots))]
         every.append((state.scalars - self.expected.scalars).reshape(-1))
@@ -201,31 +201,31 @@ class CellLayout:
 
     def prior_equations(self, state: CellState) -> tuple[Array, Array, float]:
         """Return information, gradient and cost of the priors, in prior deviations."""
-        ratio = self.deviations(state) / self.prior
+        ratio = self.prior_deviations(state) / self.prior_sigmas
         follows = np.eye(len(self))
         where = {int(number): i for i, number in enumerate(self.free)}
         for slot in range(len(self.frames.slots)):
             axes = [axis for axis in range(6) if 6 * slot + axis in where]
             rows = [where[6 * slot + axis] for axis in axes]
             slopes = self._slot_prior(slot, state)[1][np.ix_(axes, axes)]
-            follows[np.ix_(rows, rows)] = slopes * self.prior[rows] / self.prior[rows][:, None]
+            follows[np.ix_(rows, rows)] = slopes * self.prior_sigmas[rows] / self.prior_sigmas[rows][:, None]
         return follows.T @ follows, -follows.T @ ratio, float(ratio @ ratio)
 
     def _slot_prior(self, slot: int, state: CellState) -> tuple[Array, Array]:
         place = self.frames.slots[slot].place
-        known = np.isfinite(place.sigma) & (place.sigma > 0)
-        if not known.any():
+        has_prior = np.isfinite(place.sigma) & (place.sigma > 0)
+        if not has_prior.any():
             return np.zeros(6), np.eye(6)
-        deviation, follows = place.deviation(state.places[slot])
-        follows[~known] = np.eye(6)[~known]
-        return np.where(known, deviation, 0.0), follows
+        deviation, follows = place.deviation_of(state.places[slot])
+        follows[~has_prior] = np.eye(6)[~has_prior]
+        return np.where(has_prior, deviation, 0.0), follows
 
-    def step(self, state: CellState, change: Array) -> CellState:
+    def apply_step(self, state: CellState, change: Array) -> CellState:
         """Return the state after a step of the free unknowns (p,)."""
         every = np.zeros(len(self.whole))
         every[self.free] = change
         slots, devices = 6 * len(self.frames.slots), state.scalars.size
-        places = moved(state.places, every[:slots].reshape(-1, 6))
+        places = move_frames(state.places, every[:slots].reshape(-1, 6))
         scalars = state.scalars + every[slots : slots + devices].reshape(-1, 3)
         first, arms = slots + devices, []
         for arm, entries in zip(state.arms, self.entries, strict=True):
@@ -238,21 +238,23 @@ class CellLayout:
             arms.append(replace(arm, geometry=geometry, coefficients=coefficients))
         return CellState(tuple(arms), places, scalars)
 
-    def tangent(self, state: CellState, route: Route, device: int, own: tuple[str, ...]) -> Array:
+    def tangent_rows(self, state: CellState, route: FrameRoute, device: int, own: tuple[str, ...]) -> Array:
         """Return (p, 6 (n + 1) + K + D): each free unknown as twists of a route's chain, terms, device columns."""
-        along = state.along(route)
-        n, terms = along.arm.nominal.axes, len(along.arm.terms)
+        along = state.along_route(route)
+        n, terms = along.arm.nominal.axis_count, len(along.arm.terms)
         last = 6 * n
         matrix = np.zeros((len(self.whole), last + 6 + terms + len(own)))
-        matrix[_six(route.base), :6] = adjoint(inverse_transform(along.arm.arm.placements[0])).T
+        matrix[_slot_slice(route.base), :6] = adjoint_matrix(
+            inverse_transform(along.arm.arm_model.placements[0])
+        ).T
         if route.device != NOWHERE:
             # A robot may be seen from its own base: then both cancel.
-            matrix[_six(route.device), :6] -= adjoint(inverse_transform(along.placements[0])).T
+            matrix[_slot_slice(route.device), :6] -= adjoint_matrix(inverse_transform(along.placements[0])).T
         turn = np.eye(6)
         if route.target != NOWHERE:
-            turn = adjoint(inverse_transform(state.places[route.target])).T
-            matrix[_six(route.target), last : last + 6] = np.eye(6)
-        matrix[_six(route.tool), last : last + 6] = turn
+            turn = adjoint_matrix(inverse_transform(state.places[route.target])).T
+            matrix[_slot_slice(route.target), last : last + 6] = np.eye(6)
+        matrix[_slot_slice(route.tool), last : last + 6] = turn
         for i, name in enumerate(own):
             row = 6 * len(self.frames.slots) + 3 * device + SCALARS.index(name)
             matrix[row, last + 6 + terms + i] = 1.0
@@ -260,7 +262,7 @@ class CellLayout:
         entries = self.entries[route.arm]
         if entries:
             rows, columns = (list(part) for part in zip(*entries, strict=True))
-            twists = geometry_twists(along.arm.arm, along.flange_target)
+            twists = geometry_twists(along.arm.arm_model, along.flange_target)
             matrix[start : start + len(entries), : last + 6] = twists[rows, columns]
         at = start + len(entries) + np.arange(terms)
         matrix[at, last + 6 + np.arange(terms)] = 1.0
@@ -273,12 +275,12 @@ class CellLayout:
         return 6 * len(self.frames.slots) + state.scalars.size + arms
 
 
-def _six(slot: int) -> slice:
+def _slot_slice(slot: int) -> slice:
     return slice(6 * slot, 6 * slot + 6)
 
 
 def cell_layout(
-    frames: Frames, level: int, terms: Sequence[tuple[JointTerm, ...]], priors: Priors
+    frames: CellFrames, level: int, terms: Sequence[tuple[JointTerm, ...]], priors: Priors
 ) -> CellLayout:
     """Return the unknowns of a level; ``terms`` has those of every robot."""
     cell = frames.cell
@@ -288,7 +290,7 @@ def cell_layout(
             unit, wide = ("rad", priors.turn_rad) if axis.startswith("r") else ("m", priors.place_m)
             prior = float(sigma) if np.isfinite(sigma) else wide
             whole.append(Parameter(f"{slot.name} {axis}", unit, prior, slot.role))
-    numbers = [_scalars(cell, device, level, priors) for device in cell.devices]
+    numbers = [_device_scalars(cell, device, level, priors) for device in cell.devices]
     for device, scalars in zip(cell.devices, numbers, strict=True):
         for name, scalar in zip(SCALARS, scalars, strict=True):
             what, unit = _SCALAR_NAMES[name]
@@ -298,10 +300,13 @@ def cell_layout(
     for robot, its_terms in zip(cell.robots, terms, strict=True):
         mark = f"{robot.name} " if len(cell.robots) > 1 else ""
         freed, geometry = geometry_parameters(robot.model, level, priors)
-        held = [replace(p, prior=0.0) for p in term_parameters(_earlier_terms(robot, its_terms), priors)]
+        fixed_terms = [
+            replace(p, prior=0.0) for p in term_parameters(_earlier_terms(robot, its_terms), priors)
+        ]
         entries.append(tuple(freed))
         whole += [
-            replace(p, name=mark + p.name) for p in (*geometry, *term_parameters(its_terms, priors), *held)
+            replace(p, name=mark + p.name)
+            for p in (*geometry, *term_parameters(its_terms, priors), *fixed_terms)
         ]
     means = np.array([[scalar.value for scalar in scalars] for scalars in numbers]).reshape(-1, 3)
     arms = tuple(_expected_arm(robot, its) for robot, its in zip(cell.robots, terms, strict=True))
@@ -310,18 +315,20 @@ def cell_layout(
     return CellLayout(frames, tuple(whole), free, tuple(entries), expected)
 
 
-def _scalars(cell: Cell, device: CellDevice, level: int, priors: Priors) -> list[Scalar]:
+def _device_scalars(
+    cell: CalibrationCell, device: CellDevice, level: int, priors: Priors
+) -> list[DeviceScalar]:
     """Return expected value and deviation of every number of a device; what no row shows is fixed."""
     here = [s.observations for s in cell.series if s.device == device.name]
-    shown = {name for seen in here for name in seen.scalars}
-    wire = any(seen.kind in ("length", "guided length") for seen in here) and level > FRAMES
+    shown = {name for observations in here for name in observations.scalars}
+    wire = any(observations.kind in ("length", "guided length") for observations in here) and level > FRAMES
     usual = {
-        "zero_m": Scalar(0.0, priors.wire_zero_m if wire else 0.0),
-        "scale": Scalar(1.0, priors.wire_scale if wire else 0.0),
-        "radius_m": Scalar(0.0, 0.0),
+        "zero_m": DeviceScalar(0.0, priors.wire_zero_m if wire else 0.0),
+        "scale": DeviceScalar(1.0, priors.wire_scale if wire else 0.0),
+        "radius_m": DeviceScalar(0.0, 0.0),
     }
-    given = {name: device.scalars.get(name, usual[name]) for name in SCALARS}
-    return [given[name] if name in shown else Scalar(given[name].value, 0.0) for name in SCALARS]
+    expected = {name: device.scalars.get(name, usual[name]) for name in SCALARS}
+    return [expected[name] if name in shown else DeviceScalar(expected[name].value, 0.0) for name in SCALARS]
 
 
 def _earlier_terms(robot: CellRobot, terms: tuple[JointTerm, ...]) -> tuple[JointTerm, ...]:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from cellcal.calibration.cells.estimate import CellFit
-from cellcal.calibration.cells.state import CellState, Frames, Route, Slot
-from cellcal.calibration.geometry import Array, adjoint, inverse_transform
-from cellcal.calibration.identification.identifiability import NotIdentified, partners
+from cellcal.calibration.cells.state import CellFrames, CellState, FrameRoute, FrameSlot
+from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
+from cellcal.calibration.identification.identifiability import NotIdentified, hiding_partners
 from cellcal.calibration.identification.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
@@ -22,22 +22,22 @@ _NO_CURE = "none needed while they act together: only their sum moves the target
 _TARGETS_CURE = "measure three targets of the tool, not on one line, whose places in it are known"
 
 
-def not_identified_in(fit: CellFit) -> tuple[NotIdentified, ...]:
+def find_not_identified(fit: CellFit) -> tuple[NotIdentified, ...]:
     """Return every parameter that the series leave where its prior put it, and every frame they do not find.
 
     A place that was given with a deviation may stay at it: that is what it was given for.
     """
     sigma = np.sqrt(np.diag(fit.covariance))
-    learnt = sigma / fit.layout.prior
+    learnt = sigma / fit.layout.prior_sigmas
     found = []
     for number, parameter in enumerate(fit.layout.parameters):
         weak = parameter.role in _ARM_ROLES and learnt[number] > _LEARNED
-        if weak or _lost(fit, number, float(sigma[number])):
-            found.append(_describe(fit, number, float(learnt[number])))
+        if weak or _is_undetermined(fit, number, float(sigma[number])):
+            found.append(_describe_unknown(fit, number, float(learnt[number])))
     return tuple(found)
 
 
-def _lost(fit: CellFit, number: int, sigma: float) -> bool:
+def _is_undetermined(fit: CellFit, number: int, sigma: float) -> bool:
     parameter = fit.layout.parameters[number]
     if parameter.role not in _PLACE_ROLES:
         return False
@@ -46,21 +46,21 @@ def _lost(fit: CellFit, number: int, sigma: float) -> bool:
     return bool(unknown) and sigma > (_FOUND_RAD if parameter.unit == "rad" else _FOUND_M)
 
 
-def _describe(fit: CellFit, own: int, ratio: float) -> NotIdentified:
+def _describe_unknown(fit: CellFit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
-    blocks, share = partners(fit, own, _block)
-    words = ", ".join(_words(fit, own, block) for block in blocks)
-    cure = _cure(parameters[own], [parameters[block[0]] for block in blocks])
+    blocks, share = hiding_partners(fit, own, _block_name)
+    words = ", ".join(_describe_partner(fit, own, block) for block in blocks)
+    cure = _suggest_measurement(parameters[own], [parameters[block[0]] for block in blocks])
     return NotIdentified(parameters[own].name, words, cure, ratio, share)
 
 
-def _block(parameter: Parameter) -> str:
+def _block_name(parameter: Parameter) -> str:
     if parameter.role in _PLACE_ROLES:
         return parameter.name.rsplit(" ", 1)[0]
     return parameter.name
 
 
-def _words(fit: CellFit, own: int, block: list[int]) -> str:
+def _describe_partner(fit: CellFit, own: int, block: list[int]) -> str:
     """Return how a partner moves when the parameter does, in axes that people know."""
     first = fit.layout.parameters[block[0]]
     if first.role not in _PLACE_ROLES:
@@ -71,21 +71,21 @@ def _words(fit: CellFit, own: int, block: list[int]) -> str:
     axes = [int(fit.layout.free[i]) % 6 for i in block]
     twist[axes] = fit.covariance[block, own] / fit.covariance[own, own]
     frame, outer = _known_axes(fit.layout.frames, fit.state, slot, number)
-    twist = adjoint(frame) @ twist
+    twist = adjoint_matrix(frame) @ twist
     turning, sliding = np.linalg.norm(twist[3:]), np.linalg.norm(twist[:3])
     if max(axes) >= 3 and turning > _TURNS:
-        return f"rotation of {_named(slot)} about {_axis(twist[3:])} of {outer}"
-    along = f" ({_axis(twist[:3])} of {outer})" if sliding > 0 and max(axes) < 3 else ""
-    return f"place of {_named(slot)}{along}"
+        return f"rotation of {_slot_text(slot)} about {_axis_text(twist[3:])} of {outer}"
+    along = f" ({_axis_text(twist[:3])} of {outer})" if sliding > 0 and max(axes) < 3 else ""
+    return f"place of {_slot_text(slot)}{along}"
 
 
-def _named(slot: Slot) -> str:
+def _slot_text(slot: FrameSlot) -> str:
     return {"base": f"the {slot.name}", "tool": f"the {slot.name}", "device": f"device {slot.name!r}"}.get(
         slot.role, slot.name
     )
 
 
-def _known_axes(frames: Frames, state: CellState, slot: Slot, number: int) -> tuple[Array, str]:
+def _known_axes(frames: CellFrames, state: CellState, slot: FrameSlot, number: int) -> tuple[Array, str]:
     """Return a slot seen from the frame in which people know its motions: the base that it sees, or its parent."""
     if slot.role in ("tool", "target"):
         return state.places[number], "the flange" if slot.role == "tool" else "the tool"
@@ -95,16 +95,16 @@ def _known_axes(frames: Frames, state: CellState, slot: Slot, number: int) -> tu
     return base @ state.places[number], f"the {robot}" if len(state.arms) > 1 else "the base"
 
 
-def _route_of(frames: Frames, number: int) -> Route:
+def _route_of(frames: CellFrames, number: int) -> FrameRoute:
     for series in frames.cell.series:
-        for mounting in range(len(frames.cell.device(series.device).places)):
-            route = frames.route(series.target, series.device, mounting)
+        for mounting in range(len(frames.cell.find_device(series.device).places)):
+            route = frames.find_route(series.target, series.device, mounting)
             if number in (route.device, route.base):
                 return route
-    return frames.route(frames.cell.series[0].target)
+    return frames.find_route(frames.cell.series[0].target)
 
 
-def _axis(vector: Array) -> str:
+def _axis_text(vector: Array) -> str:
     unit = vector / np.linalg.norm(vector)
     largest = int(np.argmax(np.abs(unit)))
     if abs(unit[largest]) > _ALONG:
@@ -112,7 +112,7 @@ def _axis(vector: Array) -> str:
     return "(" + ", ".join(f"{part:.2f}" for part in unit) + ")"
 
 
-def _cure(parameter: Parameter, hiding: list[Parameter]) -> str:
+def _suggest_measurement(parameter: Parameter, hiding: list[Parameter]) -> str:
     """Return what to measure: the first of these that applies."""
     partner_roles = {partner.role for partner in hiding}
     # Where axes are not parallel, an offset and the same row's beta do the same.

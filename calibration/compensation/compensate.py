@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.compensation.bounded_steps import Search
+from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.damped_solve import damped_step
-from cellcal.calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
+from cellcal.calibration.compensation.pose_gap import Flags, PoseGap, TargetPoses, TipArm, gap_between
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 
@@ -40,7 +40,7 @@ class PointStatus(IntEnum):
     UNREACHABLE = 4  # no posture near by is nearer: the arm is at the end of its reach
 
 
-class Direction(StrEnum):
+class ProgramDirection(StrEnum):
     """Which way a program goes."""
 
     UPLOAD = "upload"  # nominal program to the real robot
@@ -72,23 +72,23 @@ class Compensation:
     steps: NDArray[np.int64]  # (N,)
 
     @property
-    def converged(self) -> Flags:
+    def has_converged(self) -> Flags:
         """Which points (N,) stand where they shall."""
         reached: Flags = self.status == PointStatus.CONVERGED
         return reached
 
-    def counts(self) -> dict[str, int]:
+    def count_by_status(self) -> dict[str, int]:
         """Return how many points ended how, by the status' name."""
         found = Counter(self.status.tolist())
         return {status.name.lower(): found[status] for status in PointStatus}
 
 
 def compensate(
-    real: Arm | RobotModel,
-    nominal: Arm | RobotModel,
+    real: TipArm | RobotModel,
+    nominal: TipArm | RobotModel,
     joints_rad: Array,
     *,
-    direction: Direction = Direction.UPLOAD,
+    direction: ProgramDirection = ProgramDirection.UPLOAD,
     limits: CompensationLimits = CompensationLimits(),
 ) -> Compensation:
     """Find the joints that bring one arm's tip to where the other's is at the joints given.
@@ -125,15 +125,15 @@ def compensate(
     T. Sugihara, Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method, IEEE Trans.
     Robotics 27 (2011) 984: damping by the error itself.
     """
-    arms = {Direction.UPLOAD: (real, nominal), Direction.DOWNLOAD: (nominal, real)}
-    moved, followed = (_as_arm(arm) for arm in arms[Direction(direction)])
+    arms = {ProgramDirection.UPLOAD: (real, nominal), ProgramDirection.DOWNLOAD: (nominal, real)}
+    moved, followed = (_as_arm(arm) for arm in arms[ProgramDirection(direction)])
     start = np.asarray(joints_rad, dtype=float)
-    _check(moved, followed, start, limits)
-    return _solved(moved, lambda rows: Target.of(followed, start[rows].T), start, limits)
+    _check_input(moved, followed, start, limits)
+    return _solve_poses(moved, lambda rows: TargetPoses.from_joints(followed, start[rows].T), start, limits)
 
 
 def reach_poses(
-    arm: Arm | RobotModel,
+    arm: TipArm | RobotModel,
     base_tip: Array,
     start_rad: Array,
     *,
@@ -151,37 +151,37 @@ def reach_poses(
         Joints of another shape or not finite, poses that are not rigid, tolerances not positive.
     """
     moved, start = _as_arm(arm), np.asarray(start_rad, dtype=float)
-    _check(moved, moved, start, limits)
+    _check_input(moved, moved, start, limits)
     if base_tip.shape != (len(start), 4, 4) or (len(start) and not is_rigid(base_tip)):
         raise CalibrationError(f"poses must be rigid transforms ({len(start)}, 4, 4), not {base_tip.shape}")
 
-    def target(rows: Rows) -> Target:
+    def target_of(rows: Rows) -> TargetPoses:
         poses = base_tip[rows]
         axes = np.ascontiguousarray(poses[:, :3, :3].transpose(2, 1, 0))
-        return Target(axes, np.ascontiguousarray(poses[:, :3, 3].T))
+        return TargetPoses(axes, np.ascontiguousarray(poses[:, :3, 3].T))
 
-    return _solved(moved, target, start, limits, careful=careful)
+    return _solve_poses(moved, target_of, start, limits, careful=careful)
 
 
-def _solved(
-    moved: Arm,
-    target: Callable[[Rows], Target],
+def _solve_poses(
+    moved: TipArm,
+    target: Callable[[Rows], TargetPoses],
     start: Array,
     limits: CompensationLimits,
     *,
     careful: bool = True,
 ) -> Compensation:
-    outcome = _Outcome.empty(np.ascontiguousarray(start.T))
+    outcome = _PointResults.from_start(np.ascontiguousarray(start.T))
     rest = np.zeros(len(start), dtype=bool)
     for first in range(0, len(start), _BLOCK):
         block = slice(first, first + _BLOCK)
-        rest[block] = _go_quickly(moved, target(block), outcome.of(block), limits)
+        rest[block] = _solve_quickly(moved, target(block), outcome.view_block(block), limits)
     # Together, because many steps of a few points cost as much as many steps of a block.
-    left = np.flatnonzero(rest)
-    outcome.status[left] = PointStatus.SINGULAR
-    for first in range(0, len(left) if careful else 0, _BLOCK):
-        rows = left[first : first + _BLOCK]
-        _go_carefully(moved, target(rows), outcome, rows, limits)
+    remaining = np.flatnonzero(rest)
+    outcome.status[remaining] = PointStatus.SINGULAR
+    for first in range(0, len(remaining) if careful else 0, _BLOCK):
+        rows = remaining[first : first + _BLOCK]
+        _solve_carefully(moved, target(rows), outcome, rows, limits)
     return Compensation(
         np.ascontiguousarray(outcome.joints.T),
         outcome.status,
@@ -192,7 +192,7 @@ def _solved(
 
 
 @dataclass(eq=False)
-class _Outcome:
+class _PointResults:
     """The answers, filled in as points arrive; components first."""
 
     start: Array
@@ -203,14 +203,14 @@ class _Outcome:
     steps: NDArray[np.int64]
 
     @classmethod
-    def empty(cls, start: Array) -> "_Outcome":
+    def from_start(cls, start: Array) -> "_PointResults":
         n = start.shape[1]
         status = np.full(n, PointStatus.SINGULAR, dtype=np.int8)
         return cls(start, start.copy(), status, np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64))
 
-    def of(self, block: slice) -> "_Outcome":
+    def view_block(self, block: slice) -> "_PointResults":
         """Return a view of a block."""
-        return _Outcome(
+        return _PointResults(
             self.start[:, block],
             self.joints[:, block],
             self.status[block],
@@ -219,26 +219,35 @@ class _Outcome:
             self.steps[block],
         )
 
-    def store(self, rows: NDArray[np.intp], joints: Array, gap: Gap, chosen: Flags | slice) -> None:
+    def store_points(
+        self, rows: NDArray[np.intp], joints: Array, gap: PoseGap, chosen: Flags | slice
+    ) -> None:
         self.joints[:, rows] = joints[:, chosen]
         self.position_m[rows] = gap.position_m[chosen]
         self.angle_rad[rows] = gap.angle_rad[chosen]
 
 
-def _go_quickly(moved: Arm, target: Target, outcome: _Outcome, limits: CompensationLimits) -> Flags:
+def _solve_quickly(
+    moved: TipArm, target: TargetPoses, outcome: _PointResults, limits: CompensationLimits
+) -> Flags:
     """Take a few Newton steps for all points of a block, and return which ones need more care."""
     joints = outcome.start
     rows = np.arange(joints.shape[1])
     for step in range(_QUICK_STEPS + 1):
         gap = gap_between(moved, joints, target)
-        met = gap.met(limits.position_m, limits.angle_rad)
+        met = gap.is_reached(limits.position_m, limits.angle_rad)
         last = step == _QUICK_STEPS or bool(met.all())
         if last or met.sum() * 8 > len(met):
-            outcome.store(rows[met], joints, gap, met)
+            outcome.store_points(rows[met], joints, gap, met)
             outcome.status[rows[met]] = PointStatus.CONVERGED
             outcome.steps[rows[met]] = step
-            left = ~met
-            rows, joints, target, gap = rows[left], joints[:, left], target.take(left), gap.take(left)
+            remaining = ~met
+            rows, joints, target, gap = (
+                rows[remaining],
+                joints[:, remaining],
+                target.select_poses(remaining),
+                gap.select_poses(remaining),
+            )
         if last:
             break
         joints = joints + _quick_step(moved, gap, limits)
@@ -249,17 +258,21 @@ def _go_quickly(moved: Arm, target: Target, outcome: _Outcome, limits: Compensat
     return astray
 
 
-def _quick_step(arm: Arm, gap: Gap, limits: CompensationLimits) -> Array:
+def _quick_step(arm: TipArm, gap: PoseGap, limits: CompensationLimits) -> Array:
     damping = _SHARE * np.einsum("in,in->n", gap.error, gap.error) + _FLOOR
-    step = damped_step(gap.columns(arm), gap.error, damping)
+    step = damped_step(gap.tip_jacobian(arm), gap.error, damping)
     longest = np.maximum(step.max(axis=0), -step.min(axis=0))
     if longest.max() > limits.max_step_rad:
         step *= np.minimum(1.0, limits.max_step_rad / np.maximum(longest, 1e-300))
     return step
 
 
-def _go_carefully(
-    moved: Arm, target: Target, outcome: _Outcome, rows: NDArray[np.intp], limits: CompensationLimits
+def _solve_carefully(
+    moved: TipArm,
+    target: TargetPoses,
+    outcome: _PointResults,
+    rows: NDArray[np.intp],
+    limits: CompensationLimits,
 ) -> None:
     """Search inside the box of joint limits and branch, and say what was in the way."""
     start = outcome.start[:, rows]
@@ -267,18 +280,18 @@ def _go_carefully(
     # A point that comes in from beyond a limit may stay there: it will say so.
     low = np.minimum(np.maximum(lower, start - limits.branch_rad), start)
     high = np.maximum(np.minimum(upper, start + limits.branch_rad), start)
-    search = Search.begin(moved, target, start.copy(), (low, high))
-    search.run(limits)
-    outcome.store(rows, search.joints, search.gap, slice(None))
+    search = BoundedSearch.start_inside(moved, target, start.copy(), (low, high))
+    search.approach_poses(limits)
+    outcome.store_points(rows, search.joints, search.gap, slice(None))
     outcome.steps[rows] = search.steps
-    outcome.status[rows] = _status(search, limits)
+    outcome.status[rows] = _point_status(search, limits)
 
 
-def _status(search: Search, limits: CompensationLimits) -> NDArray[np.int8]:
+def _point_status(search: BoundedSearch, limits: CompensationLimits) -> NDArray[np.int8]:
     model = search.arm.model
     lower, upper = model.lower_rad[:, None], model.upper_rad[:, None]
-    low, high = search.pushes()
-    met = search.gap.met(limits.position_m, limits.angle_rad)
+    low, high = search.find_pushes()
+    met = search.gap.is_reached(limits.position_m, limits.angle_rad)
     beyond = ((search.joints < lower) | (search.joints > upper)).any(axis=0)
     at_limit = ((low & (search.joints <= lower)) | (high & (search.joints >= upper))).any(axis=0)
     conditions = [beyond | (at_limit & ~met), met, (low | high).any(axis=0), search.settled]
@@ -291,14 +304,16 @@ def _status(search: Search, limits: CompensationLimits) -> NDArray[np.int8]:
     return np.select(conditions, answers, PointStatus.SINGULAR).astype(np.int8)
 
 
-def _as_arm(arm: Arm | RobotModel) -> Arm:
-    return Arm(arm) if isinstance(arm, RobotModel) else arm
+def _as_arm(arm: TipArm | RobotModel) -> TipArm:
+    return TipArm(arm) if isinstance(arm, RobotModel) else arm
 
 
-def _check(moved: Arm, followed: Arm, joints: Array, limits: CompensationLimits) -> None:
-    n = moved.model.axes
-    if followed.model.axes != n:
-        raise CalibrationError(f"arms of {n} and {followed.model.axes} joints cannot stand in for each other")
+def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: CompensationLimits) -> None:
+    n = moved.model.axis_count
+    if followed.model.axis_count != n:
+        raise CalibrationError(
+            f"arms of {n} and {followed.model.axis_count} joints cannot stand in for each other"
+        )
     if joints.ndim != 2 or joints.shape[1] != n or not np.isfinite(joints).all():
         raise CalibrationError(f"joints must be finite and (N, {n}), not {joints.shape}")
     sizes = (limits.position_m, limits.angle_rad, limits.max_step_rad, limits.branch_rad)

@@ -27,9 +27,9 @@ def damped_step(columns: Array, error: Array, damping: Array) -> Array:
     step : (n, N)
     """
     factor = normal_matrix(columns, damping)
-    _factorise(factor)
+    _factorise_cholesky(factor)
     solution = error.copy()
-    _substitute(factor, solution)
+    _solve_by_factor(factor, solution)
     step: Array = np.einsum("kin,in->kn", columns, solution)
     return step
 
@@ -44,7 +44,7 @@ def normal_matrix(columns: Array, damping: Array) -> Array:
     return matrix
 
 
-def _factorise(matrix: Array) -> None:
+def _factorise_cholesky(matrix: Array) -> None:
     """Replace the lower triangle by its Cholesky factor."""
     for j in range(len(matrix)):
         np.sqrt(matrix[j, j], out=matrix[j, j])
@@ -53,7 +53,7 @@ def _factorise(matrix: Array) -> None:
             matrix[i, j + 1 : i + 1] -= matrix[i, j] * matrix[j + 1 : i + 1, j]
 
 
-def _substitute(factor: Array, right: Array) -> None:
+def _solve_by_factor(factor: Array, right: Array) -> None:
     """Replace the right side by the solution of ``L L' x = right``."""
     m = len(factor)
     for j in range(m):

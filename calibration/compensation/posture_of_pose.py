@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.compensation.bounded_steps import Search
+from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.compensate import CompensationLimits
-from cellcal.calibration.compensation.pose_gap import LEVER_M, Arm, Target
+from cellcal.calibration.compensation.pose_gap import LEVER_M, TargetPoses, TipArm
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 
@@ -17,7 +17,7 @@ _MOST_KNOWN = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class FoundPostures:
     """Joints for poses; those not reached are as near as was found."""
 
     joints_rad: Array  # (N, n)
@@ -26,8 +26,8 @@ class Postures:
 
 
 def postures_of_poses(
-    arm: Arm, base_tip: Array, known_rad: Array, limits: CompensationLimits = EXACTLY
-) -> Postures:
+    arm: TipArm, base_tip: Array, known_rad: Array, limits: CompensationLimits = EXACTLY
+) -> FoundPostures:
     """Solve the inverse kinematics of some poses.
 
     Parameters
@@ -55,33 +55,36 @@ def postures_of_poses(
         raise CalibrationError("a pose is a rigid transform (4, 4) of finite numbers")
     if not len(known_rad):
         raise CalibrationError("no known posture to start from")
-    known = known_rad[:: -(-len(known_rad) // _MOST_KNOWN)]
-    target = Target(base_tip[:, :3, :3].transpose(2, 1, 0), base_tip[:, :3, 3].T)
-    nearest = _nearest(arm, target, known)
-    joints = known[nearest[0]].copy()
-    reached, left = np.zeros(len(joints), dtype=bool), np.full(len(joints), np.inf)
+    start_postures = known_rad[:: -(-len(known_rad) // _MOST_KNOWN)]
+    target = TargetPoses(base_tip[:, :3, :3].transpose(2, 1, 0), base_tip[:, :3, 3].T)
+    nearest = _nearest_postures(arm, target, start_postures)
+    joints = start_postures[nearest[0]].copy()
+    reached, distance = np.zeros(len(joints), dtype=bool), np.full(len(joints), np.inf)
     box = arm.model.lower_rad[:, None], arm.model.upper_rad[:, None]
     for start in nearest:
         going = np.flatnonzero(~reached)
         if not len(going):
             break
-        begin = np.clip(known[start[going]].T, *box)
+        begin = np.clip(start_postures[start[going]].T, *box)
         lower, upper = (np.repeat(side, len(going), axis=1) for side in box)
-        search = Search.begin(arm, target.take(~reached), begin, (lower, upper))
-        search.run(limits)
-        better = search.gap.position_m < left[going]
-        joints[going[better]], left[going[better]] = search.joints.T[better], search.gap.position_m[better]
-        met = search.gap.met(limits.position_m, limits.angle_rad)
-        joints[going[met]], left[going[met]] = search.joints.T[met], search.gap.position_m[met]
+        search = BoundedSearch.start_inside(arm, target.select_poses(~reached), begin, (lower, upper))
+        search.approach_poses(limits)
+        better = search.gap.position_m < distance[going]
+        joints[going[better]], distance[going[better]] = (
+            search.joints.T[better],
+            search.gap.position_m[better],
+        )
+        met = search.gap.is_reached(limits.position_m, limits.angle_rad)
+        joints[going[met]], distance[going[met]] = search.joints.T[met], search.gap.position_m[met]
         reached[going[met]] = True
-    return Postures(joints, reached, left)
+    return FoundPostures(joints, reached, distance)
 
 
-def _nearest(arm: Arm, target: Target, known: Array) -> NDArray[np.intp]:
+def _nearest_postures(arm: TipArm, target: TargetPoses, known_rad: Array) -> NDArray[np.intp]:
     """Return the known postures nearest to every pose (starts, N), nearest first."""
-    rotations, origins = arm.frames(known.T)
+    rotations, origins = arm.compute_frames(known_rad.T)
     axes = rotations[-1].swapaxes(0, 1)
-    count = min(_STARTS, len(known))
+    count = min(_STARTS, len(known_rad))
     chosen = np.empty((count, target.place_m.shape[1]), dtype=np.intp)
     for i in range(chosen.shape[1]):
         apart = ((origins[-1] - target.place_m[:, i : i + 1]) ** 2).sum(axis=0)

@@ -21,7 +21,7 @@ def split_row(line: str, delimiter: str = ",") -> list[str]:
     try:
         return next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error as error:
-        raise _refusal(str(error)) from error
+        raise _table_error(str(error)) from error
 
 
 def parse_rows(lines: str | Iterable[str], delimiter: str = ",") -> list[dict[str, str]]:
@@ -42,11 +42,11 @@ def parse_rows(lines: str | Iterable[str], delimiter: str = ",") -> list[dict[st
             rows.append(row)
             cells += len(row)
             if cells > _MOST_CELLS:
-                raise _refusal(f"it holds more than {_MOST_CELLS} cells")
+                raise _table_error(f"it holds more than {_MOST_CELLS} cells")
     except csv.Error as error:
-        raise _refusal(str(error)) from error
+        raise _table_error(str(error)) from error
     return rows
 
 
-def _refusal(why: str) -> DocumentError:
+def _table_error(why: str) -> DocumentError:
     return DocumentError(f"it is no table of separated values: {why}.", remedy="Export the table again.")

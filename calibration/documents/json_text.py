@@ -25,26 +25,29 @@ def parse_json(raw: bytes | str, *, most_bytes: int = MOST_BYTES, most_depth: in
         It is no JSON in UTF-8, or goes past a limit.
     """
     if len(raw) > most_bytes:
-        raise _refusal(f"it is larger than {most_bytes} bytes")
+        raise _json_error(f"it is larger than {most_bytes} bytes")
     try:
         text = raw if isinstance(raw, str) else raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise _refusal(f"it is not text in UTF-8 (byte {error.start})") from error
+        raise _json_error(f"it is not text in UTF-8 (byte {error.start})") from error
     _refuse_depth(text, most_depth)
     try:
         found = json.loads(
-            text.removeprefix("\ufeff"), parse_constant=_constant, parse_float=_real, parse_int=_whole
+            text.removeprefix("\ufeff"),
+            parse_constant=_refuse_constant,
+            parse_float=_parse_real,
+            parse_int=_parse_whole,
         )
     except DocumentError:
         raise
     except (ValueError, RecursionError) as error:
-        raise _refusal(str(error)) from error
+        raise _json_error(str(error)) from error
     if "\\u" in text or _HALF_CHARACTER.search(text):
         _refuse_half_characters(found)
     return found
 
 
-def _refusal(why: str) -> DocumentError:
+def _json_error(why: str) -> DocumentError:
     return DocumentError(f"it is not valid JSON: {why}.", remedy=_CURE)
 
 
@@ -56,26 +59,26 @@ def _refuse_depth(text: str, most_depth: int) -> None:
         first = mark[0]
         depth += (first in "[{") - (first in "]}")
         if depth > most_depth:
-            raise _refusal(f"it is nested deeper than {most_depth} levels")
+            raise _json_error(f"it is nested deeper than {most_depth} levels")
 
 
-def _constant(word: str) -> Any:
-    raise _refusal(f"{word} is not a number that can be used")
+def _refuse_constant(word: str) -> Any:
+    raise _json_error(f"{word} is not a number that can be used")
 
 
-def _real(digits: str) -> float:
+def _parse_real(digits: str) -> float:
     value = float(digits) if len(digits) <= _LONGEST_NUMBER else math.inf
     if not math.isfinite(value):
-        raise _refusal(f"{digits[:40]} is too large or too long for a number")
+        raise _json_error(f"{digits[:40]} is too large or too long for a number")
     return value
 
 
-def _whole(digits: str) -> int:
+def _parse_whole(digits: str) -> int:
     if len(digits) <= len(str(_SMALLEST)):
         value = int(digits)
         if _SMALLEST <= value <= _LARGEST:
             return value
-    raise _refusal(f"{digits[:40]} is too large for a whole number")
+    raise _json_error(f"{digits[:40]} is too large for a whole number")
 
 
 def _refuse_half_characters(found: Any) -> None:
@@ -87,4 +90,4 @@ def _refuse_half_characters(found: Any) -> None:
         elif isinstance(one, list):
             waiting += one
         elif isinstance(one, str) and _HALF_CHARACTER.search(one):
-            raise _refusal("a text in it holds half a character (a surrogate)")
+            raise _json_error("a text in it holds half a character (a surrogate)")

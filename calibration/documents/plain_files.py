@@ -39,7 +39,7 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
             size += len(part)
     if max(status.st_size, size) > most_bytes:
         raise DocumentError(
-            f"it is larger than {_size(most_bytes)}.", remedy="Name the right file.", path=path
+            f"it is larger than {_size_text(most_bytes)}.", remedy="Name the right file.", path=path
         )
     return b"".join(parts)
 
@@ -97,5 +97,5 @@ def text_of(content: bytes, path: Path | None = None) -> str:
     return text
 
 
-def _size(count: int) -> str:
+def _size_text(count: int) -> str:
     return f"{count // 1_000_000} MB" if count >= 1_000_000 else f"{count // 1000} kB"

@@ -32,20 +32,20 @@ def parse_toml(text: str, *, most_characters: int = MOST_CHARACTERS) -> dict[str
         It is no TOML, or goes past a limit.
     """
     if len(text) > most_characters:
-        raise _refusal(f"it is longer than {most_characters} characters")
+        raise _toml_error(f"it is longer than {most_characters} characters")
     plain = text.removeprefix("\ufeff")
     _refuse_nesting(plain)
     try:
-        found = tomllib.loads(plain, parse_float=_real)
+        found = tomllib.loads(plain, parse_float=_parse_real)
     except DocumentError:
         raise
     except (ValueError, RecursionError, OverflowError) as error:
-        raise _refusal(str(error)[:300]) from error
+        raise _toml_error(str(error)[:300]) from error
     _refuse_numbers(found)
     return found
 
 
-def _refusal(why: str, key: str = "") -> DocumentError:
+def _toml_error(why: str, key: str = "") -> DocumentError:
     return DocumentError(f"it is not valid TOML: {why}.", remedy=_CURE, key=key)
 
 
@@ -63,10 +63,10 @@ def _refuse_nesting(text: str) -> None:
             parts = 0
         if parts > _MOST_PARTS or depth > _MOST_DEPTH:
             line = text.count("\n", 0, found.start()) + 1
-            raise _refusal(f"line {line} is nested too deep")
+            raise _toml_error(f"line {line} is nested too deep")
 
 
-def _real(digits: str) -> float:
+def _parse_real(digits: str) -> float:
     return float(digits) if len(digits) <= _LONGEST_NUMBER else math.inf
 
 
@@ -79,6 +79,6 @@ def _refuse_numbers(document: dict[str, Any]) -> None:
         elif isinstance(one, list):
             waiting += [(f"{key}[{i}]", value) for i, value in enumerate(one)]
         elif isinstance(one, float) and not math.isfinite(one):
-            raise _refusal(f"{key[:100]}: {one} is not a finite number", key)
+            raise _toml_error(f"{key[:100]}: {one} is not a finite number", key)
         elif isinstance(one, int) and not _SMALLEST <= one <= _LARGEST:
-            raise _refusal(f"{key[:100]}: a whole number is larger than 64 bits", key)
+            raise _toml_error(f"{key[:100]}: a whole number is larger than 64 bits", key)

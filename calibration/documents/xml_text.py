@@ -21,15 +21,15 @@ def parse_xml(raw: bytes | str, *, most_depth: int = _MOST_DEPTH) -> Element:
         It is no XML, declares a document type, or goes past a limit.
     """
     if len(raw) > MOST_CHARACTERS:
-        raise _refusal(f"it is larger than {MOST_CHARACTERS // 1_000_000} MB")
+        raise _xml_error(f"it is larger than {MOST_CHARACTERS // 1_000_000} MB")
     try:
         root: Element = fromstring(raw, forbid_dtd=True)
     except ParseError as error:
-        raise _refusal(str(error)) from error
+        raise _xml_error(str(error)) from error
     except DefusedXmlException as error:
-        raise _refusal("it declares a document type or entities") from error
+        raise _xml_error("it declares a document type or entities") from error
     except (ValueError, LookupError, OverflowError, RecursionError) as error:
-        raise _refusal(str(error)[:200]) from error  # half characters, an encoding that is none
+        raise _xml_error(str(error)[:200]) from error  # half characters, an encoding that is none
     _refuse_depth(root, most_depth)
     return root
 
@@ -39,9 +39,9 @@ def _refuse_depth(root: Element, most_depth: int) -> None:
     while level:
         depth += 1
         if depth > most_depth:
-            raise _refusal(f"it is nested deeper than {most_depth} levels")
+            raise _xml_error(f"it is nested deeper than {most_depth} levels")
         level = [child for element in level for child in element]
 
 
-def _refusal(why: str) -> DocumentError:
+def _xml_error(why: str) -> DocumentError:
     return DocumentError(f"it is no XML that can be used: {why}.", remedy=_CURE)

@@ -26,21 +26,21 @@ def open_zip(content: bytes, *, most_bytes: int = _MOST_BYTES) -> io.BytesIO:
         with ZipFile(source) as archive:
             entries = archive.infolist()
             if len(entries) > _MOST_ENTRIES or sum(entry.file_size for entry in entries) > most_bytes:
-                raise _refusal("it unpacks to more than can be used")
-            left = most_bytes
+                raise _archive_error("it unpacks to more than can be used")
+            remaining_bytes = most_bytes
             for entry in entries:
                 with archive.open(entry) as file:
                     while part := file.read(1 << 20):
-                        left -= len(part)
-                        if left < 0:
-                            raise _refusal("it unpacks to more than can be used")
+                        remaining_bytes -= len(part)
+                        if remaining_bytes < 0:
+                            raise _archive_error("it unpacks to more than can be used")
     except (BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
-        raise _refusal(str(error)) from error
+        raise _archive_error(str(error)) from error
     except (ValueError, OverflowError) as error:
-        raise error if isinstance(error, DocumentError) else _refusal(str(error)) from error
+        raise error if isinstance(error, DocumentError) else _archive_error(str(error)) from error
     source.seek(0)
     return source
 
 
-def _refusal(why: str) -> DocumentError:
+def _archive_error(why: str) -> DocumentError:
     return DocumentError(f"it is no archive that can be used: {why}.", remedy=_CURE)

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Problem, place_columns
+from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.observations import Observations
-from cellcal.calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _INDEPENDENT = 1e-6  # of a column's length, in prior deviations: the gap is ten orders wide
 
 
-def base_subset(layout: Layout, state: ArmState, observations: Observations) -> Layout:
+def base_subset(layout: ParameterLayout, state: ArmState, observations: Observations) -> ParameterLayout:
     """Return the layout without every geometry parameter that earlier parameters can imitate.
 
     Parameters
@@ -33,35 +33,35 @@ def base_subset(layout: Layout, state: ArmState, observations: Observations) -> 
     -----
     Columns are scaled by prior deviations first: millimetres and radians decide rank on one scale.
     """
-    columns, _ = place_columns(layout, state, Problem.of(state, observations))
-    scaled = columns.reshape(len(columns), -1) * layout.prior[:, None]
-    first = layout.shared + (6 if layout.kind == "pose" else 3)
+    columns, _ = place_columns(layout, state, FitProblem.from_observations(state, observations))
+    scaled = columns.reshape(len(columns), -1) * layout.prior_sigmas[:, None]
+    first = layout.shared_count + (6 if layout.kind == "pose" else 3)
     count = len(layout.geometry)
     offsets = [i for i in range(count) if layout.parameters[first + i].role == "offset"]
     order = [*offsets, *(i for i in range(count) if i not in offsets)]
     fixed = [*range(first), *range(first + count, len(layout))]
-    basis = _orthonormal(scaled[fixed])
-    kept = []
+    basis = _orthonormal_basis(scaled[fixed])
+    subset = []
     for i in order:
         column = scaled[first + i]
         # Twice is enough: one projection leaves rounding of the first behind.
-        rest = _outside(_outside(column, basis), basis)
+        rest = _component_outside(_component_outside(column, basis), basis)
         size = float(np.linalg.norm(rest))
         if size > _INDEPENDENT * float(np.linalg.norm(column)):
-            kept.append(i)
+            subset.append(i)
             basis = np.vstack([basis, rest / size])
-    kept.sort()
+    subset.sort()
     parameters = [
-        p for i, p in enumerate(layout.parameters) if not first <= i < first + count or i - first in kept
+        p for i, p in enumerate(layout.parameters) if not first <= i < first + count or i - first in subset
     ]
-    return replace(layout, parameters=tuple(parameters), geometry=tuple(layout.geometry[i] for i in kept))
+    return replace(layout, parameters=tuple(parameters), geometry=tuple(layout.geometry[i] for i in subset))
 
 
-def _outside(column: Array, basis: Array) -> Array:
+def _component_outside(column: Array, basis: Array) -> Array:
     rest: Array = column - (column @ basis.T) @ basis
     return rest
 
 
-def _orthonormal(rows: Array) -> Array:
+def _orthonormal_basis(rows: Array) -> Array:
     basis: Array = np.linalg.qr(rows.T)[0].T
     return basis

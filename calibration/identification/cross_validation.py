@@ -23,7 +23,7 @@ _CONFIDENCE = 0.99  # four levels and some breaks are tried: each must be surer 
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class ErrorSummary:
     """Sizes of errors over some rows [m]."""
 
     n: int
@@ -33,7 +33,7 @@ class Errors:
     max_m: float
 
     @classmethod
-    def of(cls, sizes_m: Array) -> "Errors":
+    def from_sizes(cls, sizes_m: Array) -> "ErrorSummary":
         """Summarise sizes (N,) [m]; without rows, everything is zero."""
         if not len(sizes_m):
             return cls(0, 0.0, 0.0, 0.0, 0.0)
@@ -54,7 +54,7 @@ class Grouping:
     kind: str  # for people
 
     @property
-    def count(self) -> int:
+    def group_count(self) -> int:
         """The number of groups."""
         return int(self.groups.max(initial=-1)) + 1
 
@@ -63,20 +63,22 @@ class Grouping:
         return Grouping(np.unique(self.groups[rows], return_inverse=True)[1].reshape(-1), self.kind)
 
 
-def group_rows(joints_rad: Array, given: Rows | None = None) -> Grouping:
+def group_rows(joints_rad: Array, given_groups: Rows | None = None) -> Grouping:
     """Return groups: those given, runs of constant wrist, single rows if few, or blocks of neighbours.
 
     Rows that come back to a posture go with those that were there before: a posture that was fitted is no test.
     If most rows come back, each posture is a group.
     """
     count = len(joints_rad)
-    if given is not None:
-        return Grouping(np.unique(given, return_inverse=True)[1].reshape(-1), "groups named in the file")
+    if given_groups is not None:
+        return Grouping(
+            np.unique(given_groups, return_inverse=True)[1].reshape(-1), "groups named in the file"
+        )
     postures = same_postures(joints_rad)
     distinct = int(postures.max(initial=0)) + 1
     if _FEWEST_POSTURES <= distinct <= _REPEATED * count:
         return Grouping(postures, "postures that were measured again and again")
-    neighbours = _neighbours(joints_rad)
+    neighbours = _group_neighbours(joints_rad)
     first = np.unique(postures, return_index=True)[1]
     together = neighbours.groups[first][postures]
     return Grouping(np.unique(together, return_inverse=True)[1].reshape(-1), neighbours.kind)
@@ -98,7 +100,7 @@ def same_postures(joints_rad: Array, tolerance_rad: float = _SAME_RAD) -> Rows:
     return np.unique(leader[cell.reshape(-1)], return_inverse=True)[1].reshape(-1)
 
 
-def _neighbours(joints_rad: Array) -> Grouping:
+def _group_neighbours(joints_rad: Array) -> Grouping:
     count = len(joints_rad)
     wrist = joints_rad[:, joints_rad.shape[1] // 2 :]
     starts = np.abs(np.diff(wrist, axis=0)).max(axis=1, initial=0.0) > _SAME_RAD
@@ -111,19 +113,19 @@ def _neighbours(joints_rad: Array) -> Grouping:
     return Grouping(np.arange(count) * _BLOCKS // count, "blocks of consecutive rows")
 
 
-def deal_folds(grouping: Grouping, folds: int, seed: int) -> Rows:
+def assign_folds(grouping: Grouping, folds: int, seed: int) -> Rows:
     """Return the fold of every row: of as many groups in a row as there are folds, each goes to another fold.
 
     So every fold is spread over the whole series. The largest group goes to the fold that has fewest rows;
     which of equals is drawn.
     """
     sizes = np.bincount(grouping.groups)
-    folds = min(folds, grouping.count)
+    folds = min(folds, grouping.group_count)
     random = np.random.default_rng(seed)
     filled = np.zeros(folds, dtype=np.intp)
-    fold_of_group = np.zeros(grouping.count, dtype=np.intp)
-    for first in range(0, grouping.count, folds):
-        some = random.permutation(np.arange(first, min(first + folds, grouping.count)))
+    fold_of_group = np.zeros(grouping.group_count, dtype=np.intp)
+    for first in range(0, grouping.group_count, folds):
+        some = random.permutation(np.arange(first, min(first + folds, grouping.group_count)))
         some = some[np.argsort(-sizes[some], kind="stable")]
         drawn = random.permutation(folds)
         chosen = drawn[np.argsort(filled[drawn], kind="stable")][: len(some)]
@@ -137,8 +139,8 @@ def held_out_errors(folds: Rows, errors_without: Callable[[Rows, Rows], Array]) 
     """Return every row's error by a fit that did not see its fold: ``errors_without(training, held_out)``."""
     errors = np.zeros(len(folds))
     for fold in range(int(folds.max()) + 1):
-        held = np.flatnonzero(folds == fold)
-        errors[held] = errors_without(np.flatnonzero(folds != fold), held)
+        held_rows = np.flatnonzero(folds == fold)
+        errors[held_rows] = errors_without(np.flatnonzero(folds != fold), held_rows)
     return errors
 
 
@@ -166,16 +168,16 @@ def rmse_uncertainty(sizes_m: Array, groups: Rows) -> tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ModelComparison:
     """Whether a wider model predicts unseen rows better than a narrower one, and how sure that is."""
 
     better: bool
     reason: str
 
 
-def compare(
+def compare_models(
     narrow: tuple[str, Array], wide: tuple[str, Array], groups: Rows, *, least_gain: float = 0.01
-) -> Comparison:
+) -> ModelComparison:
     """Compare held-out errors (N,) of two models, group by group.
 
     The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean relative gain of the groups is
@@ -183,13 +185,13 @@ def compare(
     """
     (narrow_name, first), (wide_name, second) = narrow, wide
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
-    sure = _surely_positive(_relative_gains(first, second, groups))
+    sure = _is_surely_positive(_relative_gains(first, second, groups))
     large = after < before * (1 - least_gain)
     change = f"{wide_name}: {after * 1e3:.3f} mm ({narrow_name}: {before * 1e3:.3f})"
     if large and sure:
-        return Comparison(True, f"{change}: better")
+        return ModelComparison(True, f"{change}: better")
     why = "not better" if not large else "no more than groups differ by chance"
-    return Comparison(False, f"{change}: {why}")
+    return ModelComparison(False, f"{change}: {why}")
 
 
 def _relative_gains(first: Array, second: Array, groups: Rows) -> Array:
@@ -201,7 +203,7 @@ def _relative_gains(first: Array, second: Array, groups: Rows) -> Array:
     return gains
 
 
-def _surely_positive(gains: Array) -> bool:
+def _is_surely_positive(gains: Array) -> bool:
     count = len(gains)
     if count < 2:
         return False

@@ -17,7 +17,7 @@ _WARM_K = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class ResidualDrift:
     """How a residual goes with a quantity that should not matter."""
 
     slope: Array  # (channels,) m per unit
@@ -26,7 +26,7 @@ class Drift:
     total_m: float  # over the range of the quantity
 
 
-def drift_with(quantity: Array, left_m: Array, groups: Rows) -> Drift | None:
+def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | None:
     """Regress residuals (channels, N) [m] on a quantity (N,); None if there is too little to tell.
 
     Notes
@@ -43,15 +43,15 @@ def drift_with(quantity: Array, left_m: Array, groups: Rows) -> Drift | None:
     square = float(centred @ centred)
     if len(quantity) < _FEWEST_ROWS or number < _FEWEST_GROUPS or square == 0.0:
         return None
-    left = left_m - left_m.mean(axis=1, keepdims=True)
-    slope = left @ centred / square
+    centred_m = left_m - left_m.mean(axis=1, keepdims=True)
+    slope = centred_m @ centred / square
     scores = np.array(
-        [np.bincount(labels, centred * (c - s * centred)) for c, s in zip(left, slope, strict=True)]
+        [np.bincount(labels, centred * (c - s * centred)) for c, s in zip(centred_m, slope, strict=True)]
     )
     sigma = np.sqrt((scores**2).sum(axis=1) * number / (number - 1)) / square
     ratio = float(np.max(np.abs(slope) / np.maximum(sigma, 1e-300)))
     by_chance = min(2.0 * (1.0 - float(stdtr(number - 1, ratio))) * len(slope), 1.0)
-    return Drift(slope, sigma, by_chance, float(np.linalg.norm(slope)) * float(np.ptp(quantity)))
+    return ResidualDrift(slope, sigma, by_chance, float(np.linalg.norm(slope)) * float(np.ptp(quantity)))
 
 
 def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) -> list[Lint]:
@@ -68,10 +68,10 @@ def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) ->
     """
     if temperature is None or not np.isfinite(temperature).any():
         return []
-    known = np.isfinite(temperature)
-    low, high = float(temperature[known].min()), float(temperature[known].max())
+    has_temperature = np.isfinite(temperature)
+    low, high = float(temperature[has_temperature].min()), float(temperature[has_temperature].max())
     moved = f"the temperature moved from {low:.1f} to {high:.1f} °C over the series"
-    drift = drift_with(temperature[known], left_m[:, known], groups[known])
+    drift = drift_with(temperature[has_temperature], left_m[:, has_temperature], groups[has_temperature])
     if drift is not None and drift.by_chance < _BY_CHANCE and drift.total_m > _SMALLEST_M:
         size, sigma = float(np.linalg.norm(drift.slope)) * 1e3, float(np.linalg.norm(drift.sigma)) * 1e3
         return [

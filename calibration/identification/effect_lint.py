@@ -1,9 +1,9 @@
 """What few rows say about what the model lacks, for people; and when they cannot say it."""
 
-from cellcal.calibration.identification.effect_mixture import KINDS, LackingEffects
+from cellcal.calibration.identification.effect_mixture import KINDS, UnmodelledEffects
 from cellcal.calibration.identification.lints import Lint
 
-_SEEN = 0.9  # probability
+_LIKELY = 0.9  # probability
 _EXCLUDED = 0.1
 _MANY_REJECTED = 0.03  # of the rows: more than good rows that stand out by chance
 _CURES = {
@@ -27,7 +27,7 @@ _WHAT = {
 }
 
 
-def misfit_notes(misfit: LackingEffects | None, rows: int, rejected: int) -> list[Lint]:
+def misfit_notes(misfit: UnmodelledEffects | None, rows: int, rejected: int) -> list[Lint]:
     """Return a note on every kind of effect that is seen, on those that few rows leave open, and on blunders."""
     notes = []
     if rejected > _MANY_REJECTED * rows:
@@ -41,12 +41,12 @@ def misfit_notes(misfit: LackingEffects | None, rows: int, rejected: int) -> lis
     if misfit is None:
         return notes
     chances = dict(zip(KINDS, misfit.probability, strict=True))
-    seen = [kind for kind in KINDS if chances[kind] > _SEEN]
+    likely_kinds = [kind for kind in KINDS if chances[kind] > _LIKELY]
     notes += [
         Lint("misfit", f"the model lacks something (probability {chances[kind]:.0%}): {_CURES[kind]}")
-        for kind in seen
+        for kind in likely_kinds
     ]
-    open_still = [kind for kind in KINDS if _EXCLUDED < chances[kind] <= _SEEN]
+    open_still = [kind for kind in KINDS if _EXCLUDED < chances[kind] <= _LIKELY]
     if open_still:
         listed = ", ".join(f"{_WHAT[kind]} ({chances[kind]:.0%})" for kind in open_still)
         notes.append(

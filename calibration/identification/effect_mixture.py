@@ -14,9 +14,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
-from cellcal.calibration.arm.kinematics import chain_frames, cross
+from cellcal.calibration.arm.kinematics import chain_frames, cross_product
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Problem, place_columns
+from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import (
     GEOMETRY,
@@ -45,7 +45,7 @@ _PLACES = ("base", "anchor", "tool")
 
 
 @dataclass(frozen=True, eq=False)
-class LackingEffects:
+class UnmodelledEffects:
     """What the rows say beside the parameters."""
 
     covariance: Array  # (p, p) of the parameters about their estimate
@@ -53,7 +53,7 @@ class LackingEffects:
     noise_m: float  # deviation of the noise alone, in places or lengths
 
 
-def average_over_misfits(robust: RobustFit, stated: Observations) -> LackingEffects:
+def average_over_misfits(robust: RobustFit, stated: Observations) -> UnmodelledEffects:
     r"""Return what the kept rows of a fit say, averaged over what may be behind their residuals.
 
     Parameters
@@ -73,21 +73,21 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> LackingEffe
     ----------
     J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Bayesian Model Averaging, Statist. Sci. 14 (1999) 382.
     """
-    kept = np.ones(len(robust.problem.observations), dtype=bool)
-    kept[robust.rejected] = False
-    rows = np.flatnonzero(kept)
-    fit, problem = robust.fit, robust.problem.take(rows)
+    is_kept = np.ones(len(robust.problem.observations), dtype=bool)
+    is_kept[robust.rejected] = False
+    rows = np.flatnonzero(is_kept)
+    fit, problem = robust.fit, robust.problem.select_rows(rows)
     usual_m = float(np.median(problem.observations.sigma_m))
     raised = max(1.0, _LEAST_NOISE * float(np.median(stated.sigma_m)) / usual_m)
-    columns, left = place_columns(fit.layout, fit.state, problem)
-    scaled = (columns.reshape(len(columns), -1) * fit.layout.prior[:, None]).T
-    away = fit.deviations / fit.layout.prior
-    effects = _effects(fit.state, problem, rows, frozenset(p.name for p in fit.layout.parameters))
+    columns, whitened = place_columns(fit.layout, fit.state, problem)
+    scaled = (columns.reshape(len(columns), -1) * fit.layout.prior_sigmas[:, None]).T
+    away = fit.deviations / fit.layout.prior_sigmas
+    effects = _effect_covariances(fit.state, problem, rows, frozenset(p.name for p in fit.layout.parameters))
     posteriors = []
     for sizes in product(*_SIZES):
-        turned = _Turned.of(scaled, left.reshape(-1), _mixed(effects, sizes))
-        posteriors += [(sizes, n, *_posterior(turned, away, (raised * n) ** 2)) for n in _NOISES]
-    chances = np.array([each[4] + _expected(each[0]) for each in posteriors])
+        turned = _PrincipalAxes.along_effect(scaled, whitened.reshape(-1), _mix_effects(effects, sizes))
+        posteriors += [(sizes, n, *_mixture_posterior(turned, away, (raised * n) ** 2)) for n in _NOISES]
+    chances = np.array([each[4] + _log_prior(each[0]) for each in posteriors])
     weights = np.exp(chances - chances.max())
     weights /= weights.sum()
     moment = sum(w * (e[2] + np.outer(e[3], e[3])) for w, e in zip(weights, posteriors, strict=True))
@@ -96,11 +96,11 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> LackingEffe
         for k in range(len(KINDS))
     ]
     noise = raised * float(sum(w * e[1] for w, e in zip(weights, posteriors, strict=True)))
-    covariance = np.asarray(moment) * np.outer(fit.layout.prior, fit.layout.prior)
-    return LackingEffects(covariance, tuple(there), noise * usual_m)
+    covariance = np.asarray(moment) * np.outer(fit.layout.prior_sigmas, fit.layout.prior_sigmas)
+    return UnmodelledEffects(covariance, tuple(there), noise * usual_m)
 
 
-def _expected(sizes: tuple[float, ...]) -> float:
+def _log_prior(sizes: tuple[float, ...]) -> float:
     """Return the logarithm of the probability beforehand."""
     each = [
         _ABSENT if size == 0 else (1.0 - _ABSENT) / (len(possible) - 1)
@@ -109,7 +109,7 @@ def _expected(sizes: tuple[float, ...]) -> float:
     return float(np.log(each).sum())
 
 
-def _mixed(effects: tuple[Array, ...], sizes: tuple[float, ...]) -> Array:
+def _mix_effects(effects: tuple[Array, ...], sizes: tuple[float, ...]) -> Array:
     mixed: Array = sum(
         (size**2 * effect for size, effect in zip(sizes, effects, strict=True)), np.zeros_like(effects[0])
     )
@@ -117,22 +117,22 @@ def _mixed(effects: tuple[Array, ...], sizes: tuple[float, ...]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Turned:
+class _PrincipalAxes:
     """Columns and residuals along the principal axes of an effect, in which noise of any size changes nothing."""
 
     columns: Array  # (c N, p)
-    left: Array  # (c N,)
+    residuals: Array  # (c N,)
     variances: Array  # (c N,) of the effect
 
     @classmethod
-    def of(cls, columns: Array, left: Array, effect: Array) -> "_Turned":
+    def along_effect(cls, columns: Array, residuals: Array, effect: Array) -> "_PrincipalAxes":
         if not effect.any():
-            return cls(columns, left, np.zeros(len(left)))
+            return cls(columns, residuals, np.zeros(len(residuals)))
         variances, axes = np.linalg.eigh(effect)
-        return cls(axes.T @ columns, axes.T @ left, np.maximum(variances, 0.0))
+        return cls(axes.T @ columns, axes.T @ residuals, np.maximum(variances, 0.0))
 
 
-def _posterior(turned: _Turned, away: Array, noise: float) -> tuple[Array, Array, float]:
+def _mixture_posterior(turned: _PrincipalAxes, away: Array, noise: float) -> tuple[Array, Array, float]:
     """Return covariance and shift of the parameters, and the log density of the rows (but for a constant).
 
     By the determinant lemma of the information of the parameters and the variances of the rows.
@@ -140,31 +140,35 @@ def _posterior(turned: _Turned, away: Array, noise: float) -> tuple[Array, Array
     weights = 1.0 / (turned.variances + noise)
     white = turned.columns * weights[:, None]
     information = np.eye(turned.columns.shape[1]) + turned.columns.T @ white
-    known = cho_factor(information, lower=True)
-    gradient = white.T @ turned.left - away
-    covariance = cho_solve(known, np.eye(len(information)))
+    factor = cho_factor(information, lower=True)
+    gradient = white.T @ turned.residuals - away
+    covariance = cho_solve(factor, np.eye(len(information)))
     shift = covariance @ gradient
-    square = float(turned.left @ (turned.left * weights) + away @ away - gradient @ shift)
-    volume = 2.0 * float(np.log(np.diag(known[0])).sum()) - float(np.log(weights).sum())
+    square = float(turned.residuals @ (turned.residuals * weights) + away @ away - gradient @ shift)
+    volume = 2.0 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(weights).sum())
     return covariance, shift, -0.5 * (square + volume)
 
 
-def _effects(state: ArmState, problem: Problem, order: Rows, fitted: frozenset[str]) -> tuple[Array, ...]:
+def _effect_covariances(
+    state: ArmState, problem: FitProblem, order: Rows, fitted: frozenset[str]
+) -> tuple[Array, ...]:
     """Return the covariance of the rows' channels (c N, c N) that each kind of effect of the usual size has."""
-    nominal, seen = state.nominal, problem.observations
+    nominal, observations = state.nominal, problem.observations
     terms = tuple(_further_terms(state))
     wide = replace(
         state, terms=(*state.terms, *terms), coefficients=np.append(state.coefficients, np.zeros(len(terms)))
     )
-    layout = make_layout(nominal, seen.kind, len(state.devices), level=GEOMETRY, terms=wide.terms)
+    layout = make_layout(nominal, observations.kind, len(state.devices), level=GEOMETRY, terms=wide.terms)
     layout = with_further(layout, len(state.further), Priors())
-    columns, _ = place_columns(layout, wide, Problem.of(wide, seen))
+    columns, _ = place_columns(layout, wide, FitProblem.from_observations(wide, observations))
     parameters = layout.parameters
     sag = [_SAG_RAD_PER_M if t.kind == "gravity" else _RIPPLE_RAD for t in terms]
     shared = list(columns[len(parameters) - len(terms) :] * np.array(sag)[:, None, None]) if terms else []
     for i, parameter in enumerate(parameters):
         if parameter.role == "geometry" and parameter.unit == "rad":
-            shared.append(columns[i] * (_BENDING_RAD_PER_M * _bending(wide, seen.joints_rad, parameter)))
+            shared.append(
+                columns[i] * (_BENDING_RAD_PER_M * _bending_levers(wide, observations.joints_rad, parameter))
+            )
         if parameter.role == "geometry" and parameter.name not in fitted:
             shared.append(columns[i] * parameter.prior)
     play = [columns[i] * _PLAY_RAD for i, p in enumerate(parameters) if p.role == "offset"]
@@ -172,31 +176,31 @@ def _effects(state: ArmState, problem: Problem, order: Rows, fitted: frozenset[s
     rank = np.argsort(np.argsort(order)) / max(len(order) - 1, 1)
     wander = np.minimum(rank[:, None], rank[None])
     return (
-        _together(shared, None),
-        _together(play, np.eye(len(seen))),
-        _together(moved, wander),
+        _channel_covariance(shared, None),
+        _channel_covariance(play, np.eye(len(observations))),
+        _channel_covariance(moved, wander),
     )
 
 
 def _further_terms(state: ArmState) -> Iterator[JointTerm]:
-    known = {term.name for term in state.terms}
+    term_names = {term.name for term in state.terms}
     for term in (*gravity_terms(state.nominal), *harmonic_terms(state.nominal, _ORDERS)):
-        if term.name not in known:
+        if term.name not in term_names:
             yield term
 
 
-def _bending(state: ArmState, joints_rad: Array, parameter: Parameter) -> Array:
+def _bending_levers(state: ArmState, joints_rad: Array, parameter: Parameter) -> Array:
     """Return the lever (N,) [m] of the tip's weight about the axis that a turning of a placement has."""
-    rotations, origins = chain_frames(state.arm, joints_rad)
+    rotations, origins = chain_frames(state.arm_model, joints_rad)
     frame = parameter.joint + (1 if state.nominal.dh is not None else 0)
     axis = rotations[frame, :, 0 if parameter.name.endswith(_ABOUT_X) else 1]
     lever = origins[-1] - origins[frame]
     down = np.array(state.nominal.gravity_in_base)[:, None] * np.ones_like(lever)
-    moment: Array = (cross(lever, down) * axis).sum(axis=0)
+    moment: Array = (cross_product(lever, down) * axis).sum(axis=0)
     return moment
 
 
-def _together(columns: list[Array], by_rows: Array | None) -> Array:
+def _channel_covariance(columns: list[Array], by_rows: Array | None) -> Array:
     """Return the covariance of channels (c N, c N) from columns (c, N); rows go together as ``by_rows`` says."""
     some = np.array(columns)
     flat = some.reshape(len(some), -1)

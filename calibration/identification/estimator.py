@@ -9,11 +9,16 @@ from typing import TypeAlias
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import JointTerm, term_values
-from cellcal.calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
+from cellcal.calibration.arm.kinematics import (
+    RobotModel,
+    by_independent_columns,
+    frames_of_placements,
+    independent_columns,
+)
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Observations, Rows
-from cellcal.calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
 _MOST_HELD = 10_000_000  # values of joint terms: 80 MB
@@ -31,11 +36,11 @@ Block: TypeAlias = tuple[int, Rows | slice]  # mounting and its rows
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ArmFit:
     """An estimate with its uncertainty, before anything is said about how good it is."""
 
     state: ArmState
-    layout: Layout
+    layout: ParameterLayout
     covariance: Array  # (p, p), in the units of the parameters, for the sigmas as given
     deviations: Array  # (p,): how far each parameter is from its prior mean; zero for places
     cost: float
@@ -43,71 +48,82 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class FitProblem:
     """Observations with everything about them that does not change while the parameters do."""
 
     observations: Observations
     arm: RobotModel  # nominal
     terms: tuple[JointTerm, ...]
-    held: Array | None  # (K, N) values of the joint terms; None: too many, made again block by block
+    cached_values: Array | None  # (K, N) values of the joint terms; None: too many, made again block by block
     angles_rad: Array  # (n, N): what the joints add to the angles of the nominal arm
     blocks: tuple[Block, ...]
     root: Array | None = None  # (N,) of each row's weight; None weighs all rows alike
 
     @classmethod
-    def of(cls, state: ArmState, observations: Observations) -> "Problem":
+    def from_observations(cls, state: ArmState, observations: Observations) -> "FitProblem":
         """Prepare the observations for states with the same nominal arm and joint terms."""
-        held = None
+        cached_values = None
         if len(state.terms) * len(observations) <= _MOST_HELD:
-            held = term_values(state.nominal, observations.joints_rad, state.terms)
+            cached_values = term_values(state.nominal, observations.joints_rad, state.terms)
         angles = state.nominal.joint_coupling @ observations.joints_rad.T
-        return cls(observations, state.nominal, state.terms, held, angles, tuple(_blocks(observations)))
+        return cls(
+            observations,
+            state.nominal,
+            state.terms,
+            cached_values,
+            angles,
+            tuple(_iterate_blocks(observations)),
+        )
 
-    def values(self, rows: Rows | slice) -> Array:
+    def term_values_of(self, rows: Rows | slice) -> Array:
         """Return the values of the joint terms in some rows (K, n)."""
-        if self.held is not None:
-            return self.held[:, rows]
+        if self.cached_values is not None:
+            return self.cached_values[:, rows]
         return term_values(self.arm, self.observations.joints_rad[rows], self.terms)
 
-    def take(self, rows: Rows) -> "Problem":
+    def select_rows(self, rows: Rows) -> "FitProblem":
         """Return the same for some of the rows."""
-        taken = self.observations.take(rows)
+        taken = self.observations.select_rows(rows)
         root = None if self.root is None else self.root[rows]
-        held = self.values(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
+        cached_values = self.term_values_of(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
         angles = self.angles_rad[:, rows]
-        return Problem(taken, self.arm, self.terms, held, angles, tuple(_blocks(taken)), root)
+        return FitProblem(
+            taken, self.arm, self.terms, cached_values, angles, tuple(_iterate_blocks(taken)), root
+        )
 
-    def scales(self, rows: Rows | slice) -> Array:
+    def channel_scales(self, rows: Rows | slice) -> Array:
         """Return what makes the channels of rows count alike: root of the weight over sigma (channels or 1, N)."""
-        scales = self.observations.scales(rows)
+        scales = self.observations.inverse_sigmas(rows)
         return scales if self.root is None else scales * self.root[rows]
 
 
-def whitened_residuals(state: ArmState, problem: Problem) -> Array:
+def whitened_residuals(state: ArmState, problem: FitProblem) -> Array:
     """Return measured minus predicted of every row, in sigmas, (channels, N)."""
     observations = problem.observations
     residuals = np.empty((observations.channels, len(observations)))
     for mounting, rows in problem.blocks:
-        values = problem.values(rows)
-        rotations, origins = _frames(state, _placements(state, mounting), problem.angles_rad[:, rows], values)
+        values = problem.term_values_of(rows)
+        rotations, origins = _chain_frames(
+            state, _chain_placements(state, mounting), problem.angles_rad[:, rows], values
+        )
         tip = origins[-1], rotations[-1]
-        residuals[:, rows] = observations.residuals(tip, state.device_of(mounting), rows)
+        residuals[:, rows] = observations.compute_residuals(tip, state.device_of(mounting), rows)
     return residuals
 
 
-def errors_m(state: ArmState, problem: Problem) -> Array:
+def errors_m(state: ArmState, problem: FitProblem) -> Array:
     """Return the size of the position or length error of every row (N,) [m]."""
     return problem.observations.errors_m(whitened_residuals(state, problem))
 
 
-def estimate(
-    layout: Layout,
+def estimate_arm(
+    layout: ParameterLayout,
     state: ArmState,
-    problem: Problem,
+    problem: FitProblem,
     weights: Array | None = None,
     *,
     from_afar: bool = False,
-) -> Fit:
+) -> ArmFit:
     r"""Minimise ``sum w r^2 + sum (x / prior)^2`` from a start, by damped Gauss-Newton.
 
     Parameters
@@ -143,14 +159,16 @@ def estimate(
         problem = replace(problem, root=np.sqrt(weights))
     count = len(problem.observations)
     if from_afar and count > 2 * _COARSE:
-        few = problem.take(np.arange(0, count, min(count // _COARSE, _THINNEST)))
-        state = _iterate(_Equations(layout, few), state, enough_m=_NEAR_M).state
-    return _iterate(_Equations(layout, problem), state)
+        few = problem.select_rows(np.arange(0, count, min(count // _COARSE, _THINNEST)))
+        state = _iterate_steps(_NormalEquations(layout, few), state, enough_m=_NEAR_M).state
+    return _iterate_steps(_NormalEquations(layout, problem), state)
 
 
-def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INVISIBLE_M) -> Fit:
+def _iterate_steps(
+    equations: "_NormalEquations", state: ArmState, *, enough_m: float = _INVISIBLE_M
+) -> ArmFit:
     layout = equations.layout
-    information, gradient, cost = equations.at(state)
+    information, gradient, cost = equations.evaluate_at(state)
     damping = 0.0
     iterations = 0
     inverse = inverse_information(information)
@@ -160,22 +178,22 @@ def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INV
             inverse_information(information + damping * np.diag(np.diag(information))) if damping else inverse
         )
         step, spread = damped @ gradient, np.sqrt(np.diag(damped))
-        candidate = layout.step(state, step * layout.prior)
-        if settled(step, spread, layout.prior, enough_m):
+        candidate = layout.apply_step(state, step * layout.prior_sigmas)
+        if is_settled(step, spread, layout.prior_sigmas, enough_m):
             state, cost = candidate, cost - float(gradient @ step)
             break
-        there = equations.at(candidate)
+        there = equations.evaluate_at(candidate)
         if there[2] <= cost * (1 + 1e-12):
             state, (information, gradient, cost) = candidate, there
             inverse = inverse_information(information)
             damping = 0.0 if damping < 1e-3 else damping / 10
         else:
             damping = max(1e-3, damping * 10)
-    covariance = inverse * np.outer(layout.prior, layout.prior)
-    return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
+    covariance = inverse * np.outer(layout.prior_sigmas, layout.prior_sigmas)
+    return ArmFit(state, layout, covariance, layout.prior_deviations(state), cost, iterations)
 
 
-def settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIBLE_M) -> bool:
+def is_settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIBLE_M) -> bool:
     """Tell whether all that a step leaves out is invisible; step and posterior deviations in prior deviations.
 
     That is so when the step itself is, or what is quadratic in it (an arm is a metre long).
@@ -186,27 +204,27 @@ def settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIB
     return curved_m < max(_CURVED * float(np.min(spread * prior)), enough_m)
 
 
-def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:
+def place_columns(layout: ParameterLayout, state: ArmState, problem: FitProblem) -> tuple[Array, Array]:
     """Return the whitened columns of all unknowns (p, channels, N) and the residuals (channels, N)."""
     observations = problem.observations
     every = np.zeros((len(layout), observations.channels, len(observations)))
-    left = np.empty((observations.channels, len(observations)))
+    white_residuals = np.empty((observations.channels, len(observations)))
     for mounting, rows in problem.blocks:
-        chain = _Chain.of(layout, state, mounting)
-        system = _system(state, chain, problem, (mounting, rows))
+        chain = _MountingChain.at_mounting(layout, state, mounting)
+        system = _whitened_system(state, chain, problem, (mounting, rows))
         every[:, :, rows] = np.tensordot(chain.tangent, system[:-1], axes=1)
-        left[:, rows] = system[-1]
-    return every, left
+        white_residuals[:, rows] = system[-1]
+    return every, white_residuals
 
 
-def _blocks(observations: Observations) -> Iterator[Block]:
+def _iterate_blocks(observations: Observations) -> Iterator[Block]:
     for mounting in range(int(observations.mounting.max(initial=0)) + 1):
         rows = np.flatnonzero(observations.mounting == mounting)
         for start in range(0, len(rows), _BLOCK):
-            yield mounting, _together(rows[start : start + _BLOCK])
+            yield mounting, _as_slice(rows[start : start + _BLOCK])
 
 
-def _together(rows: Rows) -> Rows | slice:
+def _as_slice(rows: Rows) -> Rows | slice:
     """Return rows that follow each other as a slice, which is looked at and not copied."""
     first, last = int(rows[0]), int(rows[-1])
     return slice(first, last + 1) if last - first + 1 == len(rows) else rows
@@ -220,21 +238,21 @@ class _Workspace(local):
     """
 
     def __init__(self) -> None:
-        self._kept: dict[str, Array] = {}
+        self._arrays: dict[str, Array] = {}
 
-    def take(self, name: str, *shape: int) -> Array:
+    def get_array(self, name: str, *shape: int) -> Array:
         """Return an array of this shape, with anything in it."""
         size = prod(shape)
-        if name not in self._kept or self._kept[name].size < size:
-            self._kept[name] = np.empty(size)
-        return self._kept[name][:size].reshape(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size)
+        return self._arrays[name][:size].reshape(shape)
 
 
 _WORKSPACE = _Workspace()
 
 
 @dataclass(frozen=True, eq=False)
-class _Chain:
+class _MountingChain:
     """The arm between one mounting of the device and the target, at one state."""
 
     placements: Array  # (n + 1, 4, 4)
@@ -242,50 +260,52 @@ class _Chain:
     tangent: Array  # (p, P + K + D): what each parameter does, by columns of the system
 
     @classmethod
-    def of(cls, layout: Layout, state: ArmState, mounting: int) -> "_Chain":
-        placements = _placements(state, mounting)
-        combine = along_next(placements)
+    def at_mounting(cls, layout: ParameterLayout, state: ArmState, mounting: int) -> "_MountingChain":
+        placements = _chain_placements(state, mounting)
+        combine = by_independent_columns(placements)
         if layout.kind != "pose":
             combine = combine[:, :-3]
         joints = np.array([term.joint for term in state.terms], dtype=np.intp)
-        tangent = layout.tangent(state, mounting)
+        tangent = layout.tangent_rows(state, mounting)
         arm, rest = tangent[:, : len(combine)], tangent[:, len(combine) :]
         return cls(placements, combine[6 * joints + 5], np.concatenate([arm @ combine, rest], axis=1))
 
 
-def _placements(state: ArmState, mounting: int) -> Array:
+def _chain_placements(state: ArmState, mounting: int) -> Array:
     """Return those of `ArmState.seen_from`, without a model around them."""
-    placements = state.arm.placements.copy()
+    placements = state.arm_model.placements.copy()
     placements[0] = state.device_of(mounting).device_base @ placements[0]
     placements[-1] = placements[-1] @ state.target_of(mounting)
     return placements
 
 
-def _frames(state: ArmState, placements: Array, joints_rad: Array, values: Array) -> tuple[Array, Array]:
-    angles = joints_rad + state.arm.theta0_rad[:, None]
+def _chain_frames(
+    state: ArmState, placements: Array, joints_rad: Array, values: Array
+) -> tuple[Array, Array]:
+    angles = joints_rad + state.arm_model.theta0_rad[:, None]
     for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
         angles[term.joint] += coefficient * value
-    out = _WORKSPACE.take("frames", len(placements), 4, 3, angles.shape[1])
-    return turned_frames(placements, angles, out=out)
+    out = _WORKSPACE.get_array("frames", len(placements), 4, 3, angles.shape[1])
+    return frames_of_placements(placements, angles, out=out)
 
 
 @dataclass(frozen=True, eq=False)
-class _Equations:
+class _NormalEquations:
     """Normal equations of a problem at any state."""
 
-    layout: Layout
-    problem: Problem
+    layout: ParameterLayout
+    problem: FitProblem
 
-    def at(self, state: ArmState) -> tuple[Array, Array, float]:
+    def evaluate_at(self, state: ArmState) -> tuple[Array, Array, float]:
         """Return information and gradient in prior deviations, and twice the negative log posterior."""
         layout = self.layout
-        deviations = layout.deviations(state) / layout.prior
+        deviations = layout.prior_deviations(state) / layout.prior_sigmas
         information, gradient = np.eye(len(layout)), -deviations
         cost = float(deviations @ deviations)
-        for mounting in range(state.mountings):
-            chain = _Chain.of(layout, state, mounting)
-            products = self._products(state, chain, mounting)
-            tangent = chain.tangent * layout.prior[:, None]
+        for mounting in range(state.mounting_count):
+            chain = _MountingChain.at_mounting(layout, state, mounting)
+            products = self._mounting_products(state, chain, mounting)
+            tangent = chain.tangent * layout.prior_sigmas[:, None]
             information += tangent @ products[:-1, :-1] @ tangent.T
             gradient += tangent @ products[:-1, -1]
             cost += float(products[-1, -1])
@@ -295,40 +315,42 @@ class _Equations:
             )
         return information, gradient, cost
 
-    def _products(self, state: ArmState, chain: _Chain, mounting: int) -> Array:
+    def _mounting_products(self, state: ArmState, chain: _MountingChain, mounting: int) -> Array:
         """Return the products of all columns and the residuals with each other, over a mounting's rows."""
         size = chain.tangent.shape[1] + 1
         products = np.zeros((size, size))
         for block in self.problem.blocks:
             if block[0] != mounting:
                 continue
-            system = _system(state, chain, self.problem, block)
+            system = _whitened_system(state, chain, self.problem, block)
             flat = system.reshape(size, -1)
             products += flat @ flat.T
         return products
 
 
-def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block) -> Array:
+def _whitened_system(state: ArmState, chain: _MountingChain, problem: FitProblem, block: Block) -> Array:
     """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
     observations, (mounting, rows) = problem.observations, block
     device, count = state.device_of(mounting), chain.turns.shape[1]
-    values = problem.values(rows)
-    rotations, origins = _frames(state, chain.placements, problem.angles_rad[:, rows], values)
+    values = problem.term_values_of(rows)
+    rotations, origins = _chain_frames(state, chain.placements, problem.angles_rad[:, rows], values)
     tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]
-    system = _WORKSPACE.take("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
-    scales, columns = problem.scales(rows), system[:count]
+    system = _WORKSPACE.get_array("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
+    scales, columns = problem.channel_scales(rows), system[:count]
     if observations.channels == 3:  # the tip's motion is the answer, in place
         independent_columns(rotations, origins, out=columns, scale=scales[0])
     else:
-        linear = independent_columns(rotations, origins, out=_WORKSPACE.take("linear", count, 3, rows_taken))
+        linear = independent_columns(
+            rotations, origins, out=_WORKSPACE.get_array("linear", count, 3, rows_taken)
+        )
         angular = _angular_columns(rotations) if observations.needs_rotation else None
-        np.multiply(observations.project(linear, angular, tip, device), scales, out=columns)
+        np.multiply(observations.project_motions(linear, angular, tip, device), scales, out=columns)
     if state.terms:
         turned = chain.turns @ columns.reshape(count, -1)
         moved = turned.reshape(-1, *system.shape[1:]) * values[:, None]
         system[count : count + len(moved)] = moved
     system[count + len(state.terms) : -1] = observations.own_columns(tip, device) * scales
-    system[-1] = observations.residuals(tip, device, rows)
+    system[-1] = observations.compute_residuals(tip, device, rows)
     if problem.root is not None:
         system[-1] *= problem.root[rows]
     return system
@@ -353,13 +375,13 @@ def inverse_information(information: Array) -> Array:
     try:
         inverse: Array = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
     except np.linalg.LinAlgError:
-        return _cut_inverse(information)
+        return _bounded_inverse(information)
     variances = np.diag(inverse)
     plausible = (variances > 0).all() and (variances <= 1.0 + _ROUNDING).all()
-    return inverse if plausible else _cut_inverse(information)
+    return inverse if plausible else _bounded_inverse(information)
 
 
-def _cut_inverse(information: Array) -> Array:
+def _bounded_inverse(information: Array) -> Array:
     values, vectors = np.linalg.eigh(information)
     safe: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
     return safe

@@ -4,9 +4,9 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, homogeneous, mean_rotation, nearest_rotation
+from cellcal.calibration.geometry import Array, homogeneous_matrix, mean_rotation, nearest_rotation
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     Observations,
     PoseObservations,
@@ -33,17 +33,19 @@ def first_guess(model: RobotModel, observations: Observations) -> tuple[ArmState
             remedy=f"Measure at least {_FEWEST[observations.kind]} postures, better 30.",
         )
     count = int(observations.mounting.max()) + 1
-    observations = observations.take(np.arange(0, len(observations), 1 + len(observations) // _MOST_ROWS))
+    observations = observations.select_rows(
+        np.arange(0, len(observations), 1 + len(observations) // _MOST_ROWS)
+    )
     frames = model.base_flange(observations.joints_rad)
     if isinstance(observations, LengthObservations):
-        both = anchors(frames[:, :3, 3], observations.lengths_m)
-        places = [tuple(Device(np.eye(4), anchor) for _ in range(count)) for anchor in both]
+        both = locate_anchors(frames[:, :3, 3], observations.lengths_m)
+        places = [tuple(DevicePlacement(np.eye(4), anchor) for _ in range(count)) for anchor in both]
         return tuple(nominal_state(model, devices) for devices in places)
     device_base, tool = base_and_tool(frames, observations.positions_m)
     if isinstance(observations, PoseObservations):
         turned = np.swapaxes(device_base[:3, :3] @ frames[:, :3, :3], 1, 2) @ observations.rotations
-        tool = homogeneous(mean_rotation(turned), tool[:3, 3])
-    return (nominal_state(model, (Device(device_base, np.zeros(3)),) * count, tool),)
+        tool = homogeneous_matrix(mean_rotation(turned), tool[:3, 3])
+    return (nominal_state(model, (DevicePlacement(device_base, np.zeros(3)),) * count, tool),)
 
 
 def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]:
@@ -62,16 +64,18 @@ def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]
     inverse = np.linalg.pinv(len(turns) * (np.eye(3) - turn.T @ turn), rcond=_UNTURNED, hermitian=True)
     tip = np.zeros(3)
     for _ in range(30):
-        rotation = _rotation((with_turns @ tip).reshape(3, 3) + with_origins)
+        rotation = _nearest_rotation_of((with_turns @ tip).reshape(3, 3) + with_origins)
         # Tip and shift are found together, or the alternation would crawl.
         better = inverse @ (rotation.reshape(-1) @ with_turns - turned_origins)
         step, tip = better - tip, better
         if step @ step < _NEAR_M**2:
             break
-    return homogeneous(rotation, goal - rotation @ (turn @ tip + origin)), homogeneous(np.eye(3), tip)
+    return homogeneous_matrix(rotation, goal - rotation @ (turn @ tip + origin)), homogeneous_matrix(
+        np.eye(3), tip
+    )
 
 
-def _rotation(spread: Array) -> Array:
+def _nearest_rotation_of(spread: Array) -> Array:
     try:
         return nearest_rotation(spread)
     except CalibrationError as error:
@@ -81,7 +85,7 @@ def _rotation(spread: Array) -> Array:
         ) from error
 
 
-def anchors(tips_m: Array, lengths_m: Array) -> tuple[Array, Array]:
+def locate_anchors(tips_m: Array, lengths_m: Array) -> tuple[Array, Array]:
     """Return the anchor by linear trilateration of the tips, and its mirror image.
 
     ``l^2 = |a|^2 - 2 a . p + |p|^2`` is linear in a and |a|^2. Where the postures lie almost in a plane, the

@@ -19,7 +19,7 @@ from cellcal.calibration.arm.joint_terms import (
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.identification.observations import DevicePlacement, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
@@ -28,8 +28,8 @@ from cellcal.calibration.identification.parameters import (
     OFFSETS,
     RIPPLE,
     ArmState,
-    Layout,
     Parameter,
+    ParameterLayout,
     Priors,
     make_layout,
     with_further,
@@ -59,10 +59,10 @@ _LEVEL_OF_ROLE = {
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class KnownPlaces:
     """Where a device and the target on the flange are known to be."""
 
-    device: Device
+    device: DevicePlacement
     flange_tool: Array  # (4, 4)
 
 
@@ -72,7 +72,7 @@ class StartingPoint:
 
     values: Mapping[str, float] = field(default_factory=dict)  # by parameter's name, SI, off nominal
     free: tuple[str, ...] = ()  # names and groups; none: everything of a level
-    places: Places | None = None  # without them base and tool are always free
+    places: KnownPlaces | None = None  # without them base and tool are always free
     names: tuple[str, ...] = ()  # of parameters whose covariance an earlier fit left
     covariance: Array | None = None  # (k, k) of these
 
@@ -86,25 +86,25 @@ class StartingPoint:
         """Whether base, tool or both are held, so that nothing is placed anew and no device has moved."""
         return self.places is not None and bool(self.free) and not {"base", "tool"} <= set(self.free)
 
-    def frees(self, parameter: Parameter) -> bool:
+    def is_freed(self, parameter: Parameter) -> bool:
         """Tell whether a fit may move a parameter."""
         if not self.free or (self.places is None and parameter.role in PLACE_ROLES):
             return True
-        return any(_names(word, parameter) for word in self.free)
+        return any(_word_names(word, parameter) for word in self.free)
 
-    def chain(self, model: RobotModel) -> RobotModel:
+    def rigid_arm(self, model: RobotModel) -> RobotModel:
         """Return the rigid arm as it was known before."""
-        return state_of(model, self, (), np.eye(4), ()).arm
+        return starting_state(model, self, (), np.eye(4), ()).arm_model
 
 
-def _names(word: str, parameter: Parameter) -> bool:
+def _word_names(word: str, parameter: Parameter) -> bool:
     if word in GROUPS:
         return parameter.role in GROUPS[word]
     rigid = parameter.role in ("offset", "geometry")
     return word == parameter.name or (rigid and word == f"J{parameter.joint + 1}")
 
 
-def spelled(words: Iterable[str], parameters: Sequence[Parameter]) -> tuple[str, ...]:
+def normalise_words(words: Iterable[str], parameters: Sequence[Parameter]) -> tuple[str, ...]:
     """Return names and groups as they are written here, whatever their case.
 
     Raises
@@ -114,9 +114,9 @@ def spelled(words: Iterable[str], parameters: Sequence[Parameter]) -> tuple[str,
     """
     joints = sorted({f"J{p.joint + 1}" for p in parameters if p.joint >= 0})
     groups = [g for g, roles in GROUPS.items() if any(p.role in roles for p in parameters)]
-    known = {word.lower(): word for word in (*groups, *joints, *(p.name for p in parameters))}
-    wanted = [" ".join(word.split()) for word in words]
-    wrong = [word for word in wanted if word.lower() not in known]
+    names_by_lower = {word.lower(): word for word in (*groups, *joints, *(p.name for p in parameters))}
+    cleaned = [" ".join(word.split()) for word in words]
+    wrong = [word for word in cleaned if word.lower() not in names_by_lower]
     if wrong:
         names = [p.name for p in parameters if p.role not in ("harmonic", *PLACE_ROLES)]
         raise CalibrationError(
@@ -124,25 +124,25 @@ def spelled(words: Iterable[str], parameters: Sequence[Parameter]) -> tuple[str,
             remedy=f"Groups: {', '.join(groups)}. Joints: {', '.join(joints)}. Parameters: {', '.join(names)}.",
             code="usage",
         )
-    return tuple(known[word.lower()] for word in wanted)
+    return tuple(names_by_lower[word.lower()] for word in cleaned)
 
 
 def level_of(start: StartingPoint, parameters: Sequence[Parameter]) -> int:
     """Return the lowest level that has every parameter named as free."""
-    roles = {p.role for p in parameters if p.role not in PLACE_ROLES and start.frees(p)}
+    roles = {p.role for p in parameters if p.role not in PLACE_ROLES and start.is_freed(p)}
     return max((_LEVEL_OF_ROLE[role] for role in roles), default=FRAMES)
 
 
-def every_term(model: RobotModel) -> tuple[JointTerm, ...]:
+def all_joint_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     """Return every joint term that an identification of this arm may hold."""
     sag = (*gravity_terms(model), *wrist_gravity_terms(model))
     return (*sag, *harmonic_terms(model, RIPPLE_ORDERS), *gear_terms(model))
 
 
-def state_of(
+def starting_state(
     model: RobotModel,
     start: StartingPoint,
-    devices: tuple[Device, ...],
+    devices: tuple[DevicePlacement, ...],
     flange_tool: Array,
     terms: tuple[JointTerm, ...],
 ) -> ArmState:
@@ -156,13 +156,13 @@ def state_of(
     whole = make_layout(model, "point", 1, level=GEOMETRY)
     names = [p.name for p in whole.parameters if p.role in ("offset", "geometry")]
     entries = dict(zip(names, whole.geometry, strict=True))
-    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    geometry = np.zeros((model.axis_count, 5) if model.dh is not None else (model.axis_count + 1, 6))
     rest = {name: value for name, value in start.values.items() if name not in entries}
     for name in start.values.keys() & entries.keys():
         geometry[entries[name]] = start.values[name]
     if rest:
         own = {term.name for term in terms}
-        others = {term.name: term for term in every_term(model)}
+        others = {term.name: term for term in all_joint_terms(model)}
         strange = sorted(rest.keys() - others.keys())
         if strange:
             raise CalibrationError(
@@ -174,55 +174,55 @@ def state_of(
 
 
 @dataclass(frozen=True, eq=False)
-class PartLayout(Layout):
+class PartLayout(ParameterLayout):
     """Some parameters of a whole layout, with priors around given values; the others are held."""
 
-    whole: Layout
+    whole: ParameterLayout
     free: Rows  # of the whole's parameters
     means: Array  # (p,)
 
-    def deviations(self, state: ArmState) -> Array:
+    def prior_deviations(self, state: ArmState) -> Array:
         """Return how far each free parameter is from its prior mean (p,)."""
-        deviations: Array = self.whole.deviations(state)[self.free] - self.means
+        deviations: Array = self.whole.prior_deviations(state)[self.free] - self.means
         return deviations
 
-    def tangent(self, state: ArmState, mounting: int) -> Array:
+    def tangent_rows(self, state: ArmState, mounting: int) -> Array:
         """Return the rows of the whole tangent that belong to free parameters."""
-        rows: Array = self.whole.tangent(state, mounting)[self.free]
+        rows: Array = self.whole.tangent_rows(state, mounting)[self.free]
         return rows
 
-    def step(self, state: ArmState, change: Array) -> ArmState:
+    def apply_step(self, state: ArmState, change: Array) -> ArmState:
         """Return the state after a step of the free parameters (p,)."""
         every = np.zeros(len(self.whole))
         every[self.free] = change
-        return self.whole.step(state, every)
+        return self.whole.apply_step(state, every)
 
 
-def prepared(
-    layout: Layout,
+def prepare_fit(
+    layout: ParameterLayout,
     terms: tuple[JointTerm, ...],
     model: RobotModel,
     places: ArmState,
     start: StartingPoint,
     priors: Priors,
-) -> tuple[Layout, ArmState]:
+) -> tuple[ParameterLayout, ArmState]:
     """Return the free ones of a level's unknowns, and the state at which their fit starts.
 
     ``places`` tells where devices and tool are; its arm does not matter.
     """
-    known = state_of(model, start, places.devices, places.flange_tool, terms)
-    state = replace(known, further=places.further)
+    start_state = starting_state(model, start, places.devices, places.flange_tool, terms)
+    state = replace(start_state, further=places.further)
     if start.is_nominal:
         return layout, state
     count = len(places.devices)
     whole = make_layout(model, layout.kind, count, level=GEOMETRY, terms=state.terms, priors=priors)
     whole = with_further(whole, layout.further, priors)
     names = {p.name for p in layout.parameters}
-    free = [i for i, p in enumerate(whole.parameters) if p.name in names and start.frees(p)]
-    return _part_of(whole, np.array(free, dtype=np.intp), state), state
+    free = [i for i, p in enumerate(whole.parameters) if p.name in names and start.is_freed(p)]
+    return _select_parameters(whole, np.array(free, dtype=np.intp), state), state
 
 
-def _part_of(whole: Layout, free: Rows, state: ArmState) -> PartLayout:
+def _select_parameters(whole: ParameterLayout, free: Rows, state: ArmState) -> PartLayout:
     return PartLayout(
         tuple(whole.parameters[i] for i in free),
         whole.kind,
@@ -232,13 +232,13 @@ def _part_of(whole: Layout, free: Rows, state: ArmState) -> PartLayout:
         further=whole.further,
         whole=whole,
         free=free,
-        means=whole.deviations(state)[free],
+        means=whole.prior_deviations(state)[free],
     )
 
 
-def values_of(layout: Layout, state: ArmState) -> Array:
+def parameter_values(layout: ParameterLayout, state: ArmState) -> Array:
     """Return the values of a layout's parameters off nominal (p,); places have none, so zero."""
     if isinstance(layout, PartLayout):
-        values: Array = layout.whole.deviations(state)[layout.free]
+        values: Array = layout.whole.prior_deviations(state)[layout.free]
         return values
-    return layout.deviations(state)
+    return layout.prior_deviations(state)

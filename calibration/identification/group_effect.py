@@ -12,7 +12,12 @@ import numpy as np
 from scipy.special import fdtrc
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, estimate, place_columns, whitened_residuals
+from cellcal.calibration.identification.estimator import (
+    ArmFit,
+    estimate_arm,
+    place_columns,
+    whitened_residuals,
+)
 from cellcal.calibration.identification.observations import Rows, with_sigma
 from cellcal.calibration.identification.robust import RobustFit
 
@@ -35,7 +40,7 @@ class GroupEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedSquares:
     """Sums of squares of residuals if rows share nothing (variance 1), and what a shared variance 1 adds to them."""
 
     between: float
@@ -44,13 +49,13 @@ class Expected:
     shared_within: float  # by the fit alone: it carries what one group shares into other rows
 
     @classmethod
-    def unfitted(cls, channels: int, rows: int, groups: int) -> "Expected":
+    def without_fit(cls, channels: int, rows: int, groups: int) -> "ExpectedSquares":
         """Return them for deviations from a mean."""
         between = float(channels * (groups - 1))
         return cls(between, between, float(channels * (rows - groups)), 0.0)
 
 
-def group_effect(residuals: Array, groups: Rows, expected: Expected | None = None) -> GroupEffect:
+def group_effect(residuals: Array, groups: Rows, expected: ExpectedSquares | None = None) -> GroupEffect:
     r"""Measure how alike whitened residuals (channels, N) are within groups (N,).
 
     Parameters
@@ -83,7 +88,7 @@ def group_effect(residuals: Array, groups: Rows, expected: Expected | None = Non
     if expected is None:
         residuals = residuals - residuals.mean(axis=1, keepdims=True)
         residuals = residuals / max(float(np.sqrt((residuals**2).mean() * count / (count - 1.0))), 1e-300)
-        expected = Expected.unfitted(len(residuals), len(labels), number)
+        expected = ExpectedSquares.without_fit(len(residuals), len(labels), number)
     sums = np.array([np.bincount(labels, channel) for channel in residuals])
     between = float((sums**2 / sizes).sum())
     within = max(float((residuals**2).sum()) - between, 1e-300)
@@ -94,33 +99,40 @@ def group_effect(residuals: Array, groups: Rows, expected: Expected | None = Non
     if fdtrc(*freedom, squares[0] / squares[1]) > _BY_CHANCE:
         return alone
     size = (count - float((sizes**2).sum()) / count) / (number - 1)
-    told = size * expected.between_squared, expected.shared_within
-    shared = (squares[0] - squares[1]) / (told[0] / expected.between - told[1] / expected.within)
-    own = squares[1] - shared * told[1] / expected.within
-    return _effect((own, shared), sizes, size, (squares, freedom))
+    expected_shared = size * expected.between_squared, expected.shared_within
+    shared = (squares[0] - squares[1]) / (
+        expected_shared[0] / expected.between - expected_shared[1] / expected.within
+    )
+    own = squares[1] - shared * expected_shared[1] / expected.within
+    return _effect_of_variances((own, shared), sizes, size, (squares, freedom))
 
 
-def _effect(
-    variances: tuple[float, float], sizes: Array, size: float, told: tuple[tuple[float, float], ...]
+def _effect_of_variances(
+    variances: tuple[float, float],
+    sizes: Array,
+    size: float,
+    expected_shared: tuple[tuple[float, float], ...],
 ) -> GroupEffect:
     own, shared = variances
     count, together = float(sizes.sum()), float((sizes**2).sum() / sizes.sum())
     effect = max(own + together * shared, 1.0)
-    (between, within), (few, many) = told
+    (between, within), (few, many) = expected_shared
     share = together * shared / max(between - within, 1e-300)
-    known = (share * between) ** 2 / few + ((1.0 - share) * within) ** 2 / many
+    relative_variance = (share * between) ** 2 / few + ((1.0 - share) * within) ** 2 / many
     rho, widening = shared / (own + shared), float(np.sqrt(effect))
-    said = ""
+    remark = ""
     if widening > _WORTH_SAYING:
-        said = (
+        remark = (
             f"residuals go together within groups (correlation {rho:.2f}): the {count:.0f} rows tell as much as "
             f"{count / effect:.0f} independent ones. Stated deviations are widened {widening:.2f} times."
         )
-    freedom = (share * between + (1.0 - share) * within) ** 2 / known
-    return GroupEffect(rho, size, widening, count / effect, max(freedom, 1.0), said)
+    freedom = (share * between + (1.0 - share) * within) ** 2 / relative_variance
+    return GroupEffect(rho, size, widening, count / effect, max(freedom, 1.0), remark)
 
 
-def expected_of(covariance: Array, columns: Callable[[Rows], Array], groups: Rows, channels: int) -> Expected:
+def expected_of(
+    covariance: Array, columns: Callable[[Rows], Array], groups: Rows, channels: int
+) -> ExpectedSquares:
     """Return the sums of squares that residuals of a fit have if rows share nothing.
 
     Parameters
@@ -152,7 +164,7 @@ def expected_of(covariance: Array, columns: Callable[[Rows], Array], groups: Row
     taken, twice = float(np.trace(absorbed)), float(np.sum(absorbed * absorbed.T))
     between = channels * len(sizes) - taken
     size = len(groups) / len(sizes)
-    return Expected(
+    return ExpectedSquares(
         between,
         max(between - taken + twice, 1e-3 * max(between, 1.0)),
         channels * len(groups) - float(np.trace(learnt)) - between,
@@ -181,24 +193,24 @@ def _whole_groups(groups: Rows, sizes: Rows) -> Iterator[tuple[Rows, Rows, Array
         first = last
 
 
-def widened(robust: RobustFit, groups: Rows) -> tuple[RobustFit, GroupEffect]:
+def widen_fit(robust: RobustFit, groups: Rows) -> tuple[RobustFit, GroupEffect]:
     """Return a fit with the covariance and the degrees of freedom that its groups allow; its estimate stays."""
-    kept = np.ones(len(robust.problem.observations), dtype=bool)
-    kept[robust.rejected] = False
-    rows, fit = np.flatnonzero(kept), robust.fit
+    is_kept = np.ones(len(robust.problem.observations), dtype=bool)
+    is_kept[robust.rejected] = False
+    rows, fit = np.flatnonzero(is_kept), robust.fit
     labels = np.unique(groups[rows], return_inverse=True)[1].reshape(-1)
     residuals = whitened_residuals(fit.state, robust.problem)[:, rows]
 
-    def columns(some: Rows) -> Array:
-        return place_columns(fit.layout, fit.state, robust.problem.take(rows[some]))[0]
+    def columns_of(some: Rows) -> Array:
+        return place_columns(fit.layout, fit.state, robust.problem.select_rows(rows[some]))[0]
 
-    expected = expected_of(fit.covariance, columns, labels, len(residuals))
+    expected = expected_of(fit.covariance, columns_of, labels, len(residuals))
     effect = group_effect(residuals, labels, expected)
     if effect.widening == 1.0 or not len(fit.layout):
         return robust, effect
     factor = effect.widening
     problem = replace(robust.problem, observations=with_sigma(robust.problem.observations, factor, factor))
-    wide = estimate(fit.layout, fit.state, problem, kept.astype(float))
-    told: Fit = replace(fit, covariance=wide.covariance)
+    wide = estimate_arm(fit.layout, fit.state, problem, is_kept.astype(float))
+    widened_fit: ArmFit = replace(fit, covariance=wide.covariance)
     freedom = min(robust.degrees_of_freedom, effect.degrees_of_freedom or np.inf)
-    return replace(robust, fit=told, degrees_of_freedom=freedom), effect
+    return replace(robust, fit=widened_fit, degrees_of_freedom=freedom), effect

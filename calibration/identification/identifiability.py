@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation
@@ -19,22 +19,22 @@ _ARM_ROLES = ("offset", "geometry", "wire", "gravity")
 _PLACE_ROLES = ("base", "anchor", "tool")
 
 
-class Unknowns(Protocol):
+class FreeUnknowns(Protocol):
     """What was free."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...
     @property
-    def prior(self) -> Array: ...
+    def prior_sigmas(self) -> Array: ...
 
 
-class Estimate(Protocol):
+class UncertainEstimate(Protocol):
     """A fit of one device or of a cell."""
 
     @property
     def covariance(self) -> Array: ...
     @property
-    def layout(self) -> Unknowns: ...
+    def layout(self) -> FreeUnknowns: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +62,14 @@ def is_learnt(sigma: float, prior: float) -> bool:
     return sigma <= _LEARNED * prior
 
 
-def correlations(fit: Estimate) -> Array:
+def parameter_correlations(fit: UncertainEstimate) -> Array:
     """Return the correlation matrix of all parameters (p, p)."""
     sigma = np.sqrt(np.diag(fit.covariance))
     matrix: Array = fit.covariance / np.outer(sigma, sigma)
     return matrix
 
 
-def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
+def not_identified(fit: ArmFit) -> tuple[NotIdentified, ...]:
     """Return every parameter of arm or wire whose posterior deviation exceeds half its prior deviation.
 
     Its partners are the places and parameters whose knowledge would determine most of it. Ripple is left out:
@@ -80,27 +80,29 @@ def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
     weak = [
         i
         for i, parameter in enumerate(parameters)
-        if parameter.role in _ARM_ROLES and not is_learnt(sigma[i], fit.layout.prior[i])
+        if parameter.role in _ARM_ROLES and not is_learnt(sigma[i], fit.layout.prior_sigmas[i])
     ]
-    return tuple(_describe(fit, i, float(sigma[i] / fit.layout.prior[i])) for i in weak)
+    return tuple(_describe_unknown(fit, i, float(sigma[i] / fit.layout.prior_sigmas[i])) for i in weak)
 
 
-def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
+def _describe_unknown(fit: ArmFit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
-    partners, share = _partners(fit, own)
-    words = "; ".join(_words(parameter) for parameter in partners)
-    return NotIdentified(parameters[own].name, words, _cure(parameters[own], partners), ratio, share)
+    partners, share = _find_partners(fit, own)
+    words = "; ".join(_describe_parameter(parameter) for parameter in partners)
+    return NotIdentified(
+        parameters[own].name, words, _suggest_measurement(parameters[own], partners), ratio, share
+    )
 
 
-def _partners(fit: Fit, own: int) -> tuple[tuple[Parameter, ...], float]:
+def _find_partners(fit: ArmFit, own: int) -> tuple[tuple[Parameter, ...], float]:
     parameters = fit.layout.parameters
-    rho = np.abs(correlations(fit)[own])
-    blocks, share = partners(fit, own, lambda p: p.role if p.role in _PLACE_ROLES else p.name)
+    rho = np.abs(parameter_correlations(fit)[own])
+    blocks, share = hiding_partners(fit, own, lambda p: p.role if p.role in _PLACE_ROLES else p.name)
     return tuple(parameters[max(block, key=lambda i: rho[i])] for block in blocks), share
 
 
-def partners(
-    fit: Estimate, own: int, block_of: Callable[[Parameter], str]
+def hiding_partners(
+    fit: UncertainEstimate, own: int, block_of: Callable[[Parameter], str]
 ) -> tuple[tuple[list[int], ...], float]:
     """Return who hides a parameter: the fewest others, three at most, who take its variance away if known.
 
@@ -114,7 +116,7 @@ def partners(
     share = 0.0
     while len(chosen) < _MOST_PARTNERS and share < _EXPLAINED and len(chosen) < len(blocks):
         shares = {
-            name: _share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
+            name: _variance_share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
             for name in blocks
             if name not in chosen
         }
@@ -123,19 +125,19 @@ def partners(
     return (tuple(blocks[name] for name in chosen) if share >= _PARTNER else ()), share
 
 
-def _share(fit: Estimate, own: int, others: list[int]) -> float:
+def _variance_share(fit: UncertainEstimate, own: int, others: list[int]) -> float:
     """Return the share of a parameter's variance that would vanish if the others were known."""
     covariance = fit.covariance
     cross, inner = covariance[own, others], covariance[np.ix_(others, others)]
     scale = np.sqrt(np.diag(inner))
     white = cross / scale
-    known = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
-    return min(float(known / covariance[own, own]), 1.0)
+    inner_variance = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
+    return min(float(inner_variance / covariance[own, own]), 1.0)
 
 
-def correlated_pairs(fit: Estimate) -> tuple[CorrelatedPair, ...]:
+def correlated_pairs(fit: UncertainEstimate) -> tuple[CorrelatedPair, ...]:
     """Return pairs with a correlation beyond 0.95, strongest first, places of devices and tools left out."""
-    rho, parameters = correlations(fit), fit.layout.parameters
+    rho, parameters = parameter_correlations(fit), fit.layout.parameters
     shown = [
         i
         for i, parameter in enumerate(parameters)
@@ -150,7 +152,7 @@ def correlated_pairs(fit: Estimate) -> tuple[CorrelatedPair, ...]:
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.correlation)))
 
 
-def _words(parameter: Parameter) -> str:
+def _describe_parameter(parameter: Parameter) -> str:
     axis = parameter.name.split()[-1]
     if parameter.role == "base":
         turns = axis.startswith("r")
@@ -162,7 +164,7 @@ def _words(parameter: Parameter) -> str:
     return parameter.name
 
 
-def _cure(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+def _suggest_measurement(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
     roles = {partner.role for partner in partners}
     together = roles | {parameter.role}
     if roles & {"base", "anchor"}:
@@ -171,18 +173,18 @@ def _cure(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
         return "use a target off the last axis whose place on the flange is known"
     if partners and "wire" in together:
         return "check the wire's zero and scale against a known length"
-    if partners and (together == {"geometry"} or _one_turn(parameter, partners)):
+    if partners and (together == {"geometry"} or _is_one_rotation(parameter, partners)):
         return "none needed while they act together: only their sum moves the tip in these postures"
-    return _turn_more(parameter, partners)
+    return _suggest_rotation(parameter, partners)
 
 
-def _one_turn(parameter: Parameter, partners: tuple[Parameter, ...]) -> bool:
+def _is_one_rotation(parameter: Parameter, partners: tuple[Parameter, ...]) -> bool:
     """Tell whether only an offset and the beta of one row are meant: without parallel axes they are one turn."""
     words = {p.name.split()[-1] for p in (parameter, *partners)}
     return words == {"offset", "beta"} and {p.joint for p in partners} == {parameter.joint}
 
 
-def _turn_more(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+def _suggest_rotation(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
     joints = sorted({p.joint + 1 for p in (parameter, *partners) if p.joint >= 0})
     names = " and ".join(f"J{joint}" for joint in joints) or "the arm"
     if not partners:

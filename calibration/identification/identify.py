@@ -7,24 +7,29 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
-from cellcal.calibration.identification.earlier_posterior import (
-    Contradiction,
-    EarlierPosterior,
-    contradicted,
-    told,
+from cellcal.calibration.identification.cross_validation import (
+    ErrorSummary,
+    Grouping,
+    compare_models,
+    group_rows,
 )
-from cellcal.calibration.identification.effect_mixture import LackingEffects, average_over_misfits
+from cellcal.calibration.identification.earlier_posterior import (
+    EarlierPosterior,
+    OffsetContradiction,
+    contradicted_offsets,
+    to_arm_parameters,
+)
+from cellcal.calibration.identification.effect_mixture import UnmodelledEffects, average_over_misfits
 from cellcal.calibration.identification.estimator import errors_m
-from cellcal.calibration.identification.free_parameters import StartingPoint, every_term, spelled
-from cellcal.calibration.identification.group_effect import GroupEffect, widened
+from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, normalise_words
+from cellcal.calibration.identification.group_effect import GroupEffect, widen_fit
 from cellcal.calibration.identification.identifiability import (
     CorrelatedPair,
     NotIdentified,
     correlated_pairs,
     not_identified,
 )
-from cellcal.calibration.identification.judgement import Judgement, judge
+from cellcal.calibration.identification.judgement import Judgement, judge_rows
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -40,10 +45,10 @@ from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.selection import (
     FEW_ROWS,
     LEVELS,
-    Options,
-    Selection,
+    IdentificationOptions,
+    LevelSelection,
     fit_level,
-    select,
+    select_level,
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
 
@@ -60,7 +65,7 @@ class ResidualFinding:
     model: ResidualModel
     chosen: bool
     reason: str
-    held_out: Errors  # with it, of the rows that were cross-validated
+    held_out: ErrorSummary  # with it, of the rows that were cross-validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,33 +87,33 @@ class Identification:
     not_identified: tuple[NotIdentified, ...]
     correlated: tuple[CorrelatedPair, ...]
     residual: ResidualFinding | None = None
-    contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
-    options: Options = field(default_factory=Options)  # with which it was made
-    misfit: LackingEffects | None = None  # what few rows say about what the model lacks
+    contradicted: tuple[OffsetContradiction, ...] = ()  # offsets that an earlier fit has elsewhere
+    options: IdentificationOptions = field(default_factory=IdentificationOptions)  # with which it was made
+    misfit: UnmodelledEffects | None = None  # what few rows say about what the model lacks
 
     @property
-    def before(self) -> Errors:
+    def before_errors(self) -> ErrorSummary:
         """Base and tool fitted to the nominal arm, each fold predicted by the others."""
-        return Errors.of(self.judgement.before_m)
+        return ErrorSummary.from_sizes(self.judgement.before_m)
 
     @property
-    def held_out(self) -> Errors:
+    def held_out(self) -> ErrorSummary:
         """Each fold predicted by everything that the other folds lead to, breaks and level included."""
-        return Errors.of(self.judgement.held_out_m)
+        return ErrorSummary.from_sizes(self.judgement.held_out_m)
 
     @property
-    def fit(self) -> Errors:
+    def fit_errors(self) -> ErrorSummary:
         """Residuals of the kept rows: never an accuracy."""
-        kept = np.delete(self.fit_m, self.rejected)
-        return Errors.of(kept)
+        kept_m = np.delete(self.fit_m, self.rejected)
+        return ErrorSummary.from_sizes(kept_m)
 
 
-def identify(
+def identify_arm(
     model: RobotModel,
     observations: Observations,
     *,
     grouping: Grouping | None = None,
-    options: Options | None = None,
+    options: IdentificationOptions | None = None,
 ) -> Identification:
     r"""Identify an arm: find moved devices, choose the level, fit robustly, say what is unknown.
 
@@ -135,22 +140,26 @@ def identify(
     CalibrationError
         A level that does not exist.
     """
-    options = _checked(model, observations, options or Options())
+    options = _check_options(model, observations, options or IdentificationOptions())
     grouping = grouping or group_rows(observations.joints_rad)
-    choice = select(model, observations, grouping, options)
+    choice = select_level(model, observations, grouping, options)
     robust, frames = (
-        fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+        fit_level(model, choice.mounted_observations, choice.places, level, options.priors, options.start)
         for level in (choice.level, FRAMES)
     )
     weighed = robust
     if choice.level == FRAMES:
-        weighed = fit_level(model, choice.seen, choice.places, OFFSETS, options.priors, options.start)
-    judgement = judge(model, observations, grouping, options) if options.judge else Judgement.none()
-    moved: tuple[Contradiction, ...] = ()
+        weighed = fit_level(
+            model, choice.mounted_observations, choice.places, OFFSETS, options.priors, options.start
+        )
+    judgement = (
+        judge_rows(model, observations, grouping, options) if options.judge else Judgement.without_rows()
+    )
+    moved: tuple[OffsetContradiction, ...] = ()
     if options.start.covariance is not None:
-        moved = contradicted(robust, EarlierPosterior(options.start.names, options.start.covariance))
-    robust, effect, misfit = _stated(robust, choice, grouping, options)
-    robust, weak = replace(robust, fit=told(robust.fit)), told(weighed.fit)
+        moved = contradicted_offsets(robust, EarlierPosterior(options.start.names, options.start.covariance))
+    robust, effect, misfit = _state_uncertainty(robust, choice, grouping, options)
+    robust, weak = replace(robust, fit=to_arm_parameters(robust.fit)), to_arm_parameters(weighed.fit)
     return Identification(
         robust.fit.state,
         frames.fit.state,
@@ -166,40 +175,46 @@ def identify(
         errors_m(robust.fit.state, robust.problem),
         not_identified(weak),
         correlated_pairs(weak),
-        _residual(robust, choice.seen, judgement, grouping, options) if options.residual_model else None,
+        _judge_residual_model(robust, choice.mounted_observations, judgement, grouping, options)
+        if options.residual_model
+        else None,
         moved,
         options,
         misfit,
     )
 
 
-def _stated(
-    robust: RobustFit, choice: Selection, grouping: Grouping, options: Options
-) -> tuple[RobustFit, GroupEffect, LackingEffects | None]:
+def _state_uncertainty(
+    robust: RobustFit, choice: LevelSelection, grouping: Grouping, options: IdentificationOptions
+) -> tuple[RobustFit, GroupEffect, UnmodelledEffects | None]:
     """Return a fit with the deviations that may be stated: for rows that go together, and for few rows."""
-    wide, effect = widened(robust, grouping.groups)
-    kept = len(robust.problem.observations) - len(robust.rejected)
+    wide, effect = widen_fit(robust, grouping.groups)
+    kept_count = len(robust.problem.observations) - len(robust.rejected)
     nothing_free = not len(robust.fit.layout)
-    if kept > FEW_ROWS or nothing_free or options.start.covariance is not None:
+    if kept_count > FEW_ROWS or nothing_free or options.start.covariance is not None:
         return wide, effect, None
-    misfit = average_over_misfits(robust, choice.seen)
+    misfit = average_over_misfits(robust, choice.mounted_observations)
     averaged = replace(robust.fit, covariance=misfit.covariance)
-    sizes = [float((np.diag(fit.covariance) / fit.layout.prior**2).sum()) for fit in (averaged, wide.fit)]
+    sizes = [
+        float((np.diag(fit.covariance) / fit.layout.prior_sigmas**2).sum()) for fit in (averaged, wide.fit)
+    ]
     if effect.widening > 1.0 and sizes[1] > sizes[0]:
         return wide, effect, misfit
     # What the size of the residuals leaves open is in the average already.
     return replace(robust, fit=averaged, degrees_of_freedom=_ENDLESS), effect, misfit
 
 
-def _checked(model: RobotModel, observations: Observations, options: Options) -> Options:
+def _check_options(
+    model: RobotModel, observations: Observations, options: IdentificationOptions
+) -> IdentificationOptions:
     """Return the options with their words spelled out; refuse what cannot be done before the work."""
     if options.level is not None and options.level not in LEVELS:
         names = ", ".join(f"{level} {LEVEL_NAMES[level]}" for level in LEVELS)
         raise CalibrationError(
             f"there is no level {options.level}.", remedy=f"Levels are: {names}.", code="usage"
         )
-    layout = make_layout(model, observations.kind, 1, level=GEAR, terms=every_term(model))
-    start = replace(options.start, free=spelled(options.start.free, layout.parameters))
+    layout = make_layout(model, observations.kind, 1, level=GEAR, terms=all_joint_terms(model))
+    start = replace(options.start, free=normalise_words(options.start.free, layout.parameters))
     fewest = _fewest_rows(observations, start, layout.parameters)
     if len(observations) < fewest:
         raise DegenerateDataError(
@@ -219,18 +234,24 @@ def _checked(model: RobotModel, observations: Observations, options: Options) ->
 def _fewest_rows(observations: Observations, start: StartingPoint, parameters: tuple[Parameter, ...]) -> int:
     """Return how many rows determine what is free, and one more to check it."""
     if not start.free:
-        known = start.covariance is not None
-        return (_FEWEST_TO_PLACE if known else _FEWEST_ROWS)[observations.kind]
-    needed = -(-sum(start.frees(parameter) for parameter in parameters) // observations.channels) + 1
+        has_posterior = start.covariance is not None
+        return (_FEWEST_TO_PLACE if has_posterior else _FEWEST_ROWS)[observations.kind]
+    needed = -(-sum(start.is_freed(parameter) for parameter in parameters) // observations.channels) + 1
     if start.holds_places:
         return max(needed, 2)
     return min(max(needed, _FEWEST_TO_PLACE[observations.kind]), _FEWEST_ROWS[observations.kind])
 
 
-def _residual(
-    robust: RobustFit, seen: Observations, judgement: Judgement, grouping: Grouping, options: Options
+def _judge_residual_model(
+    robust: RobustFit,
+    observations: Observations,
+    judgement: Judgement,
+    grouping: Grouping,
+    options: IdentificationOptions,
 ) -> ResidualFinding:
     plain, smooth = judgement.held_out_m, judgement.with_residual_m
-    found = compare(("the arm alone", plain), ("a residual model over the joints", smooth), grouping.groups)
-    model = residual_of(robust, seen, options.seed)
-    return ResidualFinding(model, found.better, found.reason, Errors.of(smooth))
+    found = compare_models(
+        ("the arm alone", plain), ("a residual model over the joints", smooth), grouping.groups
+    )
+    model = residual_of(robust, observations, options.seed)
+    return ResidualFinding(model, found.better, found.reason, ErrorSummary.from_sizes(smooth))

@@ -10,18 +10,18 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Grouping, deal_folds
-from cellcal.calibration.identification.estimator import Fit, Problem, errors_m, place_columns
+from cellcal.calibration.identification.cross_validation import Grouping, assign_folds
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, place_columns
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.calibration.identification.residual_model import errors_with, residual_of
 from cellcal.calibration.identification.selection import (
-    Options,
-    Selection,
-    errors_in_both,
-    evenly,
+    IdentificationOptions,
+    LevelSelection,
+    errors_in_both_mountings,
+    evenly_spaced,
     fit_level,
-    select,
+    select_level,
 )
 from cellcal.calibration.identification.series_breaks import change_between, mounting_of
 
@@ -48,16 +48,16 @@ class Judgement:
     own_m2: Array  # (N,) of the residual model, likewise
 
     @classmethod
-    def none(cls) -> "Judgement":
+    def without_rows(cls) -> "Judgement":
         """Return the judgement of no rows."""
         return cls(
             np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp), *(np.zeros(0) for _ in range(3))
         )
 
-    def said(self, grouping: Grouping) -> str:
+    def describe_method(self, grouping: Grouping) -> str:
         """Return how the rows were judged, for people."""
         text = (
-            f"cross-validation over {grouping.count} {grouping.kind} in {len(self.levels)} folds; breaks, level "
+            f"cross-validation over {grouping.group_count} {grouping.kind} in {len(self.levels)} folds; breaks, level "
             "and fit were made anew without each fold"
         )
         if len(self.placed):
@@ -68,10 +68,12 @@ class Judgement:
         return text
 
 
-def judge(model: RobotModel, observations: Observations, grouping: Grouping, options: Options) -> Judgement:
+def judge_rows(
+    model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
+) -> Judgement:
     """Predict every row by everything that ``select`` and a fit make of the other folds."""
     count = len(observations)
-    folds = deal_folds(grouping, _number_of_folds(count), options.seed)
+    folds = assign_folds(grouping, _number_of_folds(count), options.seed)
     before, after = np.zeros(count), np.zeros(count)
     variances, own = np.zeros(count), np.zeros(count)
     smooth = np.zeros(count if options.residual_model else 0)
@@ -80,20 +82,22 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
     placed: list[Rows] = []
     inner = replace(options, folds=_FOLDS)
     for fold in range(int(folds.max()) + 1):
-        training, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-        training = training[evenly(len(training), _MOST_ROWS)]
-        choice = select(model, observations.take(training), grouping.of_rows(training), inner)
-        rows, unsure = _mountings(choice, observations, training, held)
-        seen = with_mounting(observations.take(held), rows)
+        training, held_rows = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+        training = training[evenly_spaced(len(training), _MOST_ROWS)]
+        choice = select_level(model, observations.select_rows(training), grouping.of_rows(training), inner)
+        rows, unsure = _held_out_mountings(choice, observations, training, held_rows)
+        held_observations = with_mounting(observations.select_rows(held_rows), rows)
         for level, errors in ((FRAMES, before), (choice.level, after)):
-            fit = fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+            fit = fit_level(
+                model, choice.mounted_observations, choice.places, level, options.priors, options.start
+            )
             state = fit.fit.state
-            errors[held] = errors_m(state, Problem.of(state, seen))
-        variances[held] = place_variances(fit.fit, seen)
+            errors[held_rows] = errors_m(state, FitProblem.from_observations(state, held_observations))
+        variances[held_rows] = place_variances(fit.fit, held_observations)
         if options.residual_model:
-            residual = residual_of(fit, choice.seen, options.seed)
-            smooth[held] = errors_with(residual, state, seen)
-            own[held] = 3.0 * residual.predict(seen.joints_rad)[1] ** 2
+            residual = residual_of(fit, choice.mounted_observations, options.seed)
+            smooth[held_rows] = errors_with(residual, state, held_observations)
+            own[held_rows] = 3.0 * residual.predict_residual(held_observations.joints_rad)[1] ** 2
         levels.append(choice.level)
         breaks.append(tuple(int(training[found.row]) for found in choice.breaks))
         placed.append(unsure)
@@ -101,9 +105,11 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
     return Judgement(before, after, tuple(levels), tuple(breaks), unsure_rows, smooth, variances, own)
 
 
-def place_variances(fit: Fit, observations: Observations) -> Array:
+def place_variances(fit: ArmFit, observations: Observations) -> Array:
     """Return the variance (N,) [m^2] that a fit expects of rows by its parameters alone, summed over coordinates."""
-    columns = place_columns(fit.layout, fit.state, Problem.of(fit.state, observations))[0][:, :3]
+    columns = place_columns(fit.layout, fit.state, FitProblem.from_observations(fit.state, observations))[0][
+        :, :3
+    ]
     spread = np.tensordot(fit.covariance, columns, axes=1)
     variances: Array = np.einsum("pcn,pcn->n", columns, spread) * observations.sigma_m**2
     return variances
@@ -115,8 +121,8 @@ def _number_of_folds(rows: int) -> int:
     return _MANY_FOLDS if rows <= _FEW_ROWS else _FOLDS
 
 
-def _mountings(
-    choice: Selection, observations: Observations, training: Rows, held: Rows
+def _held_out_mountings(
+    choice: LevelSelection, observations: Observations, training: Rows, held_rows: Rows
 ) -> tuple[Rows, Rows]:
     """Return the mounting of every held-out row by its order, and the rows whose order does not tell it.
 
@@ -124,13 +130,15 @@ def _mountings(
     device was moved: one change there, where these rows fit best to base and tool alone.
     """
     first = [int(training[found.row]) for found in choice.breaks]
-    mountings = mounting_of(len(observations), first)[held]
+    mountings = mounting_of(len(observations), first)[held_rows]
     unsure = [np.arange(0)]
     for mounting, found in enumerate(choice.breaks):
         last = int(training[found.row - 1])
-        between = np.flatnonzero((held > last) & (held < first[mounting]))
+        between = np.flatnonzero((held_rows > last) & (held_rows < first[mounting]))
         if len(between):
-            both = errors_in_both(choice.places, observations.take(held[between]), mounting)
+            both = errors_in_both_mountings(
+                choice.places, observations.select_rows(held_rows[between]), mounting
+            )
             mountings[between] = mounting + (np.arange(len(between)) >= change_between(*both))
-            unsure.append(held[between])
+            unsure.append(held_rows[between])
     return mountings, np.concatenate(unsure)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, Problem, place_columns, whitened_residuals
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, place_columns, whitened_residuals
 
 CROWDED = 0.05  # unknowns a reading: with fewer, what single rows do to the fit is not worth the work
 _SHOWING = 200  # rows
@@ -15,12 +15,12 @@ def channel_groups(channels: int) -> tuple[slice, ...]:
     return (slice(0, 3), slice(3, 6)) if channels == 6 else (slice(0, channels),)
 
 
-def effective_unknowns(fit: Fit) -> float:
+def effective_unknowns(fit: ArmFit) -> float:
     """Return how many unknowns the rows, rather than the priors, determine."""
-    return len(fit.layout) - float((np.diag(fit.covariance) / fit.layout.prior**2).sum())
+    return len(fit.layout) - float((np.diag(fit.covariance) / fit.layout.prior_sigmas**2).sum())
 
 
-def standardised_residuals(fit: Fit, problem: Problem, weights: Array) -> Array:
+def standardised_residuals(fit: ArmFit, problem: FitProblem, weights: Array) -> Array:
     r"""Return the residuals of all rows, each in deviations of what it may be.
 
     Parameters
@@ -48,10 +48,10 @@ def standardised_residuals(fit: Fit, problem: Problem, weights: Array) -> Array:
         raised: Array = whitened_residuals(fit.state, problem) / np.sqrt(1.0 - crowd)
         return raised
     columns, residuals = place_columns(fit.layout, fit.state, problem)
-    return in_own_deviations(residuals, columns, fit.covariance, weights)
+    return standardise_residuals(residuals, columns, fit.covariance, weights)
 
 
-def in_own_deviations(residuals: Array, columns: Array, covariance: Array, weights: Array) -> Array:
+def standardise_residuals(residuals: Array, columns: Array, covariance: Array, weights: Array) -> Array:
     """Return residuals (channels, N) as `standardised_residuals`, given the columns (p, channels, N) of a fit."""
     residuals = residuals.copy()
     for group in channel_groups(len(residuals)):
@@ -64,21 +64,21 @@ def in_own_deviations(residuals: Array, columns: Array, covariance: Array, weigh
     return residuals
 
 
-def redundant_shares(fit: Fit, problem: Problem) -> Array:
+def redundant_shares(fit: ArmFit, problem: FitProblem) -> Array:
     """Return which part of each channel group's readings is redundant: not needed for the unknowns."""
-    seen = problem.observations
-    groups, unknowns = channel_groups(seen.channels), effective_unknowns(fit)
+    observations = problem.observations
+    groups, unknowns = channel_groups(observations.channels), effective_unknowns(fit)
     if len(groups) == 1:
-        return np.array([1.0 - unknowns / (seen.channels * len(seen))])
+        return np.array([1.0 - unknowns / (observations.channels * len(observations))])
     # Places and attitudes tell different unknowns, and not equally many; some rows show in which proportion.
-    some = problem.take(np.arange(0, len(seen), -(-len(seen) // _SHOWING)))
+    some = problem.select_rows(np.arange(0, len(observations), -(-len(observations) // _SHOWING)))
     columns, _ = place_columns(fit.layout, fit.state, some)
-    told = np.array(
+    shares = np.array(
         [
             np.vdot(np.tensordot(fit.covariance, columns[:, group], axes=1), columns[:, group])
             for group in groups
         ]
     )
-    sizes = np.array([len(seen) * (group.stop - group.start) for group in groups])
-    redundant: Array = 1.0 - unknowns * told / told.sum() / sizes
+    sizes = np.array([len(observations) * (group.stop - group.start) for group in groups])
+    redundant: Array = 1.0 - unknowns * shares / shares.sum() / sizes
     return redundant

@@ -40,13 +40,15 @@ def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
         if np.abs(angle).min() < _FAR_FROM_ZERO_RAD:
             continue
         rare = angle > 0 if np.mean(angle > 0) < 0.5 else angle < 0
-        if not 0 < rare.mean() <= _FEW or not _within(np.abs(angle[rare]), np.abs(angle[~rare])):
+        if not 0 < rare.mean() <= _FEW or not _is_within(np.abs(angle[rare]), np.abs(angle[~rare])):
             continue
         starts = np.flatnonzero(np.diff(np.concatenate([[False], rare]).astype(int)) == 1)
         if len(starts) > max(3, len(angle) // 100):
             continue
         rows = np.flatnonzero(rare)
-        blocks = ", ".join(_span(block) for block in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1))
+        blocks = ", ".join(
+            _row_range(block) for block in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+        )
         found.append(
             Lint(
                 "sign",
@@ -58,7 +60,7 @@ def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
     return found
 
 
-def duplicates(joints_rad: Array) -> list[Lint]:
+def find_duplicates(joints_rad: Array) -> list[Lint]:
     """Find rows with exactly the joints of an earlier row."""
     _, first, inverse = np.unique(joints_rad, axis=0, return_index=True, return_inverse=True)
     repeated = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(len(joints_rad)))
@@ -73,10 +75,14 @@ def duplicates(joints_rad: Array) -> list[Lint]:
     ]
 
 
-def leakage(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
+def find_leakage(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
     """Find check rows whose joints the fit has seen."""
-    seen = {row.tobytes() for row in np.ascontiguousarray(fitted_joints_rad + 0.0)}
-    rows = [i for i, row in enumerate(np.ascontiguousarray(check_joints_rad + 0.0)) if row.tobytes() in seen]
+    fitted_joints = {row.tobytes() for row in np.ascontiguousarray(fitted_joints_rad + 0.0)}
+    rows = [
+        i
+        for i, row in enumerate(np.ascontiguousarray(check_joints_rad + 0.0))
+        if row.tobytes() in fitted_joints
+    ]
     if not rows:
         return []
     return [
@@ -150,7 +156,7 @@ def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used
     return found
 
 
-def not_a_measurement(errors_m: Array, step_m: float) -> list[Lint]:
+def find_nominal_positions(errors_m: Array, step_m: float) -> list[Lint]:
     """Warn if the "measured" positions are the nominal arm's own, to within their rounding."""
     if len(errors_m) == 0 or float(np.median(errors_m)) > max(2 * step_m, 1e-6):
         return []
@@ -162,7 +168,7 @@ def not_a_measurement(errors_m: Array, step_m: float) -> list[Lint]:
     ]
 
 
-def alike_neighbours(residuals: Array) -> list[Lint]:
+def find_alike_neighbours(residuals: Array) -> list[Lint]:
     """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled."""
     centred = residuals - residuals.mean(axis=1, keepdims=True)
     if residuals.shape[1] < 30:
@@ -179,9 +185,9 @@ def alike_neighbours(residuals: Array) -> list[Lint]:
     ]
 
 
-def _within(few: Array, many: Array) -> bool:
+def _is_within(few: Array, many: Array) -> bool:
     return bool(few.min() > many.min() - _NEAR_RAD and few.max() < many.max() + _NEAR_RAD)
 
 
-def _span(rows: Rows) -> str:
+def _row_range(rows: Rows) -> str:
     return f"{rows[0]}" if len(rows) == 1 else f"{rows[0]}-{rows[-1]}"

@@ -12,15 +12,15 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Problem, errors_m, estimate
+from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
-    JointReading,
+    JointInterpretation,
     home_reading,
     with_zeros,
 )
-from cellcal.calibration.identification.misfit_ranking import Candidate, coarse_candidates
+from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -28,7 +28,7 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
 )
 from cellcal.calibration.identification.parameters import OFFSETS, ArmState, make_layout
-from cellcal.calibration.identification.quick_fit import kept_rms, some_rows
+from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80
@@ -61,13 +61,13 @@ class MisfitError(CalibrationError):
 
     code = "calibration.misfit"
 
-    def __init__(self, message: str, *, remedy: str, causes: tuple["Cause", ...] = ()) -> None:
+    def __init__(self, message: str, *, remedy: str, causes: tuple["MisfitCause", ...] = ()) -> None:
         super().__init__(message, remedy=remedy)
         self.causes = causes
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class MisfitCause:
     """One explanation of a misfit."""
 
     kinds: tuple[str, ...]  # unit | angle unit | mirror | coupling | sign | home | order | rows | model
@@ -77,7 +77,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class MisfitScore:
     """How well rows fit, and how far the zeros of the inner joints then are from where they should be."""
 
     score_m: float
@@ -104,21 +104,21 @@ def refuse_misfit(
     postures = len(np.unique(observations.joints_rad, axis=0))
     if postures < _FEWEST.get(observations.kind, postures + 1):
         return
-    rows = some_rows(len(observations), _MOST_ROWS)
-    some = observations.take(rows)
+    rows = spread_rows(len(observations), _MOST_ROWS)
+    some = observations.select_rows(rows)
     motion_m = motion_of(model, some)
     stands = fit_quickly(model, some)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
         limit_m = stands.score_m / (1.0 if _far_zeros(stands) else _DECISIVE)
-        causes = _causes(model, observations, limit_m, names, others)
+        causes = _explaining_causes(model, observations, limit_m, names, others)
         if causes:
-            raise _misfit(model, stands.score_m, motion_m, causes)
+            raise _misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
     elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
-        raise _unknown(model, stands.score_m, motion_m, observations)
+        raise _unknown_cause_error(model, stands.score_m, motion_m, observations)
 
 
 def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
@@ -129,13 +129,15 @@ def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: A
     MisfitError
         No known cause explains them.
     """
-    motion_m, left_m = motion_of(model, observations), float(kept_rms(errors))
+    motion_m, left_m = motion_of(model, observations), float(trimmed_rms(errors))
     if left_m <= max(_GROSS * motion_m, _GROSS_M):
         return
-    raise _unknown(model, left_m, motion_m, observations)
+    raise _unknown_cause_error(model, left_m, motion_m, observations)
 
 
-def _unknown(model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows) -> MisfitError:
+def _unknown_cause_error(
+    model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows
+) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
     return MisfitError(
@@ -162,21 +164,22 @@ def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: 
     fewest = _FEWEST[observations.kind]
     parts = np.array_split(np.arange(len(observations)), max(min(len(observations) // fewest, _PARTS), 1))
     return all(
-        fit_quickly(model, observations.take(part[some_rows(len(part), _MOST_ROWS)])).score_m > limit_m
+        fit_quickly(model, observations.select_rows(part[spread_rows(len(part), _MOST_ROWS)])).score_m
+        > limit_m
         for part in parts
     )
 
 
 def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
     """Return how far the nominal flange moved about its mean (RMS) [m]."""
-    rows = some_rows(len(observations), 2000)
+    rows = spread_rows(len(observations), 2000)
     places = model.tip_positions(observations.joints_rad[rows], np.zeros(3))
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def fit_quickly(model: RobotModel, observations: Observations) -> Fitted:
+def fit_quickly(model: RobotModel, observations: Observations) -> MisfitScore:
     """Fit base, tool and zeros to most of the rows; outliers do not speak."""
-    best = Fitted(float("inf"))
+    best = MisfitScore(float("inf"))
     plain = _places_only(observations)
     try:
         starts = first_guess(model, plain)
@@ -196,19 +199,19 @@ def _places_only(observations: Observations) -> Observations:
     return PointObservations(observations.joints_rad, observations.positions_m, observations.sigma_m, once)
 
 
-def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> Fitted:
-    layout = make_layout(model, observations.kind, start.mountings, level=OFFSETS)
-    problem = Problem.of(start, observations)
-    fit = estimate(layout, start, problem)
+def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> MisfitScore:
+    layout = make_layout(model, observations.kind, start.mounting_count, level=OFFSETS)
+    problem = FitProblem.from_observations(start, observations)
+    fit = estimate_arm(layout, start, problem)
     for share in (0.6, 0.75):
         sizes = errors_m(fit.state, problem)
         weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
         # After outliers the start may be far: the rows that fit best lead back.
-        fit = estimate(layout, fit.state, problem, weights)
+        fit = estimate_arm(layout, fit.state, problem, weights)
     sizes = errors_m(fit.state, problem)
     freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
-    score = float(kept_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axes), np.full(model.axes, np.inf)
+    score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
+    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, np.inf)
     spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
     for at, parameter in enumerate(layout.parameters):
         if parameter.role == "offset":
@@ -216,44 +219,44 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
     # Offsets belong to angles against the link before; what is shown are the controller's joints.
     of_joints = np.linalg.inv(model.joint_coupling)
     sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
-    return Fitted(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
+    return MisfitScore(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
 
 
-def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, names: FileNames) -> None:
+def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:
     """Refuse rows that fit only with a zero further off than any mastering leaves it."""
     far = _far_zeros(stands)
     if far:
-        told = home_reading(some.joints_rad, far, names)
+        home_cause = home_reading(some.joints_rad, far, names)
         raise MisfitError(
-            f"the measurements fit {model.name} only if {told.says}.",
-            remedy=f"{told.cure} Nothing was stored.",
-            causes=(Cause(("home",), told.says, told.cure, stands.score_m),),
+            f"the measurements fit {model.name} only if {home_cause.says}.",
+            remedy=f"{home_cause.cure} Nothing was stored.",
+            causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
         )
 
 
-def _far_zeros(stands: Fitted) -> dict[int, float]:
+def _far_zeros(stands: MisfitScore) -> dict[int, float]:
     return {
-        joint: _rounded(offset)
+        joint: _round_angle(offset)
         for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
         if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
     }
 
 
-def _causes(
+def _explaining_causes(
     model: RobotModel,
     observations: Observations,
     limit_m: float,
     names: FileNames,
     others: Sequence[RobotModel],
-) -> tuple[Cause, ...]:
+) -> tuple[MisfitCause, ...]:
     """Return the causes that explain the rows, the simplest first; all of them fit alike."""
     candidates = coarse_candidates(
-        model, observations, some_rows(len(observations), _MOST_ROWS), names, others
+        model, observations, spread_rows(len(observations), _MOST_ROWS), names, others
     )
-    found: list[tuple[Candidate, Fitted]] = []
+    found: list[tuple[MisfitCandidate, MisfitScore]] = []
     for candidate in candidates:
         fitted = fit_quickly(candidate.model, candidate.observations)
-        if fitted.score_m / candidate.scale <= limit_m and _believable(candidate, fitted):
+        if fitted.score_m / candidate.scale <= limit_m and _is_believable(candidate, fitted):
             found.append(
                 (replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted)
             )
@@ -263,25 +266,28 @@ def _causes(
     alike = [
         (candidate, fitted)
         for candidate, fitted in found
-        if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.parts
+        if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.part_count
     ]
-    alike.sort(key=lambda pair: (pair[0].parts, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
-    causes: dict[str, Cause] = {}
+    alike.sort(key=lambda pair: (pair[0].part_count, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
+    causes: dict[str, MisfitCause] = {}
     for candidate, fitted in alike:
-        cause = _cause(candidate, fitted)
-        if candidate.parts <= alike[0][0].parts + 1:
+        cause = _describe_cause(candidate, fitted)
+        if candidate.part_count <= alike[0][0].part_count + 1:
             causes.setdefault(cause.says, cause)
     return tuple(causes.values())[:_MOST_CAUSES]
 
 
-def _believable(candidate: Candidate, fitted: Fitted) -> bool:
+def _is_believable(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
     motion_m = motion_of(candidate.model, candidate.observations)
     return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)
 
 
-def _cause(candidate: Candidate, fitted: Fitted) -> Cause:
-    says, cures = [*candidate.says, candidate.reading.says], [*candidate.cures, candidate.reading.cure]
-    return Cause(
+def _describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCause:
+    says, cures = (
+        [*candidate.cause_texts, candidate.reading.says],
+        [*candidate.cure_texts, candidate.reading.cure],
+    )
+    return MisfitCause(
         candidate.kinds,
         ", and ".join(word for word in says if word),
         " ".join(word for word in cures if word),
@@ -289,10 +295,12 @@ def _cause(candidate: Candidate, fitted: Fitted) -> Cause:
     )
 
 
-def _with_fitted_zeros(reading: JointReading, fitted: Fitted, names: FileNames) -> JointReading:
+def _with_fitted_zeros(
+    reading: JointInterpretation, fitted: MisfitScore, names: FileNames
+) -> JointInterpretation:
     """Return a reading with the zeros that its fit found, where they are far from none."""
     total = {
-        joint: _rounded(reading.zeros_rad.get(joint, 0.0) + offset)
+        joint: _round_angle(reading.zeros_rad.get(joint, 0.0) + offset)
         for joint, offset in enumerate(fitted.offsets_rad)
     }
     zeros = {joint: zero for joint, zero in total.items() if abs(zero) > _FAR_RAD}
@@ -301,7 +309,7 @@ def _with_fitted_zeros(reading: JointReading, fitted: Fitted, names: FileNames) 
     return with_zeros(reading, zeros, names)
 
 
-def _rounded(angle_rad: float) -> float:
+def _round_angle(angle_rad: float) -> float:
     """Return an angle as one would write it: whole quarter turns where it is one, else tenths of a degree."""
     angle_rad = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
     quarter = float(np.round(angle_rad / (np.pi / 2)) * (np.pi / 2))
@@ -310,7 +318,9 @@ def _rounded(angle_rad: float) -> float:
     return float(np.deg2rad(np.round(np.rad2deg(angle_rad), 1)))
 
 
-def _misfit(model: RobotModel, left_m: float, motion_m: float, causes: tuple[Cause, ...]) -> MisfitError:
+def _misfit_error(
+    model: RobotModel, left_m: float, motion_m: float, causes: tuple[MisfitCause, ...]
+) -> MisfitError:
     first, *rest = causes
     also = f" It fits as well that {'; or that '.join(cause.says for cause in rest)}." if rest else ""
     return MisfitError(
@@ -321,4 +331,4 @@ def _misfit(model: RobotModel, left_m: float, motion_m: float, causes: tuple[Cau
     )
 
 
-__all__ = ["Cause", "FileNames", "MisfitError", "fit_quickly", "refuse_gross_misfit", "refuse_misfit"]
+__all__ = ["FileNames", "MisfitCause", "MisfitError", "fit_quickly", "refuse_gross_misfit", "refuse_misfit"]

@@ -36,7 +36,7 @@ class FileNames:
 
 
 @dataclass(frozen=True, eq=False)
-class JointReading:
+class JointInterpretation:
     """One way to understand the joints of the rows.
 
     ``columns`` are what the option takes: ``-J2`` is turned, ``J2+90`` counts from another zero.
@@ -52,12 +52,14 @@ class JointReading:
     model: RobotModel | None = None  # another one than was named
 
 
-def as_read(joints_rad: Array) -> JointReading:
+def plain_reading(joints_rad: Array) -> JointInterpretation:
     """Return the joints as they were read."""
-    return JointReading("", 0, joints_rad)
+    return JointInterpretation("", 0, joints_rad)
 
 
-def joint_readings(model: RobotModel, series_rad: Array, rows: Rows, names: FileNames) -> list[JointReading]:
+def joint_readings(
+    model: RobotModel, series_rad: Array, rows: Rows, names: FileNames
+) -> list[JointInterpretation]:
     """Return every single cause of this model's joints that is known, and some that come together.
 
     ``series_rad`` are the joints of the whole series, of which ``rows`` are looked at.
@@ -65,25 +67,25 @@ def joint_readings(model: RobotModel, series_rad: Array, rows: Rows, names: File
     joints_rad = series_rad[rows]
     return [
         *_angle_units(joints_rad, names),
-        *_coupled(model, joints_rad, names),
-        *_signs(model, joints_rad, names),
-        *_homes(joints_rad, names),
-        *_orders(joints_rad, names),
-        *_lagging(series_rad, rows),
+        *_coupled_readings(model, joints_rad, names),
+        *_sign_readings(model, joints_rad, names),
+        *_home_readings(joints_rad, names),
+        *_order_readings(joints_rad, names),
+        *_lagging_readings(series_rad, rows),
     ]
 
 
 def model_readings(
     joints_rad: Array, names: FileNames, others: Sequence[RobotModel]
-) -> Iterator[JointReading]:
+) -> Iterator[JointInterpretation]:
     """Return the same joints as those of other robots, as a controller counts them and against the link before."""
     for other in others:
-        if other.axes != joints_rad.shape[1]:
+        if other.axis_count != joints_rad.shape[1]:
             continue
         says, cure = f"this is a {other.name}", f"Name the robot that was measured: `--robot {other.name}`."
-        yield JointReading("model", 1, joints_rad, says, cure, model=other)
-        for each in _coupled(other, joints_rad, names):
-            yield JointReading(
+        yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
+        for each in _coupled_readings(other, joints_rad, names):
+            yield JointInterpretation(
                 "model",
                 2,
                 each.joints_rad,
@@ -93,15 +95,15 @@ def model_readings(
             )
 
 
-def typed_columns(columns: Sequence[str]) -> str:
+def columns_option(columns: Sequence[str]) -> str:
     """Return the option that names the joints so."""
     return f"`--columns joints={','.join(columns)}`"
 
 
-def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
         if names.angle_unit in ("", other):
-            yield JointReading(
+            yield JointInterpretation(
                 "angle unit",
                 1,
                 joints_rad * factor,
@@ -113,7 +115,7 @@ def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
 
 def _mixed_angle_units(
     joints_rad: Array, names: FileNames, factor: float, units: tuple[str, str]
-) -> Iterator[JointReading]:
+) -> Iterator[JointInterpretation]:
     """Return one joint, or all but one, in another unit than the one that was taken."""
     unit, taken = units
     for joint, name in enumerate(names.joints):
@@ -122,7 +124,7 @@ def _mixed_angle_units(
         others = joints_rad * factor
         others[:, joint] = joints_rad[:, joint]
         for changed, one, rest in ((alone, unit, taken), (others, taken, unit)):
-            yield JointReading(
+            yield JointInterpretation(
                 "angle unit",
                 1,
                 changed,
@@ -131,16 +133,18 @@ def _mixed_angle_units(
             )
 
 
-def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+def _coupled_readings(
+    model: RobotModel, joints_rad: Array, names: FileNames
+) -> Iterator[JointInterpretation]:
     """Return joints with one of them counted against the one before, or no longer: both directions."""
-    if model.axes < 3:
+    if model.axis_count < 3:
         return
     coupling = model.joint_coupling
     signs = np.sign(np.diag(coupling))
     second, third = names.joints[1], names.joints[2]
     if not np.allclose(coupling, np.diag(np.diag(coupling))):
         geometric = np.asarray(np.linalg.solve(coupling, (joints_rad * signs).T).T, dtype=np.float64)
-        yield JointReading(
+        yield JointInterpretation(
             "coupling",
             1,
             geometric,
@@ -149,7 +153,7 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
             "Say so: `--joint-coupling geometric`.",
         )
         back: Array = (coupling @ joints_rad.T).T * signs
-        yield JointReading(
+        yield JointInterpretation(
             "coupling",
             1,
             back,
@@ -162,7 +166,7 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
     ):
         changed = joints_rad.copy()
         changed[:, 2] += sign * joints_rad[:, 1]
-        yield JointReading(
+        yield JointInterpretation(
             "coupling",
             1,
             changed,
@@ -171,25 +175,25 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
         )
 
 
-def _signs(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
-    axes = model.axes
+def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+    axes = model.axis_count
     for count in range(1, axes + 1):
         for turned in itertools.combinations(range(axes), count):
             sign = np.ones(axes)
             sign[list(turned)] = -1.0
             columns = [("-" if i in turned else "") + name for i, name in enumerate(names.joints)]
-            which = _listed([names.joints[i] for i in turned])
-            yield JointReading(
+            which = _join_words([names.joints[i] for i in turned])
+            yield JointInterpretation(
                 "sign",
                 count,
                 joints_rad * sign,
                 f"{which} {'counts' if count == 1 else 'count'} the other way round",
-                f"Turn the sign: {typed_columns(columns)}.",
+                f"Turn the sign: {columns_option(columns)}.",
                 columns=tuple(columns),
             )
 
 
-def _homes(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+def _home_readings(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     """Return other zeros: quarter turns of all joints whose zero neither base nor target hides, and of one any."""
     inner = range(1, joints_rad.shape[1] - 1)
     for quarters in itertools.product((0, 1, 2, -1), repeat=len(inner)):
@@ -202,22 +206,24 @@ def _homes(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
                 yield home_reading(joints_rad, {joint: step * _FREE_STEP_RAD}, names)
 
 
-def home_reading(joints_rad: Array, zeros: Mapping[int, float], names: FileNames) -> JointReading:
+def home_reading(joints_rad: Array, zeros: Mapping[int, float], names: FileNames) -> JointInterpretation:
     """Return the joints with these angles added."""
     changed = joints_rad.copy()
     for joint, zero in zeros.items():
         changed[:, joint] += zero
-    return with_zeros(JointReading("home", 0, changed), zeros, names)
+    return with_zeros(JointInterpretation("home", 0, changed), zeros, names)
 
 
-def with_zeros(reading: JointReading, zeros: Mapping[int, float], names: FileNames) -> JointReading:
+def with_zeros(
+    reading: JointInterpretation, zeros: Mapping[int, float], names: FileNames
+) -> JointInterpretation:
     """Return a reading told with these zeros (joint: angle to add), beside what else it changes."""
-    told = "" if reading.kind == "home" else reading.says
+    zero_text = "" if reading.kind == "home" else reading.says
     if not zeros:
         # A reading that was about zeros alone has nothing left to cure.
         cure = "" if reading.kind == "home" else reading.cure
         parts = reading.parts - len(reading.zeros_rad)
-        return replace(reading, parts=parts, says=told, cure=cure, zeros_rad=zeros)
+        return replace(reading, parts=parts, says=zero_text, cure=cure, zeros_rad=zeros)
     plain = reading.columns or names.joints
     columns = list(plain)
     for joint, zero in zeros.items():
@@ -226,56 +232,56 @@ def with_zeros(reading: JointReading, zeros: Mapping[int, float], names: FileNam
     says = (
         f"the zero differs, that of {each[0]}"
         if len(each) == 1
-        else f"the zeros differ, those of {_listed(each)}"
+        else f"the zeros differ, those of {_join_words(each)}"
     )
     cure = (
-        f"If the file counts from another zero, say so: {typed_columns(columns)}. If the robot lost its zero there, "
+        f"If the file counts from another zero, say so: {columns_option(columns)}. If the robot lost its zero there, "
         "master it first."
     )
     return replace(
         reading,
         parts=reading.parts - len(reading.zeros_rad) + len(zeros),
-        says=f"{told}, and {says}" if told else says,
-        cure=f"{reading.cure} {cure}" if told and not reading.columns else cure,
+        says=f"{zero_text}, and {says}" if zero_text else says,
+        cure=f"{reading.cure} {cure}" if zero_text and not reading.columns else cure,
         zeros_rad=zeros,
     )
 
 
-def _orders(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+def _order_readings(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     axes = joints_rad.shape[1]
     plain = tuple(range(axes))
     orders = (
         itertools.permutations(plain)
         if axes <= _MOST_PERMUTED
-        else (_swapped(plain, *pair) for pair in itertools.combinations(plain, 2))
+        else (_swap_order(plain, *pair) for pair in itertools.combinations(plain, 2))
     )
     for order in orders:
         moved = sum(a != b for a, b in zip(order, plain, strict=True))
         if not moved:
             continue
         columns = [names.joints[i] for i in order]
-        yield JointReading(
+        yield JointInterpretation(
             "order",
             1 if moved == 2 or order == plain[::-1] else moved,
             joints_rad[:, order],
             f"the columns of the joints are in another order: {', '.join(columns)}",
-            f"Name them in this order: {typed_columns(columns)}.",
+            f"Name them in this order: {columns_option(columns)}.",
             columns=tuple(columns),
         )
 
 
-def _swapped(plain: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
+def _swap_order(plain: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
     order = list(plain)
     order[a], order[b] = order[b], order[a]
     return tuple(order)
 
 
-def _lagging(series_rad: Array, rows: Rows) -> Iterator[JointReading]:
+def _lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpretation]:
     """Return joints of the rows before or after: two logs that were put side by side one row off."""
     for shift in (1, -1, 2, -2):
         if len(series_rad) > 4 * abs(shift):
             rows_said = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''}"
-            yield JointReading(
+            yield JointInterpretation(
                 "rows",
                 1,
                 np.roll(series_rad, shift, axis=0)[rows],
@@ -284,5 +290,5 @@ def _lagging(series_rad: Array, rows: Rows) -> Iterator[JointReading]:
             )
 
 
-def _listed(words: Sequence[str]) -> str:
+def _join_words(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -11,10 +11,10 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
     FileNames,
-    JointReading,
-    as_read,
+    JointInterpretation,
     joint_readings,
     model_readings,
+    plain_reading,
 )
 from cellcal.calibration.identification.observations import (
     LengthObservations,
@@ -22,7 +22,7 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
     Rows,
 )
-from cellcal.calibration.identification.quick_fit import enough_lengths, length_scores, point_scores
+from cellcal.calibration.identification.quick_fit import has_enough_lengths, length_scores, point_scores
 
 _PLAUSIBLE = log(4.0)  # how much wider or narrower than the flange a target may move
 _WORTH = 24  # candidates for a real fit
@@ -33,10 +33,10 @@ _SHORTEST_M = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class MisfitCandidate:
     """The rows as one cause would have them."""
 
-    reading: JointReading
+    reading: JointInterpretation
     model: RobotModel
     observations: Observations
     unit: str = ""  # of positions or lengths, if it is not the one that was taken
@@ -47,7 +47,7 @@ class Candidate:
     )
 
     @property
-    def parts(self) -> int:
+    def part_count(self) -> int:
         """How many things are wrong at once."""
         return self.reading.parts + bool(self.unit) + self.mirrored
 
@@ -60,24 +60,24 @@ class Candidate:
         return tuple(word for word in words if word)
 
     @property
-    def says(self) -> list[str]:
+    def cause_texts(self) -> list[str]:
         """The causes beside that of the joints, in words."""
         lengths = isinstance(self.observations, LengthObservations)
         taken = self.names.length_unit if self.names and self.names.length_unit else "what they were taken as"
-        said = (
+        texts = (
             [f"the {'lengths' if lengths else 'positions'} are in {self.unit}, not in {taken}"]
             if self.unit
             else []
         )
         if self.mirrored:
-            said.append(
+            texts.append(
                 "the measured positions are a mirror image: one of the axes X, Y, Z has the wrong sign, or two of "
                 "these columns are swapped"
             )
-        return said
+        return texts
 
     @property
-    def cures(self) -> list[str]:
+    def cure_texts(self) -> list[str]:
         """How to say so."""
         what = "length" if isinstance(self.observations, LengthObservations) else "position"
         cures = [f"Say so: `--units {what}={self.unit}`."] if self.unit else []
@@ -92,7 +92,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
+class _Combination:
     """One combination before it is fitted."""
 
     reading: int
@@ -108,11 +108,11 @@ def coarse_candidates(
     rows: Rows,
     names: FileNames,
     others: Sequence[RobotModel],
-) -> list[Candidate]:
+) -> list[MisfitCandidate]:
     """Return the causes that fit best when only base and tool are fitted."""
-    some = observations.take(rows)
+    some = observations.select_rows(rows)
     readings = [
-        as_read(some.joints_rad),
+        plain_reading(some.joints_rad),
         *joint_readings(model, observations.joints_rad, rows, names),
         *model_readings(some.joints_rad, names, others),
     ]
@@ -121,7 +121,7 @@ def coarse_candidates(
     return _point_candidates(model, some, readings, names)
 
 
-def _flanges(model: RobotModel, readings: Sequence[JointReading]) -> Array:
+def _flange_poses(model: RobotModel, readings: Sequence[JointInterpretation]) -> Array:
     """Return the flange of every row of every reading (H, N, 4, 4)."""
     rows = len(readings[0].joints_rad)
     flanges = np.empty((len(readings), rows, 4, 4))
@@ -138,28 +138,28 @@ def _flanges(model: RobotModel, readings: Sequence[JointReading]) -> Array:
 
 
 def _point_candidates(
-    model: RobotModel, some: PointObservations, readings: Sequence[JointReading], names: FileNames
-) -> list[Candidate]:
-    flanges = _flanges(model, readings)
-    moved = np.sqrt((_centred(flanges[..., :3, 3]) ** 2).sum(axis=2).mean(axis=1))
-    seen = float(np.sqrt((_centred(some.positions_m[None]) ** 2).sum(axis=2).mean()))
+    model: RobotModel, some: PointObservations, readings: Sequence[JointInterpretation], names: FileNames
+) -> list[MisfitCandidate]:
+    flanges = _flange_poses(model, readings)
+    moved = np.sqrt((_centre_points(flanges[..., :3, 3]) ** 2).sum(axis=2).mean(axis=1))
+    spread_m = float(np.sqrt((_centre_points(some.positions_m[None]) ** 2).sum(axis=2).mean()))
     ways = [
         way
         for at, reading in enumerate(readings)
-        for unit, scale in _scales(names.length_unit, float(moved[at]), seen)
+        for unit, scale in _plausible_units(names.length_unit, float(moved[at]), spread_m)
         for mirrored in (False, True)
-        if (way := _way(at, reading, unit, scale, mirrored=mirrored)).parts
+        if (way := _make_combination(at, reading, unit, scale, mirrored=mirrored)).parts
     ]
     chosen = np.array([way.reading for way in ways])
     scales = np.array([way.scale for way in ways])
     positions = scales[:, None, None] * some.positions_m
     scores = point_scores(flanges[chosen], positions, np.array([way.mirrored for way in ways])) / scales
     return [
-        Candidate(
+        MisfitCandidate(
             readings[ways[at].reading],
             readings[ways[at].reading].model or model,
             replace(
-                _plain(some),
+                _without_mountings(some),
                 joints_rad=readings[ways[at].reading].joints_rad,
                 positions_m=positions[at] * (np.array([1.0, -1.0, 1.0]) if ways[at].mirrored else 1.0),
             ),
@@ -168,36 +168,38 @@ def _point_candidates(
             names,
             ways[at].scale,
         )
-        for at in _worth(scores, ways)
+        for at in _best_combinations(scores, ways)
     ]
 
 
-def _plain(some: PointObservations) -> PointObservations:
+def _without_mountings(some: PointObservations) -> PointObservations:
     return PointObservations(
         some.joints_rad, some.positions_m, some.sigma_m, np.zeros(len(some), dtype=np.intp)
     )
 
 
-def _way(at: int, reading: JointReading, unit: str, scale: float, *, mirrored: bool) -> _Way:
+def _make_combination(
+    at: int, reading: JointInterpretation, unit: str, scale: float, *, mirrored: bool
+) -> _Combination:
     parts = reading.parts + bool(unit) + mirrored
     if parts > max(_MOST_PARTS, reading.parts):
-        return _Way(at, unit, scale, mirrored, 0)
-    return _Way(at, unit, scale, mirrored, parts)
+        return _Combination(at, unit, scale, mirrored, 0)
+    return _Combination(at, unit, scale, mirrored, parts)
 
 
-def _worth(scores: Array, ways: Sequence[_Way]) -> list[int]:
+def _best_combinations(scores: Array, ways: Sequence[_Combination]) -> list[int]:
     """Return the best of all, and the best of those with a single cause: zeros and errors of the arm shift ranks."""
     order = np.argsort(scores, kind="stable").tolist()
     single = [at for at in order if ways[at].parts == 1]
     return list(dict.fromkeys([*single[: _WORTH // 2], *order[: _WORTH // 2]]))
 
 
-def _centred(points: Array) -> Array:
+def _centre_points(points: Array) -> Array:
     centred: Array = points - points.mean(axis=1, keepdims=True)
     return centred
 
 
-def _scales(taken: str, moved_m: float, seen_m: float) -> list[tuple[str, float]]:
+def _plausible_units(taken: str, moved_m: float, seen_m: float) -> list[tuple[str, float]]:
     """Return units in which the target moved about as far as the flange; the one that was taken is called ""."""
     scales = [("", 1.0)]
     used = LENGTH_UNITS.get(taken, 1.0)
@@ -209,8 +211,8 @@ def _scales(taken: str, moved_m: float, seen_m: float) -> list[tuple[str, float]
 
 
 def _length_candidates(
-    model: RobotModel, some: LengthObservations, readings: Sequence[JointReading], names: FileNames
-) -> list[Candidate]:
+    model: RobotModel, some: LengthObservations, readings: Sequence[JointInterpretation], names: FileNames
+) -> list[MisfitCandidate]:
     usual, used = float(np.median(np.abs(some.lengths_m))), LENGTH_UNITS.get(names.length_unit, 1.0)
     units = [("", 1.0)] + [
         (unit, metres / used)
@@ -221,18 +223,18 @@ def _length_candidates(
         way
         for at, reading in enumerate(readings)
         for unit, scale in units
-        if 0 < (way := _way(at, reading, unit, scale, mirrored=False)).parts <= _MOST_PARTS
+        if 0 < (way := _make_combination(at, reading, unit, scale, mirrored=False)).parts <= _MOST_PARTS
     ]
-    if enough_lengths(len(some)):
-        flanges = _flanges(model, readings)
+    if has_enough_lengths(len(some)):
+        flanges = _flange_poses(model, readings)
         lengths = np.array([way.scale for way in ways])[:, None] * some.lengths_m
         scores = length_scores(flanges[[way.reading for way in ways]], lengths)
         scores = scores / np.array([way.scale for way in ways])
-        chosen = _worth(scores, ways)
+        chosen = _best_combinations(scores, ways)
     else:
         chosen = [at for at, way in enumerate(ways) if way.parts == 1][:_WORTH_SINGLE]
     return [
-        Candidate(
+        MisfitCandidate(
             readings[ways[at].reading],
             readings[ways[at].reading].model or model,
             replace(

@@ -9,7 +9,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit import fit_quickly
 from cellcal.calibration.identification.observations import LengthObservations
-from cellcal.calibration.identification.quick_fit import some_rows, trimmed_point_scores
+from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_point_scores
 
 _MOST_ROWS = 60
 _FEWEST_POINTS, _FEWEST_LENGTHS = 8, 14
@@ -23,52 +23,54 @@ def unit_of_points(model: RobotModel, joints_rad: Array, values: Array, units: M
     """Return the unit in which positions (N, 3) fit the arm; empty if the fit does not tell."""
     if len(values) < _FEWEST_POINTS:
         return ""
-    rows = some_rows(len(values), _MOST_ROWS)
+    rows = spread_rows(len(values), _MOST_ROWS)
     flanges, some = model.base_flange(joints_rad[rows]), values[rows]
-    moved, seen = _spread(flanges[:, :3, 3]), _spread(some)
-    if min(moved, seen) <= 0.0:
+    moved, target_spread = _rms_spread(flanges[:, :3, 3]), _rms_spread(some)
+    if min(moved, target_spread) <= 0.0:
         return ""
-    names = [name for name, metres in units.items() if abs(log(seen * metres / moved)) < _PLAUSIBLE]
+    names = [name for name, metres in units.items() if abs(log(target_spread * metres / moved)) < _PLAUSIBLE]
     if len(names) < 2:
         return "".join(names)
     scales = np.array([units[name] for name in names])
     positions = scales[:, None, None] * some
     frames = np.broadcast_to(flanges, (len(names), *flanges.shape))
-    left = np.minimum(
+    remaining = np.minimum(
         *(
             trimmed_point_scores(frames, positions, np.full(len(names), mirrored))
             for mirrored in (False, True)
         )
     )
-    return _clearly(names, left / (seen * scales))
+    return _clearly_best(names, remaining / (target_spread * scales))
 
 
 def unit_of_lengths(model: RobotModel, joints_rad: Array, values: Array, units: Mapping[str, float]) -> str:
     """Return the unit in which lengths (N,) fit the arm; empty if the fit does not tell."""
     if len(values) < _FEWEST_LENGTHS:
         return ""
-    rows = some_rows(len(values), _MOST_ROWS)
+    rows = spread_rows(len(values), _MOST_ROWS)
     usual = float(np.median(np.abs(values)))
     names = [name for name, metres in units.items() if _SHORTEST_M < usual * metres < _LONGEST_M]
-    left = []
+    remaining = []
     for name in names:
         metres = units[name]
         once, sigma = np.zeros(len(rows), dtype=np.intp), np.full(len(rows), 3e-4)
-        seen = LengthObservations(joints_rad[rows], values[rows] * metres, sigma, once)
-        left.append(fit_quickly(model, seen).score_m / max(float(np.std(values[rows])) * metres, 1e-9))
-    return _clearly(names, np.array(left))
+        observations = LengthObservations(joints_rad[rows], values[rows] * metres, sigma, once)
+        remaining.append(
+            fit_quickly(model, observations).score_m / max(float(np.std(values[rows])) * metres, 1e-9)
+        )
+    return _clearly_best(names, np.array(remaining))
 
 
-def _clearly(names: list[str], left: Array) -> str:
+def _clearly_best(names: list[str], remaining: Array) -> str:
     """Return the unit that leaves least of the motion, if it leaves little and clearly less than the others."""
     if not len(names):
         return ""
-    order = np.argsort(left)
+    order = np.argsort(remaining)
     best = int(order[0])
-    if left[best] > _MOST_LEFT or (len(names) > 1 and left[best] > _CLEAR * left[order[1]]):
+    if remaining[best] > _MOST_LEFT or (len(names) > 1 and remaining[best] > _CLEAR * remaining[order[1]]):
         return ""
     return names[best]
 
 
-def _spread(points: Array) -> float:
+def _rms_spread(points: Array) -> float:
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))

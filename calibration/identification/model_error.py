@@ -22,7 +22,7 @@ _SMALLEST_M2 = 1e-16
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutErrors:
     """Rows predicted by fits that have not seen them: sizes of errors, and what the fits' own doubt expects."""
 
     errors_m: Array  # (N,)
@@ -31,16 +31,16 @@ class HeldOut:
     channels: int  # 1 for lengths, 3 for places
 
     @classmethod
-    def none(cls, channels: int = 3) -> "HeldOut":
+    def without_rows(cls, channels: int = 3) -> "HeldOutErrors":
         """Return no rows."""
         return cls(np.zeros(0), np.zeros(0), np.zeros(0), channels)
 
     def __len__(self) -> int:
         return len(self.errors_m)
 
-    def take(self, rows: NDArray[np.intp]) -> "HeldOut":
+    def select_rows(self, rows: NDArray[np.intp]) -> "HeldOutErrors":
         """Return some of the rows."""
-        return HeldOut(self.errors_m[rows], self.variances_m2[rows], self.own_m2[rows], self.channels)
+        return HeldOutErrors(self.errors_m[rows], self.variances_m2[rows], self.own_m2[rows], self.channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class ModelError:
     rows: int
     far_rows: int
 
-    def total(self, covariances: Array, own_m2: Array) -> Array:
+    def total_covariance(self, covariances: Array, own_m2: Array) -> Array:
         """Return the covariance of further readings (N, 3, 3) [m^2].
 
         Parameters
@@ -69,14 +69,14 @@ class ModelError:
         total: Array = self.growth * covariances + (own_m2 + self.variance_m2)[:, None, None] * np.eye(3)
         return total
 
-    def far(self, covariances: Array) -> NDArray[np.bool_]:
+    def is_extrapolated(self, covariances: Array) -> NDArray[np.bool_]:
         """Tell which postures (N,) the parameters know worse than any among the measured ones."""
         return np.asarray(np.einsum("nii->n", covariances) > self.near_m2)
 
     def expanded_m(self, covariances: Array, own_m2: Array, beyond: NDArray[np.bool_]) -> Array:
         """Return the radius (N,) [m] within which 95 % of further readings are; ``beyond`` names far postures."""
-        total = self.total(covariances, own_m2)
-        far = self.far(covariances) | beyond
+        total = self.total_covariance(covariances, own_m2)
+        far = self.is_extrapolated(covariances) | beyond
         widening = np.where(far, max(self.widening, self.far_widening), self.widening)
         return widening * expanded_in_space(total, self.degrees_of_freedom)
 
@@ -89,7 +89,7 @@ def expanded_in_space(covariances: Array, degrees_of_freedom: float) -> Array:
     return radius
 
 
-def model_error(near: HeldOut, far: HeldOut, degrees_of_freedom: float) -> ModelError:
+def model_error(near: HeldOutErrors, far: HeldOutErrors, degrees_of_freedom: float) -> ModelError:
     r"""Learn what the model lacks from rows held out among their neighbours, and from regions held out.
 
     Notes
@@ -105,13 +105,13 @@ def model_error(near: HeldOut, far: HeldOut, degrees_of_freedom: float) -> Model
     """
     if len(near):
         degrees_of_freedom = min(degrees_of_freedom, max(_INDEPENDENT * near.channels * len(near), 1.0))
-    growth = _growth(near, far)
-    variance = _left(near, growth)
+    growth = _covariance_growth(near, far)
+    variance = _remaining_variance(near, growth)
     return ModelError(
         variance,
         growth,
-        _widening(near, growth, variance, degrees_of_freedom),
-        _widening(far, growth, variance, degrees_of_freedom),
+        _coverage_widening(near, growth, variance, degrees_of_freedom),
+        _coverage_widening(far, growth, variance, degrees_of_freedom),
         float(np.quantile(near.variances_m2, _FAR_SHARE)) if len(near) else 0.0,
         degrees_of_freedom,
         len(near),
@@ -119,7 +119,7 @@ def model_error(near: HeldOut, far: HeldOut, degrees_of_freedom: float) -> Model
     )
 
 
-def _left(near: HeldOut, growth: float) -> float:
+def _remaining_variance(near: HeldOutErrors, growth: float) -> float:
     """Return the variance a channel that held-out rows have beyond what parameters and residual model expect."""
     if not len(near):
         return _SMALLEST_M2
@@ -127,20 +127,24 @@ def _left(near: HeldOut, growth: float) -> float:
     return max(float(excess.mean()) / near.channels, _SMALLEST_M2)
 
 
-def _growth(near: HeldOut, far: HeldOut) -> float:
+def _covariance_growth(near: HeldOutErrors, far: HeldOutErrors) -> float:
     if not len(far):
         return 1.0
-    costs = [_cost(near, g, _left(near, g)) + _cost(far, g, _left(near, g)) for g in _GROWTHS]
+    costs = [
+        _scatter_cost(near, g, _remaining_variance(near, g))
+        + _scatter_cost(far, g, _remaining_variance(near, g))
+        for g in _GROWTHS
+    ]
     return float(_GROWTHS[int(np.argmin(costs))])
 
 
-def _cost(rows: HeldOut, growth: float, variance: float) -> float:
+def _scatter_cost(rows: HeldOutErrors, growth: float, variance: float) -> float:
     """Return minus twice the log likelihood of the sizes of errors, directions taken as alike."""
     each = (growth * rows.variances_m2 + rows.own_m2) / rows.channels + variance
     return float((rows.errors_m**2 / each + rows.channels * np.log(each)).sum())
 
 
-def _widening(rows: HeldOut, growth: float, variance: float, freedom: float) -> float:
+def _coverage_widening(rows: HeldOutErrors, growth: float, variance: float, freedom: float) -> float:
     if len(rows) < _FEWEST_SCORES:
         return 1.0
     each = (growth * rows.variances_m2 + rows.own_m2) / rows.channels + variance

@@ -22,7 +22,7 @@ TipFrames: TypeAlias = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Device:
+class DevicePlacement:
     """Where one mounting of a device is: a frame for points and poses, an anchor for lengths."""
 
     device_base: Array  # (4, 4); identity for a length gauge
@@ -41,14 +41,14 @@ class MeasuredRows:
     def __len__(self) -> int:
         return len(self.joints_rad)
 
-    def take(self, rows: Rows) -> Self:
+    def select_rows(self, rows: Rows) -> Self:
         """Return these rows only."""
         taken = copy(self)
         for field, values in self.__dict__.items():
             object.__setattr__(taken, field, values[rows])
         return taken
 
-    def scales(self, rows: Rows | slice) -> Array:
+    def inverse_sigmas(self, rows: Rows | slice) -> Array:
         """Return 1 / sigma of every channel (channels or 1, N)."""
         scales: Array = 1.0 / self.sigma_m[None, rows]
         return scales
@@ -73,16 +73,18 @@ class PointObservations(MeasuredRows):
     def __post_init__(self) -> None:
         check_rows(self.joints_rad, self.positions_m, (3,))
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (channels, N), in units of each row's sigma."""
         residual: Array = (self.positions_m[rows].T - tip[0]) / self.sigma_m[rows]
         return residual
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         """Return how the channels follow motions of the tip: (P, 3, N) to (P, channels, N)."""
         return linear
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the channels follow the device's own parameters (D, channels, N)."""
         return np.empty((0, self.channels, tip[0].shape[-1]))
 
@@ -103,18 +105,20 @@ class PoseObservations(PointObservations):
     channels = 6
     needs_rotation = True
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
-        linear = super().residuals(tip, device, rows)
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
+        linear = super().compute_residuals(tip, device, rows)
         predicted = np.moveaxis(tip[1], -1, 0)
         turn = log_rotation(self.rotations[rows] @ np.swapaxes(predicted, -1, -2))
         return np.concatenate([linear, turn.T / self.sigma_rad[rows]])
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         if angular is None:
             raise CalibrationError("poses need the turning of the tip, too")
         return np.concatenate([linear, angular], axis=1)
 
-    def scales(self, rows: Rows | slice) -> Array:
+    def inverse_sigmas(self, rows: Rows | slice) -> Array:
         position, turn = 1.0 / self.sigma_m[rows], 1.0 / self.sigma_rad[rows]
         return np.stack([position] * 3 + [turn] * 3)
 
@@ -138,22 +142,24 @@ class LengthObservations(MeasuredRows):
     def __post_init__(self) -> None:
         check_rows(self.joints_rad, self.lengths_m, ())
 
-    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+    def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
         length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
         predicted = device.zero_m + device.scale * length
         residual: Array = ((self.lengths_m[rows] - predicted) / self.sigma_m[rows])[None]
         return residual
 
-    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+    def project_motions(
+        self, linear: Array, angular: Array | None, tip: TipFrames, device: DevicePlacement
+    ) -> Array:
         """Return how the length follows motions of the tip: (P, 3, N) to (P, 1, N)."""
-        direction = -device.scale * _directions(tip, device)
+        direction = -device.scale * _wire_directions(tip, device)
         along: Array = np.einsum("pcn,cn->pn", linear, direction)[:, None]
         return along
 
-    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+    def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the length follows anchor, zero and scale (5, 1, N)."""
-        direction = _directions(tip, device)
+        direction = _wire_directions(tip, device)
         length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
         return np.concatenate([device.scale * direction, np.ones_like(length)[None], length[None]])[:, None]
 
@@ -194,7 +200,7 @@ def with_sigma(observations: Observations, factor: float, turn_factor: float = 1
     return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
-def _directions(tip: TipFrames, device: Device) -> Array:
+def _wire_directions(tip: TipFrames, device: DevicePlacement) -> Array:
     away = device.anchor_in_base_m[:, None] - tip[0]
     unit: Array = away / np.linalg.norm(away, axis=0)
     return unit

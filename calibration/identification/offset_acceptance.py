@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import NotIdentified, not_identified
 from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.tip_uncertainty import offset_slopes
@@ -42,7 +42,7 @@ class OffsetAcceptance:
 class OffsetEvidence:
     """What is known of an arm's offsets: a fit, from how many rows, and what hides what it cannot tell."""
 
-    fit: Fit
+    fit: ArmFit
     rows: int
     degrees_of_freedom: float
     hidden: tuple[NotIdentified, ...]
@@ -51,11 +51,11 @@ class OffsetEvidence:
 def accept_offsets(robust: RobustFit, limit_rad: float, names: Sequence[str] = ()) -> OffsetAcceptance:
     """Judge the offsets of a fit by one device: see `judge_offsets`; its sigmas are those that residuals show."""
     rows = len(robust.problem.observations) - len(robust.rejected)
-    known = OffsetEvidence(robust.fit, rows, robust.degrees_of_freedom, not_identified(robust.fit))
-    return judge_offsets(known, limit_rad, names)
+    evidence = OffsetEvidence(robust.fit, rows, robust.degrees_of_freedom, not_identified(robust.fit))
+    return judge_offsets(evidence, limit_rad, names)
 
 
-def judge_offsets(known: OffsetEvidence, limit_rad: float, names: Sequence[str] = ()) -> OffsetAcceptance:
+def judge_offsets(evidence: OffsetEvidence, limit_rad: float, names: Sequence[str] = ()) -> OffsetAcceptance:
     r"""Judge the standard deviations of joint offsets against a limit.
 
     Parameters
@@ -87,30 +87,30 @@ def judge_offsets(known: OffsetEvidence, limit_rad: float, names: Sequence[str] 
     """
     if not (np.isfinite(limit_rad) and limit_rad > 0):
         raise CalibrationError("the accepted deviation is a positive angle.", code="usage")
-    fit = known.fit
+    fit = evidence.fit
     slopes = offset_slopes(fit)
     free = list(slopes)
-    wanted = list(names) or free
-    missing = [name for name in wanted if name not in free]
-    if missing or not wanted:
+    judged_names = list(names) or free
+    missing = [name for name in judged_names if name not in free]
+    if missing or not judged_names:
         raise CalibrationError(
             f"{missing[0] if missing else 'no joint offset'} was not fitted, so nothing can be accepted.",
             remedy=f"Fitted: {', '.join(free) or 'none'}. Ask for `--level 1` or higher, or free the offsets.",
         )
-    freedom = max(known.degrees_of_freedom, 1.0)
+    freedom = max(evidence.degrees_of_freedom, 1.0)
     low = float(np.sqrt(freedom / chdtri(freedom, 1.0 - _PROBABILITY)))
     high = float(np.sqrt(freedom / chdtri(freedom, _PROBABILITY)))
-    moved = np.array([slopes[name] for name in wanted])
+    moved = np.array([slopes[name] for name in judged_names])
     sigma = np.sqrt(np.einsum("kp,pq,kq->k", moved, fit.covariance, moved))
-    least, needed = _more_poses(fit, moved, limit_rad / high, known.rows)
+    least, needed = _more_poses_needed(fit, moved, limit_rad / high, evidence.rows)
     judged = []
-    for i, name in enumerate(wanted):
+    for i, name in enumerate(judged_names):
         verdict = Verdict.UNDECIDED
         if sigma[i] * high <= limit_rad:
             verdict = Verdict.PASS
         elif sigma[i] * min(low, 1.0) > limit_rad:
             verdict = Verdict.FAIL
-        more = "" if verdict is Verdict.PASS else _what_helps(known, name, float(least[i]), needed[i])
+        more = "" if verdict is Verdict.PASS else _suggest_remedy(evidence, name, float(least[i]), needed[i])
         judged.append(AcceptedOffset(name, float(sigma[i]), verdict, more))
     verdicts = [item.verdict for item in judged]
     worst = next(v for v in (Verdict.FAIL, Verdict.UNDECIDED, Verdict.PASS) if v in verdicts)
@@ -121,18 +121,20 @@ def judge_offsets(known: OffsetEvidence, limit_rad: float, names: Sequence[str] 
     return OffsetAcceptance(worst, limit_rad, tuple(judged), rule)
 
 
-def _more_poses(fit: Fit, moved: Array, sigma_rad: float, rows: int) -> tuple[Array, list[int | None]]:
+def _more_poses_needed(
+    fit: ArmFit, moved: Array, sigma_rad: float, rows: int
+) -> tuple[Array, list[int | None]]:
     """Return each offset's deviation after endless poses like these, and how many more make it small enough."""
-    prior = fit.layout.prior
+    prior = fit.layout.prior_sigmas
     values, vectors = np.linalg.eigh(fit.covariance / np.outer(prior, prior))
     informed = 1.0 / np.clip(values, 1e-15, 1.0) - 1.0  # in prior deviations, of the data alone
     parts = ((moved * prior) @ vectors) ** 2
 
-    def deviations(times: float) -> Array:
+    def deviations_after(times: float) -> Array:
         found: Array = np.sqrt(parts @ (1.0 / (1.0 + times * informed)))
         return found
 
-    least = deviations(_ENDLESS)
+    least = deviations_after(_ENDLESS)
     needed: list[int | None] = []
     for i in range(len(moved)):
         if least[i] > sigma_rad:
@@ -141,15 +143,15 @@ def _more_poses(fit: Fit, moved: Array, sigma_rad: float, rows: int) -> tuple[Ar
         few, many = 1.0, _ENDLESS
         while many - few > 1e-4 * few:
             middle = np.sqrt(few * many)
-            few, many = (few, middle) if deviations(middle)[i] <= sigma_rad else (middle, many)
+            few, many = (few, middle) if deviations_after(middle)[i] <= sigma_rad else (middle, many)
         needed.append(max(int(np.ceil((many - 1.0) * rows)), 1))
     return least, needed
 
 
-def _what_helps(known: OffsetEvidence, name: str, least_rad: float, more: int | None) -> str:
+def _suggest_remedy(evidence: OffsetEvidence, name: str, least_rad: float, more: int | None) -> str:
     if more is not None:
         return f"about {more} more poses like these"
-    hidden = next((item for item in known.hidden if item.parameter == name), None)
+    hidden = next((item for item in evidence.hidden if item.parameter == name), None)
     if hidden is not None and hidden.partner:
         return f"not reachable with this set-up: hidden behind {hidden.partner}; {hidden.cure}"
     if hidden is not None:

@@ -13,8 +13,8 @@ import numpy as np
 from cellcal.calibration.arm.joint_terms import JointTerm
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, adjoint, exp_twist, inverse_transform
-from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.geometry import Array, adjoint_matrix, exp_twist, inverse_transform
+from cellcal.calibration.identification.observations import DevicePlacement, Rows
 
 FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR = range(6)
 LEVEL_NAMES = (
@@ -69,15 +69,15 @@ class ArmState:
     terms: tuple[JointTerm, ...]
     coefficients: Array  # (K,)
     flange_tool: Array  # (4, 4)
-    devices: tuple[Device, ...]
+    devices: tuple[DevicePlacement, ...]
     further: tuple[Array, ...] = ()  # (4, 4) targets of mountings 1 and on, before one device that stays
 
     @property
-    def mountings(self) -> int:
+    def mounting_count(self) -> int:
         """How many mountings rows may have: of a device that moves, or of targets before one that stays."""
         return len(self.devices) + len(self.further)
 
-    def device_of(self, mounting: int) -> Device:
+    def device_of(self, mounting: int) -> DevicePlacement:
         """Return the device that a mounting's rows are from."""
         return self.devices[0 if self.further else mounting]
 
@@ -86,7 +86,7 @@ class ArmState:
         return self.further[mounting - 1] if self.further and mounting else self.flange_tool
 
     @cached_property
-    def arm(self) -> RobotModel:
+    def arm_model(self) -> RobotModel:
         """The arm with its geometry errors; tool, devices and joint terms are not in it."""
         if not self.geometry.any():
             return self.nominal
@@ -96,16 +96,16 @@ class ArmState:
 
     def seen_from(self, mounting: int) -> RobotModel:
         """Return the arm whose base is the device's frame and whose flange is the target."""
-        placements = self.arm.placements.copy()
+        placements = self.arm_model.placements.copy()
         placements[0] = self.device_of(mounting).device_base @ placements[0]
         placements[-1] = placements[-1] @ self.target_of(mounting)
-        return replace(self.arm, dh=None, placements=placements)
+        return replace(self.arm_model, dh=None, placements=placements)
 
     def moved_joints(self, joints_rad: Array, values: Array) -> Array:
         """Return the controller joints that carry sag and ripple; ``values`` (K, N) from `term_values`."""
         if not len(self.terms):
             return joints_rad
-        extra = np.zeros((self.nominal.axes, len(joints_rad)))
+        extra = np.zeros((self.nominal.axis_count, len(joints_rad)))
         for term, coefficient, value in zip(self.terms, self.coefficients, values, strict=True):
             extra[term.joint] += coefficient * value
         moved: Array = joints_rad + np.linalg.solve(self.nominal.joint_coupling, extra).T
@@ -113,16 +113,16 @@ class ArmState:
 
 
 def nominal_state(
-    model: RobotModel, devices: tuple[Device, ...], flange_tool: Array | None = None
+    model: RobotModel, devices: tuple[DevicePlacement, ...], flange_tool: Array | None = None
 ) -> ArmState:
     """Return the nominal arm with these devices and tool."""
-    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    geometry = np.zeros((model.axis_count, 5) if model.dh is not None else (model.axis_count + 1, 6))
     tool = np.eye(4) if flange_tool is None else flange_tool
     return ArmState(model, geometry, (), np.zeros(0), tool, devices)
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class ParameterLayout:
     """Which unknowns are free, in which order, and how a step of them changes the arm."""
 
     parameters: tuple[Parameter, ...]
@@ -136,7 +136,7 @@ class Layout:
         return len(self.parameters)
 
     @cached_property
-    def prior(self) -> Array:
+    def prior_sigmas(self) -> Array:
         """Prior standard deviations (p,)."""
         return np.array([parameter.prior for parameter in self.parameters])
 
@@ -149,17 +149,17 @@ class Layout:
         return 3 if self.kind == "length" else 6
 
     @property
-    def shared(self) -> int:
+    def shared_count(self) -> int:
         """How many parameters stand before the tool: places of the device, and zero and scale of a wire."""
         return self._place_size * self.mountings + (2 if self._has_wire else 0)
 
     @property
     def _behind_tools(self) -> int:
-        return self.shared + self._tool_size * (1 + self.further)
+        return self.shared_count + self._tool_size * (1 + self.further)
 
-    def target(self, mounting: int) -> slice:
+    def target_slice(self, mounting: int) -> slice:
         """Return which parameters are the place of a mounting's target."""
-        first = self.shared + (self._tool_size * mounting if self.further else 0)
+        first = self.shared_count + (self._tool_size * mounting if self.further else 0)
         return slice(first, first + self._tool_size)
 
     @cached_property
@@ -167,26 +167,26 @@ class Layout:
         return any(parameter.role == "wire" for parameter in self.parameters)
 
     @cached_property
-    def _entries(self) -> tuple[Rows, Rows]:
+    def _geometry_entries(self) -> tuple[Rows, Rows]:
         rows, columns = zip(*self.geometry, strict=True)
         return np.array(rows), np.array(columns)
 
-    def deviations(self, state: ArmState) -> Array:
+    def prior_deviations(self, state: ArmState) -> Array:
         """Return how far each parameter is from its prior mean (p,); places and tools have none, so zero."""
         deviation = np.zeros(len(self))
         if self._has_wire:
             device = state.devices[0]
-            deviation[self.shared - 2 : self.shared] = device.zero_m, device.scale - 1.0
+            deviation[self.shared_count - 2 : self.shared_count] = device.zero_m, device.scale - 1.0
         first = self._behind_tools
         if self.geometry:
-            deviation[first : first + len(self.geometry)] = state.geometry[self._entries]
+            deviation[first : first + len(self.geometry)] = state.geometry[self._geometry_entries]
         if self.terms:
             deviation[-self.terms :] = state.coefficients
         return deviation
 
-    def tangent(self, state: ArmState, mounting: int) -> Array:
+    def tangent_rows(self, state: ArmState, mounting: int) -> Array:
         """Return (p, 6 (n + 1) + K + D): each parameter as twists of placements, terms, device columns."""
-        n = state.nominal.axes
+        n = state.nominal.axis_count
         own = 5 if self.kind == "length" else 0
         matrix = np.zeros((len(self), 6 * (n + 1) + len(state.terms) + own))
         device = 0 if self.further else mounting
@@ -194,30 +194,30 @@ class Layout:
         if self.kind == "length":
             matrix[place, -5:-2] = np.eye(3)
             if self._has_wire:
-                matrix[self.shared - 2 : self.shared, -2:] = np.eye(2)
+                matrix[self.shared_count - 2 : self.shared_count, -2:] = np.eye(2)
         else:
-            matrix[place, :6] = adjoint(inverse_transform(state.arm.placements[0])).T
-        matrix[self.target(mounting), 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
+            matrix[place, :6] = adjoint_matrix(inverse_transform(state.arm_model.placements[0])).T
+        matrix[self.target_slice(mounting), 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
         first = self._behind_tools
         if self.geometry:
-            rows, columns = self._entries
+            rows, columns = self._geometry_entries
             matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(
-                state.arm, state.target_of(mounting)
+                state.arm_model, state.target_of(mounting)
             )[rows, columns]
         if self.terms:
             rows = np.arange(len(self) - self.terms, len(self))
             matrix[rows, 6 * (n + 1) + np.arange(self.terms)] = 1.0
         return matrix
 
-    def step(self, state: ArmState, change: Array) -> ArmState:
+    def apply_step(self, state: ArmState, change: Array) -> ArmState:
         """Return the state after a step of the parameters (p,)."""
         frames = 0 if self.kind == "length" else self.mountings
-        moves = self._moves(change, frames)
+        moves = self._small_motions(change, frames)
         first = self._behind_tools
         geometry = state.geometry
         if self.geometry:
             geometry = geometry.copy()
-            geometry[self._entries] += change[first : first + len(self.geometry)]
+            geometry[self._geometry_entries] += change[first : first + len(self.geometry)]
         coefficients = state.coefficients + change[-self.terms :] if self.terms else state.coefficients
         return ArmState(
             state.nominal,
@@ -225,23 +225,25 @@ class Layout:
             state.terms,
             coefficients,
             state.flange_tool @ moves[frames],
-            tuple(self._moved(device, i, change, moves) for i, device in enumerate(state.devices)),
+            tuple(self._move_device(device, i, change, moves) for i, device in enumerate(state.devices)),
             tuple(target @ moves[frames + 1 + i] for i, target in enumerate(state.further)),
         )
 
-    def _moves(self, change: Array, frames: int) -> Array:
+    def _small_motions(self, change: Array, frames: int) -> Array:
         """Return the small motions (4, 4) of so many device frames, then of every target, all at once."""
         twists = np.zeros((frames + 1 + self.further, 6))
         twists[:frames] = change[: 6 * frames].reshape(frames, 6)
-        targets = change[self.shared : self._behind_tools].reshape(-1, self._tool_size)
+        targets = change[self.shared_count : self._behind_tools].reshape(-1, self._tool_size)
         twists[frames:, : self._tool_size] = targets
         return exp_twist(twists)
 
-    def _moved(self, device: Device, mounting: int, change: Array, moves: Array) -> Device:
+    def _move_device(
+        self, device: DevicePlacement, mounting: int, change: Array, moves: Array
+    ) -> DevicePlacement:
         if self.kind != "length":
-            return Device(device.device_base @ moves[mounting], device.anchor_in_base_m)
-        zero, scale = change[self.shared - 2 : self.shared] if self._has_wire else (0.0, 0.0)
-        return Device(
+            return DevicePlacement(device.device_base @ moves[mounting], device.anchor_in_base_m)
+        zero, scale = change[self.shared_count - 2 : self.shared_count] if self._has_wire else (0.0, 0.0)
+        return DevicePlacement(
             device.device_base,
             device.anchor_in_base_m + change[3 * mounting : 3 * mounting + 3],
             device.zero_m + float(zero),
@@ -257,7 +259,7 @@ def make_layout(
     level: int,
     terms: tuple[JointTerm, ...] = (),
     priors: Priors | None = None,
-) -> Layout:
+) -> ParameterLayout:
     """Return the unknowns of a level, in the order: devices, tool, geometry, joint terms."""
     priors = priors or Priors()
     entries, geometry = geometry_parameters(model, level, priors)
@@ -268,10 +270,10 @@ def make_layout(
         *geometry,
         *extra,
     ]
-    return Layout(tuple(parameters), kind, mountings, tuple(entries), len(extra))
+    return ParameterLayout(tuple(parameters), kind, mountings, tuple(entries), len(extra))
 
 
-def with_further(layout: Layout, further: int, priors: Priors) -> Layout:
+def with_further(layout: ParameterLayout, further: int, priors: Priors) -> ParameterLayout:
     """Return a layout of one target with the unknown places of so many more behind it.
 
     Raises
@@ -283,7 +285,7 @@ def with_further(layout: Layout, further: int, priors: Priors) -> Layout:
         return layout
     if layout.mountings > 1:
         raise CalibrationError("several targets are fitted together before one device that stays")
-    behind = layout.target(0).stop
+    behind = layout.target_slice(0).stop
     more = [
         each for k in range(1, further + 1) for each in _tool_parameters(f"point {k}", layout.kind, priors)
     ]
@@ -308,7 +310,7 @@ def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parame
 
 def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
     """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
-    n = arm.axes
+    n = arm.axis_count
     if arm.dh is None:
         maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
     else:
@@ -317,7 +319,7 @@ def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
         maps[rows, 0, rows, 5] = 1.0  # theta turns about z of the placement before
         maps[rows, 1:, rows + 1] = _row_twists(arm.dh.alpha_rad, arm.dh.beta_rad)
     # Behind the last placement stands the tool.
-    maps[:, :, n] = maps[:, :, n] @ adjoint(inverse_transform(flange_tool)).T
+    maps[:, :, n] = maps[:, :, n] @ adjoint_matrix(inverse_transform(flange_tool)).T
     return maps.reshape(*maps.shape[:2], -1)
 
 
@@ -341,7 +343,9 @@ def _device_parameters(kind: str, mountings: int, level: int, priors: Priors) ->
     names = _AXES[:3] if kind == "length" else _AXES
     many = [f" {i + 1}" for i in range(mountings)] if mountings > 1 else [""]
     found = [
-        Parameter(f"{what}{number} {axis}", *_place(axis, priors), what) for number in many for axis in names
+        Parameter(f"{what}{number} {axis}", *_place_prior(axis, priors), what)
+        for number in many
+        for axis in names
     ]
     if kind == "length" and level > FRAMES:
         found.append(Parameter("wire zero", "m", priors.wire_zero_m, "wire"))
@@ -351,10 +355,10 @@ def _device_parameters(kind: str, mountings: int, level: int, priors: Priors) ->
 
 def _tool_parameters(what: str, kind: str, priors: Priors) -> list[Parameter]:
     names = _AXES if kind == "pose" else _AXES[:3]
-    return [Parameter(f"{what} {axis}", *_place(axis, priors), "tool") for axis in names]
+    return [Parameter(f"{what} {axis}", *_place_prior(axis, priors), "tool") for axis in names]
 
 
-def _place(axis: str, priors: Priors) -> tuple[str, float]:
+def _place_prior(axis: str, priors: Priors) -> tuple[str, float]:
     return ("rad", priors.turn_rad) if axis.startswith("r") else ("m", priors.place_m)
 
 
@@ -364,7 +368,7 @@ def geometry_parameters(
     """Return the entries of `ArmState.geometry` that a level frees, and the unknowns they are."""
     if level == FRAMES:
         return [], []
-    n = model.axes
+    n = model.axis_count
     sizes = {"m": priors.length_m, "rad": priors.angle_rad}
     if model.dh is not None:
         entries = [(i, column) for i in range(n) for column in range(5 if level >= GEOMETRY else 1)]

@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 
-_KEPT = 0.75  # of the rows: the others may be outliers
+_KEPT_SHARE = 0.75  # of the rows: the others may be outliers
 _UNTURNED = 1e-10
 _ROUNDS = 12  # of the alternation between base and tool
 _LENGTH_UNKNOWNS = 17
@@ -33,7 +33,7 @@ def point_scores(
         Which rows take part.
     """
     sizes = point_residuals(base_flange, positions_m, mirrored, weights)
-    scores: Array = kept_rms(sizes) / np.sqrt(max(1.0 - 3.0 / sizes.shape[1], 0.1))
+    scores: Array = trimmed_rms(sizes) / np.sqrt(max(1.0 - 3.0 / sizes.shape[1], 0.1))
     return scores
 
 
@@ -42,7 +42,7 @@ def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array
     weights = None
     for _ in range(rounds):
         sizes = point_residuals(base_flange, positions_m, mirrored, weights)
-        weights = (sizes <= np.quantile(sizes, _KEPT, axis=1, keepdims=True)).astype(float)
+        weights = (sizes <= np.quantile(sizes, _KEPT_SHARE, axis=1, keepdims=True)).astype(float)
     return point_scores(base_flange, positions_m, mirrored, weights)
 
 
@@ -51,7 +51,7 @@ def point_residuals(
 ) -> Array:
     """Return the residual of every row of every reading (H, N) [m]."""
     parts = [
-        _residuals(
+        _fit_residuals(
             base_flange[at : at + _BLOCK],
             positions_m[at : at + _BLOCK],
             mirrored[at : at + _BLOCK],
@@ -62,7 +62,7 @@ def point_residuals(
     return np.concatenate(parts)
 
 
-def _residuals(base_flange: Array, positions_m: Array, mirrored: Array, weights: Array | None) -> Array:
+def _fit_residuals(base_flange: Array, positions_m: Array, mirrored: Array, weights: Array | None) -> Array:
     readings, rows = base_flange.shape[:2]
     turns, origins = base_flange[..., :3, :3], base_flange[..., :3, 3]
     if weights is None:
@@ -84,17 +84,17 @@ def _residuals(base_flange: Array, positions_m: Array, mirrored: Array, weights:
     tip, rotation = np.zeros((readings, 3)), np.zeros((readings, 3, 3))
     for _ in range(_ROUNDS):
         spread = (with_turns @ tip[..., None]).reshape(readings, 3, 3) + with_origins
-        rotation = _nearest(spread, mirrored)
-        told = (rotation.reshape(readings, 1, 9) @ with_turns)[:, 0] - turned_origins
-        tip = (inverse @ told[..., None])[..., 0]
+        rotation = _nearest_rotations(spread, mirrored)
+        rotated_origins = (rotation.reshape(readings, 1, 9) @ with_turns)[:, 0] - turned_origins
+        tip = (inverse @ rotated_origins[..., None])[..., 0]
     arm = (turns @ tip[:, None, :, None])[..., 0] + origins
     centre = (turn @ tip[..., None])[..., 0] + origin
-    seen = (arm - centre[:, None]) @ np.swapaxes(rotation, 1, 2) + goal[:, None]
-    sizes: Array = np.linalg.norm(seen - positions_m, axis=2)
+    predicted = (arm - centre[:, None]) @ np.swapaxes(rotation, 1, 2) + goal[:, None]
+    sizes: Array = np.linalg.norm(predicted - positions_m, axis=2)
     return sizes
 
 
-def _nearest(spread: Array, mirrored: Array) -> Array:
+def _nearest_rotations(spread: Array, mirrored: Array) -> Array:
     """Return the rotation, or the rotation with a mirror, nearest to each matrix (H, 3, 3)."""
     left, _, right = np.linalg.svd(spread)
     sign = np.linalg.det(left) * np.linalg.det(right)
@@ -110,7 +110,7 @@ def length_scores(base_flange: Array, lengths_m: Array, *, free_zero: bool = Fal
     free: one linear solution each, whatever the tool is. Needs more than 17 rows.
     """
     parts = [
-        kept_rms(
+        trimmed_rms(
             _length_residuals(base_flange[at : at + _BLOCK], lengths_m[at : at + _BLOCK], free_zero=free_zero)
         )
         for at in range(0, len(base_flange), _BLOCK)
@@ -139,19 +139,19 @@ def _length_residuals(base_flange: Array, lengths_m: Array, *, free_zero: bool) 
     return sizes
 
 
-def enough_lengths(rows: int) -> bool:
+def has_enough_lengths(rows: int) -> bool:
     """Tell whether so many lengths carry the linear solution, with some to judge by."""
     return rows >= _LENGTH_UNKNOWNS + 6
 
 
-def kept_rms(sizes: Array) -> Array:
+def trimmed_rms(sizes: Array) -> Array:
     """Return the RMS over the smallest three quarters of the rows (..., N)."""
-    count = max(int(np.ceil(_KEPT * sizes.shape[-1])), 1)
+    count = max(int(np.ceil(_KEPT_SHARE * sizes.shape[-1])), 1)
     best = np.partition(sizes, count - 1, axis=-1)[..., :count]
     rms: Array = np.sqrt((best**2).mean(axis=-1))
     return rms
 
 
-def some_rows(count: int, most: int) -> Rows:
+def spread_rows(count: int, most: int) -> Rows:
     """Return rows spread evenly over a series."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))

@@ -49,18 +49,18 @@ def predict_readings(found: Identification, joints_rad: Array) -> ReadingPredict
     tips = predict_tips(found.robust.fit, joints_rad)
     positions, own = tips.positions_m, np.zeros(len(joints_rad))
     if found.residual is not None and found.residual.chosen:
-        left, sigma = found.residual.model.predict(joints_rad)
-        positions, own = positions + left @ found.state.devices[-1].device_base[:3, :3].T, sigma**2
+        residual_m, sigma = found.residual.model.predict_residual(joints_rad)
+        positions, own = positions + residual_m @ found.state.devices[-1].device_base[:3, :3].T, sigma**2
     beyond = np.zeros(len(joints_rad), dtype=bool)
     fitted_rad = found.robust.problem.observations.joints_rad
     for note in beyond_fitted_range(fitted_rad, joints_rad):
         beyond[list(note.rows)] = True
-    far = error.far(tips.covariance_m2) | beyond
-    own += error.variance_m2 * ((1.0 + _excess(fitted_rad, joints_rad)) ** 2 - 1.0)
-    own[far] += _parted_m2(found, joints_rad[far], tips.positions_m[far])
+    far = error.is_extrapolated(tips.covariance_m2) | beyond
+    own += error.variance_m2 * ((1.0 + _range_excess(fitted_rad, joints_rad)) ** 2 - 1.0)
+    own[far] += _level_disagreement_m2(found, joints_rad[far], tips.positions_m[far])
     return ReadingPrediction(
         positions,
-        error.total(tips.covariance_m2, own),
+        error.total_covariance(tips.covariance_m2, own),
         error.expanded_m(tips.covariance_m2, own, beyond),
         tips.covariance_m2,
         expanded_in_space(tips.covariance_m2, error.degrees_of_freedom),
@@ -70,7 +70,7 @@ def predict_readings(found: Identification, joints_rad: Array) -> ReadingPredict
     )
 
 
-def _excess(fitted_rad: Array, joints_rad: Array) -> Array:
+def _range_excess(fitted_rad: Array, joints_rad: Array) -> Array:
     """Return how far each posture (N,) is beyond the fitted range of a joint, in widths of that range; at most 1."""
     low, high = fitted_rad.min(axis=0), fitted_rad.max(axis=0)
     beyond = np.maximum(np.maximum(low - joints_rad, joints_rad - high), 0.0)
@@ -79,16 +79,18 @@ def _excess(fitted_rad: Array, joints_rad: Array) -> Array:
     return excess
 
 
-def _parted_m2(found: Identification, joints_rad: Array, positions_m: Array) -> Array:
+def _level_disagreement_m2(found: Identification, joints_rad: Array, positions_m: Array) -> Array:
     """Return the variance a coordinate (N,) that the levels' disagreement is worth."""
     worst = np.zeros(len(joints_rad))
     if found.level == FRAMES or not len(joints_rad):
         return worst
-    seen, options = found.robust.problem.observations, found.options
+    observations, options = found.robust.problem.observations, found.options
     for level in _RIVALS:
         if level == found.level:
             continue
-        fit = fit_level(found.state.nominal, seen, found.frames, level, options.priors, options.start).fit
+        fit = fit_level(
+            found.state.nominal, observations, found.frames, level, options.priors, options.start
+        ).fit
         apart = ((predict_tips(fit, joints_rad).positions_m - positions_m) ** 2).sum(axis=1)
         worst = np.maximum(worst, apart / 3.0)
     return worst

@@ -39,15 +39,15 @@ class ResidualModel:
     factor: Array  # (M, M) lower Cholesky factor
     weights: Array  # (M, 3)
 
-    def predict(self, joints_rad: Array) -> tuple[Array, Array]:
+    def predict_residual(self, joints_rad: Array) -> tuple[Array, Array]:
         """Return the expected residual (N, 3) [m] and its standard deviation a coordinate (N,) [m]."""
         mean, sigma = np.empty((len(joints_rad), 3)), np.empty(len(joints_rad))
         for first in range(0, len(joints_rad), _BLOCK):
             rows = slice(first, first + _BLOCK)
-            near = _kernel(joints_rad[rows], self.joints_rad, self.ranges_rad)
+            near = _kernel_matrix(joints_rad[rows], self.joints_rad, self.ranges_rad)
             mean[rows] = near @ self.weights
-            seen = solve_triangular(self.factor, near.T, lower=True)
-            sigma[rows] = np.sqrt(self.variance_m2 * np.maximum(1.0 - (seen**2).sum(axis=0), 0.0))
+            whitened = solve_triangular(self.factor, near.T, lower=True)
+            sigma[rows] = np.sqrt(self.variance_m2 * np.maximum(1.0 - (whitened**2).sum(axis=0), 0.0))
         return mean, sigma
 
 
@@ -65,28 +65,30 @@ def residual_in_base(state: ArmState, observations: Observations) -> Array:
             remedy="Leave out `--residual-model`, or measure points or poses.",
             code="usage",
         )
-    left = np.empty((len(observations), 3))
+    residuals_m = np.empty((len(observations), 3))
     values = term_values(state.nominal, observations.joints_rad, state.terms)
     for mounting, device in enumerate(state.devices):
         rows = np.flatnonzero(observations.mounting == mounting)
         joints = state.moved_joints(observations.joints_rad[rows], values[:, rows])
         predicted = state.seen_from(mounting).base_flange(joints)[:, :3, 3]
-        left[rows] = (observations.positions_m[rows] - predicted) @ device.device_base[:3, :3]
-    return left
+        residuals_m[rows] = (observations.positions_m[rows] - predicted) @ device.device_base[:3, :3]
+    return residuals_m
 
 
 def residual_of(robust: RobustFit, observations: Observations, seed: int) -> ResidualModel:
     """Fit a residual model to the rows that a fit kept."""
-    kept = np.ones(len(observations), dtype=bool)
-    kept[robust.rejected] = False
-    left = residual_in_base(robust.fit.state, observations)
-    return fit_residual(observations.joints_rad[kept], left[kept], seed=seed)
+    is_kept = np.ones(len(observations), dtype=bool)
+    is_kept[robust.rejected] = False
+    residuals_m = residual_in_base(robust.fit.state, observations)
+    return fit_residual(observations.joints_rad[is_kept], residuals_m[is_kept], seed=seed)
 
 
 def errors_with(residual: ResidualModel, state: ArmState, observations: Observations) -> Array:
     """Return the sizes of errors (N,) [m] that are left if the residual model corrects the arm."""
-    left = residual_in_base(state, observations) - residual.predict(observations.joints_rad)[0]
-    sizes: Array = np.linalg.norm(left, axis=1)
+    remaining_m = (
+        residual_in_base(state, observations) - residual.predict_residual(observations.joints_rad)[0]
+    )
+    sizes: Array = np.linalg.norm(remaining_m, axis=1)
     return sizes
 
 
@@ -122,23 +124,23 @@ def fit_residual(joints_rad: Array, residual_m: Array, *, seed: int = 0) -> Resi
         )
     order = np.random.default_rng(seed).permutation(len(joints_rad))
     some, few = order[:_MOST_ROWS], order[:_ROWS_TO_TUNE]
-    ranges, noise = _tuned(joints_rad[few], residual_m[few])
-    joints, left = joints_rad[some], residual_m[some]
-    kernel = _kernel(joints, joints, ranges) + (noise + _JITTER) * np.eye(len(joints))
+    ranges, noise = _tune_kernel(joints_rad[few], residual_m[few])
+    joints, residuals = joints_rad[some], residual_m[some]
+    kernel = _kernel_matrix(joints, joints, ranges) + (noise + _JITTER) * np.eye(len(joints))
     factor = np.asarray(np.linalg.cholesky(kernel), dtype=np.float64)
-    weights = cho_solve((factor, True), left)
-    variance = float((left * weights).sum() / left.size)
+    weights = cho_solve((factor, True), residuals)
+    variance = float((residuals * weights).sum() / residuals.size)
     return ResidualModel(joints, ranges, variance, noise, factor, weights)
 
 
-def _tuned(joints_rad: Array, residual_m: Array) -> tuple[Array, float]:
+def _tune_kernel(joints_rad: Array, residual_m: Array) -> tuple[Array, float]:
     n = joints_rad.shape[1]
     bounds = [*([tuple(np.log(_RANGES_RAD))] * n), tuple(np.log(_NOISE))]
     count = len(joints_rad)
     apart = ((joints_rad[:, None] - joints_rad[None]) ** 2).reshape(-1, n)
     scaled = residual_m / max(float(np.sqrt(np.mean(residual_m**2))), 1e-12)
 
-    def cost(logs: Array) -> tuple[float, Array]:
+    def likelihood_cost(logs: Array) -> tuple[float, Array]:
         """Return the negative log likelihood, with the process variance at its best, and its gradient."""
         ranges, noise = np.exp(logs[:n]), float(np.exp(logs[n]))
         kernel = np.exp(-0.5 * apart @ ranges**-2.0).reshape(count, count)
@@ -153,12 +155,15 @@ def _tuned(joints_rad: Array, residual_m: Array) -> tuple[Array, float]:
         return value, gradient
 
     starts = [np.log([*([far] * n), noise]) for far, noise in _FIRST]
-    ends = [minimize(cost, s, jac=True, bounds=bounds, method="L-BFGS-B", options=_EFFORT) for s in starts]
+    ends = [
+        minimize(likelihood_cost, s, jac=True, bounds=bounds, method="L-BFGS-B", options=_EFFORT)
+        for s in starts
+    ]
     found = min(ends, key=lambda end: float(end.fun))
     return np.exp(found.x[:n]), float(np.exp(found.x[n]))
 
 
-def _kernel(first_rad: Array, second_rad: Array, ranges_rad: Array) -> Array:
+def _kernel_matrix(first_rad: Array, second_rad: Array, ranges_rad: Array) -> Array:
     a, b = first_rad / ranges_rad, second_rad / ranges_rad
     square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2.0 * a @ b.T
     kernel: Array = np.exp(-0.5 * np.maximum(square, 0.0))

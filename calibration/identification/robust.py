@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.leverage import (
     channel_groups,
     effective_unknowns,
@@ -16,7 +16,7 @@ from cellcal.calibration.identification.leverage import (
     standardised_residuals,
 )
 from cellcal.calibration.identification.observations import PoseObservations, Rows, with_sigma
-from cellcal.calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
 _MAX_ROUNDS = 12
@@ -35,8 +35,8 @@ _BEYOND_COMPANY = 5.0
 class RobustFit:
     """A least-squares fit of the rows that were kept, with sigmas scaled to what the residuals show."""
 
-    fit: Fit
-    problem: Problem  # all rows, sigmas scaled
+    fit: ArmFit
+    problem: FitProblem  # all rows, sigmas scaled
     rejected: Rows
     deviations: Array  # (N,): size of each row's residual in deviations of the good rows
     threshold: float
@@ -44,7 +44,7 @@ class RobustFit:
     degrees_of_freedom: float
 
 
-def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit:
+def fit_robustly(layout: ParameterLayout, start: ArmState, problem: FitProblem) -> RobustFit:
     """Fit, find the rows that do not belong, and fit the rest by plain least squares.
 
     Parameters
@@ -68,50 +68,52 @@ def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit
     the same way. The deviation is taken from the median, so up to half of the rows may be bad.
     """
     if not len(layout):
-        return _unfitted(layout, start, problem)
-    fit = estimate(layout, start, problem, from_afar=True)
+        return _without_fit(layout, start, problem)
+    fit = estimate_arm(layout, start, problem, from_afar=True)
     weights = np.ones(len(problem.observations))
-    problem, left = _rescaled(fit, problem, weights)
+    problem, standardised = _rescale_problem(fit, problem, weights)
     for _ in range(_MAX_ROUNDS):
-        fresh = 1.0 / (1.0 + (left**2).sum(axis=0) / _CAUCHY**2)
+        fresh = 1.0 / (1.0 + (standardised**2).sum(axis=0) / _CAUCHY**2)
         settled = float(np.abs(fresh - weights).max()) < _WEIGHTS_SETTLED
         weights = fresh
         if settled:
             break
-        fit = estimate(layout, fit.state, problem, weights)
-        problem, left = _rescaled(fit, problem, weights)
-    return _reject_and_refit(fit, problem, left)
+        fit = estimate_arm(layout, fit.state, problem, weights)
+        problem, standardised = _rescale_problem(fit, problem, weights)
+    return _reject_and_refit(fit, problem, standardised)
 
 
-def _unfitted(layout: Layout, state: ArmState, problem: Problem) -> RobustFit:
+def _without_fit(layout: ParameterLayout, state: ArmState, problem: FitProblem) -> RobustFit:
     """Return a fit of nothing: everything is held where it was known."""
-    fit = Fit(state, layout, np.zeros((0, 0)), np.zeros(0), 0.0, 0)
-    problem, left = _rescaled(fit, problem, np.ones(len(problem.observations)))
-    seen = problem.observations
-    freedom = float(seen.channels * len(seen))
-    limit = rejection_limit(seen.channels, len(seen), freedom)
-    out = np.flatnonzero(standing_out(left, limit))
-    groups = len(channel_groups(seen.channels))
-    return RobustFit(fit, problem, out, np.linalg.norm(left, axis=0), limit, np.ones(groups), freedom)
+    fit = ArmFit(state, layout, np.zeros((0, 0)), np.zeros(0), 0.0, 0)
+    problem, standardised = _rescale_problem(fit, problem, np.ones(len(problem.observations)))
+    observations = problem.observations
+    freedom = float(observations.channels * len(observations))
+    limit = rejection_limit(observations.channels, len(observations), freedom)
+    out = np.flatnonzero(find_outliers(standardised, limit))
+    groups = len(channel_groups(observations.channels))
+    return RobustFit(fit, problem, out, np.linalg.norm(standardised, axis=0), limit, np.ones(groups), freedom)
 
 
-def _reject_and_refit(fit: Fit, problem: Problem, left: Array) -> RobustFit:
-    seen, layout = problem.observations, fit.layout
-    redundant = max(seen.channels * len(seen) - effective_unknowns(fit), 1.0)
-    limit = rejection_limit(seen.channels, len(seen), redundant)
-    kept = np.ones(len(seen), dtype=bool)
+def _reject_and_refit(fit: ArmFit, problem: FitProblem, standardised: Array) -> RobustFit:
+    observations, layout = problem.observations, fit.layout
+    redundant = max(observations.channels * len(observations) - effective_unknowns(fit), 1.0)
+    limit = rejection_limit(observations.channels, len(observations), redundant)
+    is_kept = np.ones(len(observations), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        fresh = ~standing_out(left, limit)
-        settled = bool((fresh == kept).all())
+        fresh = ~find_outliers(standardised, limit)
+        settled = bool((fresh == is_kept).all())
         if settled and not fresh.all():
             break
-        kept = fresh
-        fit = estimate(layout, fit.state, problem, kept.astype(float))
-        problem, left = _rescaled(fit, problem, kept.astype(float))
+        is_kept = fresh
+        fit = estimate_arm(layout, fit.state, problem, is_kept.astype(float))
+        problem, standardised = _rescale_problem(fit, problem, is_kept.astype(float))
         if settled:
             break
-    fit, problem, scale, freedom = _scaled_by_chi_square(fit, problem, kept)
-    return RobustFit(fit, problem, np.flatnonzero(~kept), np.linalg.norm(left, axis=0), limit, scale, freedom)
+    fit, problem, scale, freedom = _scaled_by_chi_square(fit, problem, is_kept)
+    return RobustFit(
+        fit, problem, np.flatnonzero(~is_kept), np.linalg.norm(standardised, axis=0), limit, scale, freedom
+    )
 
 
 def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
@@ -123,12 +125,12 @@ def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
     alarm = min(0.5, _FALSE_ALARMS / max(rows, 1))
     limit = np.sqrt(chdtri(channels, alarm))
     if np.isfinite(freedom):
-        known = max(_MEDIAN_EFFICIENCY[channels] * freedom, 1.0)
-        limit = np.sqrt(channels * fdtri(channels, known, 1.0 - alarm))
+        effective_rows = max(_MEDIAN_EFFICIENCY[channels] * freedom, 1.0)
+        limit = np.sqrt(channels * fdtri(channels, effective_rows, 1.0 - alarm))
     return max(_LEAST_REJECTION, float(limit))
 
 
-def standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
+def find_outliers(residuals: Array, limit: float) -> NDArray[np.bool_]:
     """Tell which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
 
     A row that is as far off as the rows around it is no blunder but a drift, which a fit should see.
@@ -146,50 +148,53 @@ def standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
     return out
 
 
-def _rescaled(fit: Fit, problem: Problem, weights: Array) -> tuple[Problem, Array]:
+def _rescale_problem(fit: ArmFit, problem: FitProblem, weights: Array) -> tuple[FitProblem, Array]:
     """Return the problem with sigmas as the median residual shows them, and the residuals in such deviations."""
-    left = standardised_residuals(fit, problem, weights)
-    groups = channel_groups(len(left))
+    standardised = standardised_residuals(fit, problem, weights)
+    groups = channel_groups(len(standardised))
     factors = np.array(
-        [np.sqrt(np.median((left[g] ** 2).sum(axis=0)) / chdtri(len(left[g]), 0.5)) for g in groups]
+        [
+            np.sqrt(np.median((standardised[g] ** 2).sum(axis=0)) / chdtri(len(standardised[g]), 0.5))
+            for g in groups
+        ]
     )
-    factors = _believable(problem, factors)
+    factors = _limit_factors(problem, factors)
     for group, factor in zip(groups, factors, strict=True):
-        left[group] /= factor
-    return _with_factors(problem, factors), left
+        standardised[group] /= factor
+    return _with_factors(problem, factors), standardised
 
 
-def _believable(problem: Problem, factors: Array) -> Array:
-    seen = problem.observations
-    smallest = [_SMALLEST_M / float(np.median(seen.sigma_m))]
-    if isinstance(seen, PoseObservations):
-        smallest.append(_SMALLEST_RAD / float(np.median(seen.sigma_rad)))
+def _limit_factors(problem: FitProblem, factors: Array) -> Array:
+    observations = problem.observations
+    smallest = [_SMALLEST_M / float(np.median(observations.sigma_m))]
+    if isinstance(observations, PoseObservations):
+        smallest.append(_SMALLEST_RAD / float(np.median(observations.sigma_rad)))
     return np.maximum(factors, smallest)
 
 
-def _with_factors(problem: Problem, factors: Array) -> Problem:
+def _with_factors(problem: FitProblem, factors: Array) -> FitProblem:
     return replace(problem, observations=with_sigma(problem.observations, *(float(f) for f in factors)))
 
 
 def _scaled_by_chi_square(
-    fit: Fit, problem: Problem, kept: NDArray[np.bool_]
-) -> tuple[Fit, Problem, Array, float]:
+    fit: ArmFit, problem: FitProblem, is_kept: NDArray[np.bool_]
+) -> tuple[ArmFit, FitProblem, Array, float]:
     """Return the fit with the scale that the kept rows show, and the freedom of the scale that is known least.
 
     Places and attitudes have scales of their own, on which it depends what each of them has to tell: a few rounds
     settle that.
     """
-    groups, weights = channel_groups(problem.observations.channels), kept.astype(float)
+    groups, weights = channel_groups(problem.observations.channels), is_kept.astype(float)
     total = np.ones(len(groups))
     for _ in range(_MAX_ROUNDS):
-        residuals = whitened_residuals(fit.state, problem)[:, kept]
-        shares = redundant_shares(fit, problem.take(np.flatnonzero(kept)))
+        residuals = whitened_residuals(fit.state, problem)[:, is_kept]
+        shares = redundant_shares(fit, problem.select_rows(np.flatnonzero(is_kept)))
         readings = np.array([residuals[group].size for group in groups])
         freedom = np.maximum(readings * shares, 1.0)
         squares = np.array([float((residuals[group] ** 2).sum()) for group in groups])
-        factors = _believable(problem, np.sqrt(squares / freedom))
+        factors = _limit_factors(problem, np.sqrt(squares / freedom))
         problem, total = _with_factors(problem, factors), total * factors
-        fit = estimate(fit.layout, fit.state, problem, weights)
+        fit = estimate_arm(fit.layout, fit.state, problem, weights)
         if len(groups) == 1 or float(np.abs(factors - 1.0).max()) < _SCALES_SETTLED:
             break
     return fit, problem, total, float(freedom.min())

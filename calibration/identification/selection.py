@@ -17,16 +17,21 @@ from cellcal.calibration.arm.joint_terms import (
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
-from cellcal.calibration.identification.earlier_posterior import EarlierPosterior, turned
-from cellcal.calibration.identification.estimator import Problem, errors_m, estimate
+from cellcal.calibration.identification.cross_validation import (
+    Grouping,
+    assign_folds,
+    compare_models,
+    held_out_errors,
+)
+from cellcal.calibration.identification.earlier_posterior import EarlierPosterior, decorrelate_layout
+from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.free_parameters import (
     RIPPLE_ORDERS,
     PartLayout,
     StartingPoint,
-    every_term,
+    all_joint_terms,
     level_of,
-    prepared,
+    prepare_fit,
 )
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import (
@@ -69,7 +74,7 @@ _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class IdentificationOptions:
     """How to identify; the defaults suit any file."""
 
     level: int | None = None  # None: chosen by cross-validation
@@ -83,13 +88,13 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Selection:
+class LevelSelection:
     """The choice that a set of rows leads to."""
 
     breaks: tuple[SeriesBreak, ...]  # in terms of these rows
     break_reasons: tuple[str, ...]
     places: ArmState  # base and tool fitted to the arm as it was known before
-    seen: Observations  # the rows with their mountings
+    mounted_observations: Observations  # the rows with their mountings
     level: int
     level_reasons: tuple[str, ...]
 
@@ -133,13 +138,15 @@ def fit_level(
     )
     layout = with_further(layout, len(places.further), priors)
     start = start or StartingPoint()
-    layout, state = prepared(layout, terms, model, places, start, priors)
+    layout, state = prepare_fit(layout, terms, model, places, start, priors)
     if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
-        layout = turned(layout, EarlierPosterior(start.names, start.covariance))
-    return fit_robustly(layout, state, Problem.of(state, observations))
+        layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))
+    return fit_robustly(layout, state, FitProblem.from_observations(state, observations))
 
 
-def select(model: RobotModel, observations: Observations, grouping: Grouping, options: Options) -> Selection:
+def select_level(
+    model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
+) -> LevelSelection:
     """Find the breaks of a series and choose the level, from these rows alone.
 
     Long series are looked at in every second, third … row; a break is then placed to the row.
@@ -149,35 +156,35 @@ def select(model: RobotModel, observations: Observations, grouping: Grouping, op
     Levels are tried in order. A wider one replaces the best so far only if it predicts groups that it has not
     seen better by 1 % and by more than the groups' own scatter. Rows that no level can believe do not vote.
     """
-    rows = evenly(len(observations), _MOST_ROWS)
-    some, groups = observations.take(rows), grouping.of_rows(rows)
+    rows = evenly_spaced(len(observations), _MOST_ROWS)
+    some, groups = observations.select_rows(rows), grouping.of_rows(rows)
     breaks: tuple[SeriesBreak, ...] = ()
     break_reasons: tuple[str, ...] = ()
-    known = options.start.places
-    if known is not None and options.start.holds_places:
+    known_places = options.start.places
+    if known_places is not None and options.start.holds_places:
         once = np.zeros(len(observations), dtype=np.intp)
-        seen = with_mounting(observations, once)
-        places = nominal_state(model, (known.device,), known.flange_tool)
+        mounted = with_mounting(observations, once)
+        places = nominal_state(model, (known_places.device,), known_places.flange_tool)
     else:
-        chain = options.start.chain(model)
+        chain = options.start.rigid_arm(model)
         coarse, break_reasons = _choose_breaks(chain, some, groups, options)
-        breaks = _placed_to_the_row(chain, observations, rows, coarse)
+        breaks = _refine_breaks(chain, observations, rows, coarse)
         at = [found.row for found in breaks]
         places = fit_frames(chain, observations, at).state
-        seen = with_mounting(observations, mounting_of(len(observations), at))
-    folds = deal_folds(groups, options.folds, options.seed)
-    trial = _Trial(model, seen.take(rows), groups, folds, places, options)
+        mounted = with_mounting(observations, mounting_of(len(observations), at))
+    folds = assign_folds(groups, options.folds, options.seed)
+    trial = _LevelTrial(model, mounted.select_rows(rows), groups, folds, places, options)
     level, reasons = _choose_level(trial, options.level)
-    return Selection(breaks, break_reasons, places, seen, level, reasons)
+    return LevelSelection(breaks, break_reasons, places, mounted, level, reasons)
 
 
-def evenly(count: int, most: int) -> Rows:
+def evenly_spaced(count: int, most: int) -> Rows:
     """Return every k-th row, so that no more than ``most`` remain."""
     return np.arange(0, count, -(-count // most))
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _LevelTrial:
     """Everything that cross-validation of a level needs."""
 
     model: RobotModel
@@ -185,18 +192,18 @@ class _Trial:
     grouping: Grouping
     folds: Rows
     places: ArmState
-    options: Options
+    options: IdentificationOptions
 
-    def unknowns(self, level: int) -> int:
+    def unknown_count(self, level: int) -> int:
         """Return how many unknowns a level has."""
         terms = terms_of_level(self.model, self.observations.joints_rad, level)
         kind, mountings = self.observations.kind, len(self.places.devices)
         layout = make_layout(self.model, kind, mountings, level=level, terms=terms)
-        return sum(self.options.start.frees(parameter) for parameter in layout.parameters)
+        return sum(self.options.start.is_freed(parameter) for parameter in layout.parameters)
 
     def level_of_free(self) -> tuple[int, tuple[str, ...]]:
         """Return the level of the parameters that were named, which is no choice of ours."""
-        start, terms = self.options.start, every_term(self.model)
+        start, terms = self.options.start, all_joint_terms(self.model)
         every = make_layout(self.model, self.observations.kind, 1, level=GEAR, terms=terms).parameters
         level = level_of(start, every)
         return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
@@ -204,29 +211,36 @@ class _Trial:
     def held_out(self, level: int) -> Array:
         """Return the errors (N,) of rows predicted by fits without their fold."""
 
-        def errors_without(training: Rows, held: Rows) -> Array:
-            rows, priors, start = self.observations.take(training), self.options.priors, self.options.start
+        def errors_without(training: Rows, held_rows: Rows) -> Array:
+            rows, priors, start = (
+                self.observations.select_rows(training),
+                self.options.priors,
+                self.options.start,
+            )
             fit = fit_level(self.model, rows, self.places, level, priors, start)
-            return errors_m(fit.fit.state, Problem.of(fit.fit.state, self.observations.take(held)))
+            return errors_m(
+                fit.fit.state,
+                FitProblem.from_observations(fit.fit.state, self.observations.select_rows(held_rows)),
+            )
 
         return held_out_errors(self.folds, errors_without)
 
 
-def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ...]]:
-    if wanted is not None:
-        return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
+def _choose_level(trial: _LevelTrial, forced_level: int | None) -> tuple[int, tuple[str, ...]]:
+    if forced_level is not None:
+        return forced_level, (f"level {forced_level}, {LEVEL_NAMES[forced_level]}, was asked for",)
     if trial.options.start.free:
         return trial.level_of_free()
-    sizes = {level: trial.unknowns(level) for level in LEVELS}
+    sizes = {level: trial.unknown_count(level) for level in LEVELS}
     few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
-    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
+    possible, notes = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
     held_out = cache(trial.held_out)
     level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
-        return raised, (*said, *reasons, why)
-    return level, (*said, *reasons)
+        return raised, (*notes, *reasons, why)
+    return level, (*notes, *reasons)
 
 
 def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
@@ -261,12 +275,12 @@ def possible_levels(
     if few and GEOMETRY in most:
         most[GEOMETRY] = max(readings, sizes[GEOMETRY])
     possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
-    said = [
+    notes = [
         f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"
         for level, size in sizes.items()
         if size > most[level]
     ]
-    return possible, said
+    return possible, notes
 
 
 def best_level(
@@ -277,44 +291,46 @@ def best_level(
     Gear ratios are tried where ripple is worth its unknowns: what a ratio does, ripple shows as long waves.
     """
     errors = {level: held_out(level) for level in possible if level != GEAR}
-    best, said = _compared(errors, groups, voting)
+    best, notes = _compare_levels(errors, groups, voting)
     if GEAR in possible and best == RIPPLE:
         errors[GEAR] = held_out(GEAR)
-        best, said = _compared(errors, groups, voting)
+        best, notes = _compare_levels(errors, groups, voting)
     elif GEAR in possible:
-        said.append(f"level {GEAR}, {LEVEL_NAMES[GEAR]}: not tried, because ripple does not help")
-    return best, tuple(said)
+        notes.append(f"level {GEAR}, {LEVEL_NAMES[GEAR]}: not tried, because ripple does not help")
+    return best, tuple(notes)
 
 
-def _compared(errors: Mapping[int, Array], groups: Rows, voting: NDArray[np.bool_]) -> tuple[int, list[str]]:
+def _compare_levels(
+    errors: Mapping[int, Array], groups: Rows, voting: NDArray[np.bool_]
+) -> tuple[int, list[str]]:
     # The same rows vote on all levels: those that at least one of them can believe.
     smallest = np.min(list(errors.values()), axis=0)
     believable = voting & (smallest < _BELIEVABLE * np.median(smallest[voting]))
-    best, said = FRAMES, []
+    best, notes = FRAMES, []
     for level in [level for level in errors if level != FRAMES]:
         narrow = (f"level {best}", errors[best][believable])
         wide = (f"level {level}, {LEVEL_NAMES[level]}", errors[level][believable])
-        comparison = compare(narrow, wide, groups[believable])
-        said.append(comparison.reason)
+        comparison = compare_models(narrow, wide, groups[believable])
+        notes.append(comparison.reason)
         if comparison.better:
             best = level
-    return best, said
+    return best, notes
 
 
 def _choose_breaks(
-    model: RobotModel, observations: Observations, grouping: Grouping, options: Options
+    model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
 ) -> tuple[tuple[SeriesBreak, ...], tuple[str, ...]]:
     """Return the breaks that make unseen groups more predictable, and why the search stopped."""
     if not options.find_breaks:
         return (), ()
-    folds = deal_folds(grouping, _FOLDS_FOR_BREAKS, options.seed)
+    folds = assign_folds(grouping, _FOLDS_FOR_BREAKS, options.seed)
     chosen: tuple[SeriesBreak, ...] = ()
     best, reasons, waited = None, [], 0
     for candidate in candidate_breaks(model, observations):
         if best is None:
             best = _errors_with_breaks(model, observations, folds, ())
         errors = _errors_with_breaks(model, observations, folds, candidate)
-        comparison = compare(
+        comparison = compare_models(
             (f"{len(chosen)} breaks", best),
             (f"{len(candidate)} breaks", errors),
             grouping.groups,
@@ -335,38 +351,47 @@ def _errors_with_breaks(
     """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
     rows = [found.row for found in breaks]
     frames = fit_frames(model, observations, rows).state
-    seen = with_mounting(observations, mounting_of(len(observations), rows))
-    layout = make_layout(model, seen.kind, len(rows) + 1, level=GEOMETRY)
+    mounted = with_mounting(observations, mounting_of(len(observations), rows))
+    layout = make_layout(model, mounted.kind, len(rows) + 1, level=GEOMETRY)
 
-    def errors_without(training: Rows, held: Rows) -> Array:
-        state = estimate(layout, frames, Problem.of(frames, seen.take(training))).state
-        return errors_m(state, Problem.of(state, seen.take(held)))
+    def errors_without(training: Rows, held_rows: Rows) -> Array:
+        state = estimate_arm(
+            layout, frames, FitProblem.from_observations(frames, mounted.select_rows(training))
+        ).state
+        return errors_m(state, FitProblem.from_observations(state, mounted.select_rows(held_rows)))
 
     try:
         return held_out_errors(folds, errors_without)
     except DegenerateDataError:
-        return np.full(len(seen), np.inf)
+        return np.full(len(mounted), np.inf)
 
 
-def _placed_to_the_row(
+def _refine_breaks(
     model: RobotModel, observations: Observations, rows: Rows, breaks: tuple[SeriesBreak, ...]
 ) -> tuple[SeriesBreak, ...]:
     """Return breaks of every k-th row as breaks of all rows: where the rows between fit better."""
     if not breaks or len(rows) == len(observations):
         return breaks
-    state = fit_frames(model, observations.take(rows), [found.row for found in breaks]).state
+    state = fit_frames(model, observations.select_rows(rows), [found.row for found in breaks]).state
     placed = []
     for mounting, found in enumerate(breaks):
         between = np.arange(rows[found.row - 1] + 1, rows[found.row])
-        row = between[0] + change_between(*errors_in_both(state, observations.take(between), mounting))
+        row = between[0] + change_between(
+            *errors_in_both_mountings(state, observations.select_rows(between), mounting)
+        )
         placed.append(SeriesBreak(int(row), found.bic_gain))
     return tuple(placed)
 
 
-def errors_in_both(state: ArmState, observations: Observations, mounting: int) -> tuple[Array, Array]:
+def errors_in_both_mountings(
+    state: ArmState, observations: Observations, mounting: int
+) -> tuple[Array, Array]:
     """Return the errors (N,) of rows in this mounting and in the one after it."""
     first, second = (
-        errors_m(state, Problem.of(state, with_mounting(observations, np.full(len(observations), m))))
+        errors_m(
+            state,
+            FitProblem.from_observations(state, with_mounting(observations, np.full(len(observations), m))),
+        )
         for m in (mounting, mounting + 1)
     )
     return first, second

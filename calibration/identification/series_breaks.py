@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, Problem, estimate, place_columns
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import FRAMES, make_layout
@@ -33,13 +33,13 @@ def mounting_of(count: int, breaks: Sequence[int]) -> Rows:
     return np.searchsorted(np.sort(np.asarray(breaks, dtype=np.intp)), np.arange(count), side="right")
 
 
-def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> Fit:
+def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> ArmFit:
     """Fit places of devices and tool to the nominal arm, from the best of all starts."""
-    seen = with_mounting(observations, mounting_of(len(observations), breaks))
+    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
     fits = []
-    for start in first_guess(model, seen):
-        layout = make_layout(model, seen.kind, len(start.devices), level=FRAMES)
-        fits.append(estimate(layout, start, Problem.of(start, seen), from_afar=True))
+    for start in first_guess(model, mounted):
+        layout = make_layout(model, mounted.kind, len(start.devices), level=FRAMES)
+        fits.append(estimate_arm(layout, start, FitProblem.from_observations(start, mounted), from_afar=True))
     return min(fits, key=lambda fit: fit.cost)
 
 
@@ -78,15 +78,17 @@ def candidate_breaks(
             return
         if cut is None or cut.bic_gain <= 0:
             return
-        breaks = _settle(model, observations, [*breaks, cut])
+        breaks = _settle_breaks(model, observations, [*breaks, cut])
         yield tuple(sorted(breaks, key=lambda found: found.row))
 
 
-def _settle(model: RobotModel, observations: Observations, breaks: list[SeriesBreak]) -> list[SeriesBreak]:
+def _settle_breaks(
+    model: RobotModel, observations: Observations, breaks: list[SeriesBreak]
+) -> list[SeriesBreak]:
     """Move each break to where it gains most while the others stay; the first search saw a worse model."""
     for index in range(len(breaks)):
         others = [found.row for found in breaks if found is not breaks[index]]
-        around = _span(breaks[index].row, others, len(observations))
+        around = _free_span(breaks[index].row, others, len(observations))
         fit = fit_frames(model, observations, others)
         moved = _best_cut(fit, observations, others, around)
         if moved is not None:
@@ -94,31 +96,31 @@ def _settle(model: RobotModel, observations: Observations, breaks: list[SeriesBr
     return breaks
 
 
-def _span(row: int, others: list[int], count: int) -> tuple[int, int]:
+def _free_span(row: int, others: list[int], count: int) -> tuple[int, int]:
     edges = sorted([0, count, *others])
     after = int(np.searchsorted(edges, row, side="right"))
     return edges[after - 1], edges[after]
 
 
 def _best_cut(
-    fit: Fit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
+    fit: ArmFit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
 ) -> SeriesBreak | None:
-    seen = with_mounting(observations, mounting_of(len(observations), breaks))
-    problem = Problem.of(fit.state, seen)
+    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
+    problem = FitProblem.from_observations(fit.state, mounted)
     columns, residuals = place_columns(fit.layout, fit.state, problem)  # (p, m, N), (m, N)
-    edges = sorted([0, len(seen), *breaks])
+    edges = sorted([0, len(mounted), *breaks])
     best: SeriesBreak | None = None
     for mounting, span in enumerate(pairwise(edges)):
         if within is not None and span != within:
             continue
-        found = _scan(fit, columns, residuals, mounting, span)
+        found = _scan_span(fit, columns, residuals, mounting, span)
         if found is not None and (best is None or found.bic_gain > best.bic_gain):
             best = found
     return best
 
 
-def _scan(
-    fit: Fit, columns: Array, residuals: Array, mounting: int, span: tuple[int, int]
+def _scan_span(
+    fit: ArmFit, columns: Array, residuals: Array, mounting: int, span: tuple[int, int]
 ) -> SeriesBreak | None:
     size = 3 if fit.layout.kind == "length" else 6
     first, last = span
@@ -130,7 +132,7 @@ def _scan(
     cross = _tail_sums(np.einsum("pmn,dmn->npd", whole, place))
     own = cross[:, size * mounting : size * (mounting + 1)]
     gradient = _tail_sums(np.einsum("dmn,mn->nd", place, residuals[:, first:last]))
-    bent = np.einsum("pq,nqd->npd", _inverse(columns), cross)
+    bent = np.einsum("pq,nqd->npd", _inverse_normal(columns), cross)
     schur = own - np.einsum("npd,npe->nde", cross, bent)
     schur = schur + 1e-9 * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
     cuts = slice(_SHORTEST, last - first - _SHORTEST + 1)
@@ -139,8 +141,8 @@ def _scan(
     )
     rss = float((residuals**2).sum())
     count = residuals.size
-    left = np.maximum(rss - drop, 1e-3 * rss)
-    gain = count * np.log(rss / left) - (size + 1) * np.log(count)
+    remaining_rss = np.maximum(rss - drop, 1e-3 * rss)
+    gain = count * np.log(rss / remaining_rss) - (size + 1) * np.log(count)
     at = int(np.argmax(gain))
     return SeriesBreak(first + _SHORTEST + at, float(gain[at]))
 
@@ -150,7 +152,7 @@ def _tail_sums(terms: Array) -> Array:
     return sums
 
 
-def _inverse(columns: Array) -> Array:
+def _inverse_normal(columns: Array) -> Array:
     flat = columns.reshape(len(columns), -1)
     normal = flat @ flat.T
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))

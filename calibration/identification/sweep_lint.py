@@ -22,7 +22,7 @@ _SHAPE = 0.75  # of what the bins explain
 
 
 @dataclass(frozen=True, slots=True)
-class _Sweep:
+class _JointSweep:
     joint: int
     channel: int
     middles_rad: Array
@@ -58,23 +58,28 @@ def sweep_lint(
     looks = joints_rad.shape[1] * len(left_m)
     found = []
     for joint in range(joints_rad.shape[1]):
-        bins = _bins(joints_rad[:, joint], count / effect)
+        bins = _bin_rows(joints_rad[:, joint], count / effect)
         if bins is None:
             continue
         sweeps = [
-            _look(joints_rad[:, joint], left_m[c], bins, effect, (joint, c)) for c in range(len(left_m))
+            _examine_sweep(joints_rad[:, joint], left_m[c], bins, effect, (joint, c))
+            for c in range(len(left_m))
         ]
-        seen = [sweep for sweep, chance in sweeps if chance * looks < _BY_CHANCE and sweep.share > _EXPLAINED]
-        if seen and np.ptp(max(seen, key=_swing).means_m) > _SMALLEST_M:
-            found.append(_said(max(seen, key=_swing), joint_names[joint], lengths=lengths))
+        significant = [
+            sweep for sweep, chance in sweeps if chance * looks < _BY_CHANCE and sweep.share > _EXPLAINED
+        ]
+        if significant and np.ptp(max(significant, key=_sweep_range).means_m) > _SMALLEST_M:
+            found.append(
+                _sweep_finding(max(significant, key=_sweep_range), joint_names[joint], lengths=lengths)
+            )
     return found
 
 
-def _swing(sweep: _Sweep) -> float:
+def _sweep_range(sweep: _JointSweep) -> float:
     return float(np.ptp(sweep.means_m))
 
 
-def _bins(angle: Array, effective_rows: float) -> Rows | None:
+def _bin_rows(angle: Array, effective_rows: float) -> Rows | None:
     """Return the bin of every row, with equal angles together; None where the joint hardly moved."""
     number = min(_BINS, int(effective_rows) // _FEWEST_PER_BIN)
     if number < 3:
@@ -85,21 +90,23 @@ def _bins(angle: Array, effective_rows: float) -> Rows | None:
     return None if np.ptp(angle) < _NARROWEST_RAD or bins.max() < 2 or few else bins
 
 
-def _look(angle: Array, left: Array, bins: Rows, effect: float, at: tuple[int, int]) -> tuple[_Sweep, float]:
+def _examine_sweep(
+    angle: Array, residuals: Array, bins: Rows, effect: float, at: tuple[int, int]
+) -> tuple[_JointSweep, float]:
     """Return what the bins show, and the probability that chance shows as much."""
     sizes = np.bincount(bins)
-    means = np.bincount(bins, left) / sizes
-    total = float(((left - left.mean()) ** 2).sum())
-    between = float((sizes * (means - left.mean()) ** 2).sum())
-    freedom = len(sizes) - 1, max((len(left) - len(sizes)) / effect, 3.0)
-    ratio = between / freedom[0] / max((total - between) / (len(left) - len(sizes)), 1e-300) / effect
+    means = np.bincount(bins, residuals) / sizes
+    total = float(((residuals - residuals.mean()) ** 2).sum())
+    between = float((sizes * (means - residuals.mean()) ** 2).sum())
+    freedom = len(sizes) - 1, max((len(residuals) - len(sizes)) / effect, 3.0)
+    ratio = between / freedom[0] / max((total - between) / (len(residuals) - len(sizes)), 1e-300) / effect
     order = np.array([[angle[bins == b].min(), angle[bins == b].max()] for b in range(len(sizes))])
     middles = np.bincount(bins, angle) / sizes
-    share = between / max(float((left**2).sum()), 1e-300)
-    return _Sweep(*at, middles, means, order, share), float(fdtrc(*freedom, ratio))
+    share = between / max(float((residuals**2).sum()), 1e-300)
+    return _JointSweep(*at, middles, means, order, share), float(fdtrc(*freedom, ratio))
 
 
-def _said(sweep: _Sweep, name: str, *, lengths: bool) -> Lint:
+def _sweep_finding(sweep: _JointSweep, name: str, *, lengths: bool) -> Lint:
     means, middles, edges = sweep.means_m * 1e3, np.rad2deg(sweep.middles_rad), np.rad2deg(sweep.edges_rad)
     spread = float(((means - means.mean()) ** 2).sum())
     line = np.polyval(np.polyfit(middles, means, 1), middles)

@@ -11,12 +11,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds
+from cellcal.calibration.identification.cross_validation import Grouping, assign_folds, compare_models
 from cellcal.calibration.identification.drift_lint import drift_with
-from cellcal.calibration.identification.estimator import Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.estimator import FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.observations import LengthObservations, Observations, Rows
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
 from cellcal.calibration.identification.series_breaks import fit_frames
 
 _BY_CHANCE = 0.01
@@ -34,7 +34,7 @@ class TemperatureEffect:
     total_m: float  # over the range of the series
     reason: str
 
-    def without(self, observations: Observations, temperature: Array) -> Observations:
+    def remove_effect(self, observations: Observations, temperature: Array) -> Observations:
         """Return rows as they would have been read at ``at``; where no temperature is known (NaN) they stay."""
         warmer = np.where(np.isfinite(temperature), temperature - self.at, 0.0)
         if isinstance(observations, LengthObservations):
@@ -66,18 +66,18 @@ def temperature_effect(
     drift = drift_with(warmer, _left_m(layout, start, observations), grouping.groups)
     if drift is None or drift.by_chance > _BY_CHANCE or drift.total_m < _SMALLEST_M:
         return None
-    folds = deal_folds(grouping, _FOLDS, 0)
+    folds = assign_folds(grouping, _FOLDS, 0)
     plain, regressed = np.zeros(len(observations)), np.zeros(len(observations))
     for fold in range(int(folds.max()) + 1):
-        training, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+        training, held_rows = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
         for errors, rounds in ((plain, 0), (regressed, _ROUNDS)):
-            errors[held] = _held_out(layout, start, observations, (warmer, training, held), rounds)
-    gain = compare(
+            errors[held_rows] = _held_out(layout, start, observations, (warmer, training, held_rows), rounds)
+    gain = compare_models(
         ("without temperature", plain), ("with temperature", regressed), grouping.groups, least_gain=0.005
     )
     if not gain.better:
         return None
-    slopes = _slopes(layout, start, observations, warmer, _ROUNDS)
+    slopes = _fit_slopes(layout, start, observations, warmer, _ROUNDS)
     return TemperatureEffect(
         slopes,
         float(temperature.mean()),
@@ -100,38 +100,40 @@ def temperature_note(effect: TemperatureEffect | None) -> list[Lint]:
     ]
 
 
-def _left_m(layout: Layout, start: ArmState, observations: Observations) -> Array:
+def _left_m(layout: ParameterLayout, start: ArmState, observations: Observations) -> Array:
     """Return what a fit leaves over (channels of places or lengths, N) [m]."""
-    problem = Problem.of(start, observations)
-    state = estimate(layout, start, problem, from_afar=True).state
-    left: Array = whitened_residuals(state, problem)[:3] * observations.sigma_m
-    return left
+    problem = FitProblem.from_observations(start, observations)
+    state = estimate_arm(layout, start, problem, from_afar=True).state
+    residuals_m: Array = whitened_residuals(state, problem)[:3] * observations.sigma_m
+    return residuals_m
 
 
-def _slopes(layout: Layout, start: ArmState, observations: Observations, warmer: Array, rounds: int) -> Array:
+def _fit_slopes(
+    layout: ParameterLayout, start: ArmState, observations: Observations, warmer: Array, rounds: int
+) -> Array:
     channels = 1 if observations.kind == "length" else 3
     slopes = np.zeros(channels)
     centred = warmer - warmer.mean()
     for _ in range(rounds):
-        there = TemperatureEffect(slopes, 0.0, 0.0, "").without(observations, warmer)
+        there = TemperatureEffect(slopes, 0.0, 0.0, "").remove_effect(observations, warmer)
         slopes = slopes + _left_m(layout, start, there) @ centred / float(centred @ centred)
     return slopes
 
 
 def _held_out(
-    layout: Layout,
+    layout: ParameterLayout,
     start: ArmState,
     observations: Observations,
     parts: tuple[Array, Rows, Rows],
     rounds: int,
 ) -> Array:
     """Return the errors (n,) [m] of rows by arm and slopes of the others."""
-    warmer, training, held = parts
-    slopes = _slopes(layout, start, observations.take(training), warmer[training], rounds)
+    warmer, training, held_rows = parts
+    slopes = _fit_slopes(layout, start, observations.select_rows(training), warmer[training], rounds)
     effect = TemperatureEffect(slopes, 0.0, 0.0, "")
-    fitted = effect.without(observations.take(training), warmer[training])
-    state = estimate(layout, start, Problem.of(start, fitted), from_afar=True).state
-    rows = effect.without(observations.take(held), warmer[held])
-    problem = Problem.of(state, rows)
+    fitted = effect.remove_effect(observations.select_rows(training), warmer[training])
+    state = estimate_arm(layout, start, FitProblem.from_observations(start, fitted), from_afar=True).state
+    rows = effect.remove_effect(observations.select_rows(held_rows), warmer[held_rows])
+    problem = FitProblem.from_observations(state, rows)
     errors: Array = problem.observations.errors_m(whitened_residuals(state, problem))
     return errors

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross, placement_columns
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product, placement_columns
 from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit
-from cellcal.calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.estimator import ArmFit
+from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _SHARE = 1e-3  # of a prior deviation: small enough to be linear, large enough to be seen
 _LARGEST = 1e-4  # metres or radians
@@ -26,10 +26,10 @@ class TipPrediction:
     covariance_m2: Array  # (N, 3, 3), of the model's parameters alone
 
 
-def predict_tips(fit: Fit, joints_rad: Array, *, mounting: int = -1) -> TipPrediction:
+def predict_tips(fit: ArmFit, joints_rad: Array, *, mounting: int = -1) -> TipPrediction:
     """Return where the target is at postures (N, n), with the covariance that the parameters leave."""
     state = fit.state
-    chain = state.seen_from(mounting % state.mountings)
+    chain = state.seen_from(mounting % state.mounting_count)
     moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
     slopes = tip_slopes(fit.layout, state, joints_rad, mounting=mounting)
     return TipPrediction(
@@ -38,21 +38,21 @@ def predict_tips(fit: Fit, joints_rad: Array, *, mounting: int = -1) -> TipPredi
     )
 
 
-def tip_slopes(layout: Layout, state: ArmState, joints_rad: Array, *, mounting: int = -1) -> Array:
+def tip_slopes(layout: ParameterLayout, state: ArmState, joints_rad: Array, *, mounting: int = -1) -> Array:
     """Return how the target's place follows every free parameter (p, 3, N) [m]."""
-    at = mounting % state.mountings
+    at = mounting % state.mounting_count
     values = term_values(state.nominal, joints_rad, state.terms)
     rotations, origins = chain_frames(state.seen_from(at), state.moved_joints(joints_rad, values))
     placed = placement_columns(rotations, origins, origins[-1])
-    turned = cross(rotations[:-1, :, 2], origins[-1] - origins[:-1])
+    turned = cross_product(rotations[:-1, :, 2], origins[-1] - origins[:-1])
     joints = np.array([term.joint for term in state.terms], dtype=np.intp)
     columns = np.concatenate([placed.reshape(-1, *origins.shape[1:]), turned[joints] * values[:, None]])
-    tangent = layout.tangent(state, at)[:, : len(columns)]  # behind them stand columns of a wire's own
+    tangent = layout.tangent_rows(state, at)[:, : len(columns)]  # behind them stand columns of a wire's own
     slopes: Array = np.tensordot(tangent, columns, axes=1)
     return slopes
 
 
-def offset_slopes(fit: Fit) -> dict[str, Array]:
+def offset_slopes(fit: ArmFit) -> dict[str, Array]:
     """Return how the joint offsets follow the free parameters (p,): as a table of four numbers a joint has them.
 
     Where axes are not parallel an offset and its row's beta do the same, and only the table's offset is one
@@ -60,11 +60,11 @@ def offset_slopes(fit: Fit) -> dict[str, Array]:
     left out.
     """
     free = [p.name for p in fit.layout.parameters]
-    names = [f"J{i + 1} offset" for i in range(fit.state.nominal.axes)]
+    names = [f"J{i + 1} offset" for i in range(fit.state.nominal.axis_count)]
     if fit.state.nominal.dh is None:
         return {name: np.eye(len(free))[free.index(name)] for name in names if name in free}
     nominal = fit.state.nominal
-    slopes = _slopes(fit, lambda state: hayati_dh(state.arm, nominal).table.rows()[:, 0])
+    slopes = _parameter_slopes(fit, lambda state: hayati_dh(state.arm_model, nominal).table.to_rows()[:, 0])
     return {name: slopes[:, i] for i, name in enumerate(names) if name in free}
 
 
@@ -87,7 +87,7 @@ class HayatiTable:
     correlated: tuple[tuple[str, str, float], ...]
 
 
-def hayati_table(fit: Fit) -> HayatiTable:
+def hayati_table(fit: ArmFit) -> HayatiTable:
     """Return the rigid arm of a fit as DH, with beta instead of d where nominal axes are parallel.
 
     Raises
@@ -97,19 +97,19 @@ def hayati_table(fit: Fit) -> HayatiTable:
     """
     nominal = fit.state.nominal
 
-    def table(state: ArmState) -> Array:
-        return hayati_dh(state.arm, nominal).table.rows()
+    def table_of(state: ArmState) -> Array:
+        return hayati_dh(state.arm_model, nominal).table.to_rows()
 
-    found, slopes = table(fit.state), _slopes(fit, table)
+    found, slopes = table_of(fit.state), _parameter_slopes(fit, table_of)
     covariance = np.einsum("pab,pq,qcd->abcd", slopes, fit.covariance, slopes)
-    shown = _shown(nominal)
+    shown = _table_entries(nominal)
     sigma = {(i, j): float(np.sqrt(max(covariance[i, j, i, j], 0.0))) for i, j in shown}
-    given = nominal.dh.rows() if nominal.dh is not None else found
+    nominal_rows = nominal.dh.to_rows() if nominal.dh is not None else found
     entries = tuple(
         TableEntry(
             f"J{i + 1} {_COLUMNS[j][0]}",
             _COLUMNS[j][1],
-            float(given[i, j]),
+            float(nominal_rows[i, j]),
             float(found[i, j]),
             sigma[i, j],
         )
@@ -128,26 +128,26 @@ def hayati_table(fit: Fit) -> HayatiTable:
     return HayatiTable(entries, tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))))
 
 
-def _shown(nominal: RobotModel) -> list[tuple[int, int]]:
+def _table_entries(nominal: RobotModel) -> list[tuple[int, int]]:
     """Return the entries that a table of four numbers a joint has; the last row ends in the tool."""
     parallel = parallel_rows(nominal)
-    last = nominal.axes - 1
+    last = nominal.axis_count - 1
     return [
         (i, j)
-        for i in range(nominal.axes)
+        for i in range(nominal.axis_count)
         for j in range(5)
         if (i != last and j != (1 if i in parallel else 4)) or (i == last and j < 2)
     ]
 
 
-def _slopes(fit: Fit, function: Callable[[ArmState], Array]) -> Array:
+def _parameter_slopes(fit: ArmFit, function: Callable[[ArmState], Array]) -> Array:
     """Return derivatives (p, …) by every free parameter, by central differences."""
-    steps = np.minimum(_SHARE * fit.layout.prior, _LARGEST)
+    steps = np.minimum(_SHARE * fit.layout.prior_sigmas, _LARGEST)
     slopes = []
     for i, step in enumerate(steps):
         change = np.zeros(len(steps))
         change[i] = step
-        there, back = (function(fit.layout.step(fit.state, sign * change)) for sign in (1.0, -1.0))
+        there, back = (function(fit.layout.apply_step(fit.state, sign * change)) for sign in (1.0, -1.0))
         slopes.append((there - back) / (2 * step))
     if not slopes:
         return np.zeros((0, *function(fit.state).shape))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, Problem, errors_m, estimate
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.parameters import FRAMES, make_layout
@@ -22,7 +22,7 @@ _UNIFORM = 1 / np.sqrt(12.0)  # standard deviation of rounding, in steps
 
 
 @dataclass(frozen=True, eq=False)
-class Unrounded:
+class UnroundedJoints:
     """Sharper joints, and the rows whose printed position does not belong to their joints."""
 
     joints_rad: Array  # (N, n)
@@ -31,7 +31,7 @@ class Unrounded:
     useful: bool  # the printed positions are sharper than what they would correct
 
 
-def resolution(values: Array) -> float:
+def find_resolution(values: Array) -> float:
     """Return the largest step 1, 2, 5 x 10^k of which all values are multiples, or 0 if there is none.
 
     A step finer than a millionth of the largest value is no rounding that anybody would notice.
@@ -54,7 +54,7 @@ def unround_joints(
     joint_step_rad: Array,
     printed_m: Array,
     printed_step_m: float,
-) -> Unrounded:
+) -> UnroundedJoints:
     r"""Sharpen rounded joints: minimise ``sum dq^2 / s_q^2 + |FK(q + dq) - printed|^2 / s_p^2``.
 
     Parameters
@@ -78,7 +78,7 @@ def unround_joints(
     """
     sigma_q = np.maximum(joint_step_rad * _UNIFORM, 1e-9)
     frames = _controller_frames(model, joints_rad, printed_m, sigma_q, printed_step_m)
-    disagreement = errors_m(frames.state, _problem(frames, joints_rad, printed_m))
+    disagreement = errors_m(frames.state, _printed_problem(frames, joints_rad, printed_m))
     chain = frames.state.seen_from(0)
     expected = _expected_m(model, joints_rad, sigma_q, printed_step_m)
     usual = np.maximum(expected, float(np.median(disagreement)))
@@ -87,23 +87,25 @@ def unround_joints(
     sharp_enough = sigma_p * np.sqrt(3) < 0.7 * float(np.median(expected))
     follows = float(np.median(disagreement)) < 2.0 * float(np.median(expected))
     if not (follows and sharp_enough):
-        return Unrounded(joints_rad, disagreement, doubtful, useful=False)
-    sharp = _sharpen(chain, joints_rad, printed_m, sigma_q, sigma_p)
+        return UnroundedJoints(joints_rad, disagreement, doubtful, useful=False)
+    sharp = _sharpen_joints(chain, joints_rad, printed_m, sigma_q, sigma_p)
     half = joint_step_rad / 2
     sharp = np.clip(sharp, joints_rad - half, joints_rad + half)
     sharp[list(doubtful)] = joints_rad[list(doubtful)]
-    return Unrounded(sharp, disagreement, doubtful, useful=True)
+    return UnroundedJoints(sharp, disagreement, doubtful, useful=True)
 
 
-def _sharpen(chain: RobotModel, joints_rad: Array, printed_m: Array, sigma_q: Array, sigma_p: float) -> Array:
+def _sharpen_joints(
+    chain: RobotModel, joints_rad: Array, printed_m: Array, sigma_q: Array, sigma_p: float
+) -> Array:
     joints = joints_rad
     for _ in range(_STEPS):
         position, jacobian = chain.tip_jacobian(joints, np.zeros(3))
         scaled = jacobian * sigma_q
         # The prior keeps dq small, so work in the three coordinates rather than the n joints.
         gain = scaled @ np.swapaxes(scaled, 1, 2) + sigma_p**2 * np.eye(3)
-        wanted = (printed_m - position)[:, :, None] + jacobian @ (joints - joints_rad)[:, :, None]
-        change = np.swapaxes(scaled, 1, 2) @ np.linalg.solve(gain, wanted)
+        target = (printed_m - position)[:, :, None] + jacobian @ (joints - joints_rad)[:, :, None]
+        change = np.swapaxes(scaled, 1, 2) @ np.linalg.solve(gain, target)
         joints = joints_rad + sigma_q * change[:, :, 0]
     return joints
 
@@ -118,23 +120,23 @@ def _expected_m(model: RobotModel, joints_rad: Array, sigma_q: Array, printed_st
 
 def _controller_frames(
     model: RobotModel, joints_rad: Array, printed_m: Array, sigma_q: Array, printed_step_m: float
-) -> Fit:
+) -> ArmFit:
     """Fit the user frame and tool that the controller printed with, robustly: typing errors do occur."""
     sigma = _expected_m(model, joints_rad, sigma_q, printed_step_m)
     observations = PointObservations(joints_rad, printed_m, sigma, np.zeros(len(joints_rad), dtype=np.intp))
     start = first_guess(model, observations)[0]
     layout = make_layout(model, "point", 1, level=FRAMES)
-    problem = Problem.of(start, observations)
-    fit = estimate(layout, start, problem)
+    problem = FitProblem.from_observations(start, observations)
+    fit = estimate_arm(layout, start, problem)
     for _ in range(8):
         ratio = errors_m(fit.state, problem) / sigma
-        fit = estimate(layout, fit.state, problem, 1.0 / (1.0 + (ratio / 3.0) ** 2))
+        fit = estimate_arm(layout, fit.state, problem, 1.0 / (1.0 + (ratio / 3.0) ** 2))
     return fit
 
 
-def _problem(fit: Fit, joints_rad: Array, printed_m: Array) -> Problem:
+def _printed_problem(fit: ArmFit, joints_rad: Array, printed_m: Array) -> FitProblem:
     count = len(joints_rad)
-    return Problem.of(
+    return FitProblem.from_observations(
         fit.state,
         PointObservations(joints_rad, printed_m, np.ones(count), np.zeros(count, dtype=np.intp)),
     )

@@ -31,13 +31,13 @@ class DriveTrain:
         if np.linalg.matrix_rank(matrix) < n:
             raise CalibrationError("the interaction matrix is singular: some joint would not turn at all")
 
-    def joints(self, counts: Array, counts_at_zero: Array) -> Array:
+    def to_joints(self, counts: Array, counts_at_zero: Array) -> Array:
         """Return joint angles (…, n) [rad] from counts (…, n) and the counts at joint angle zero (n,)."""
         moved = np.asarray(counts, dtype=float) - np.asarray(counts_at_zero, dtype=float)
         joints: Array = moved @ np.array(self.radians_per_count).T
         return joints
 
-    def counts(self, joints_rad: Array, counts_at_zero: Array) -> Array:
+    def to_counts(self, joints_rad: Array, counts_at_zero: Array) -> Array:
         """Return the whole counts (…, n) nearest to joint angles (…, n) [rad]."""
         inverse = np.linalg.inv(np.array(self.radians_per_count))
         moved = np.asarray(joints_rad, dtype=float) @ inverse.T
@@ -99,8 +99,8 @@ class PlaceCapture:
     def __post_init__(self) -> None:
         if self.kind not in ("point", "seat", "target", "nest"):
             raise CalibrationError(f"capture {self.label!r}: there is no kind {self.kind!r} of place")
-        seen = (0.0, 0.0, 0.0) if self.seen_m is None else self.seen_m
-        if not np.isfinite([self.sigma_m, self.sigma_rad, *seen]).all() or self.sigma_m <= 0:
+        position_m = (0.0, 0.0, 0.0) if self.seen_m is None else self.seen_m
+        if not np.isfinite([self.sigma_m, self.sigma_rad, *position_m]).all() or self.sigma_m <= 0:
             raise CalibrationError(f"capture {self.label!r}: numbers must be finite, the deviation > 0")
         if self.kind == "seat" and self.sigma_rad <= 0:
             raise CalibrationError(f"capture {self.label!r}: a seat needs a deviation of its attitude > 0")
@@ -158,11 +158,11 @@ class MasteringRecord:
     kit: RecoveryKit | None = None  # None in records older than kits
 
     @property
-    def measured(self) -> bool:
+    def is_measured(self) -> bool:
         """Tell whether it holds lengths or places, so that lost turns can be found with it."""
         return self.wire is not None or self.kit is not None
 
-    def lengths(self) -> tuple[WireReference, WirePrior]:
+    def wire_lengths(self) -> tuple[WireReference, WirePrior]:
         """Return what its wire lengths say, and what was known before.
 
         Raises
@@ -184,8 +184,10 @@ class MasteringRecord:
 
     def capture_joints_rad(self) -> Array:
         """Return (N, n): the joints at the record's captures [rad]."""
-        self.lengths()
-        return self.drive.joints(np.array([c.counts for c in self.captures]), np.array(self.counts_at_zero))
+        self.wire_lengths()
+        return self.drive.to_joints(
+            np.array([c.counts for c in self.captures]), np.array(self.counts_at_zero)
+        )
 
 
 def provisional_turns(

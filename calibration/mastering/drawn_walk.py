@@ -7,7 +7,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.mastering.pose_design import candidate_joints, predict, turn_covariances
+from cellcal.calibration.mastering.pose_design import candidate_joints, predict_turns, turn_covariances
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.calibration.wires.reference import WirePredictor
 
@@ -40,13 +40,13 @@ def drawn_walk(
     measured_rad : (N, n)
         Its captures, in order [rad].
     """
-    measured = np.asarray(measured_rad, dtype=float).reshape(-1, model.axes)
-    worst = float(predict(model, record, measured)[1].max())
-    predictor, hook = WirePredictor(model, *record.lengths()), record.lengths()[1].hook_in_flange_m
+    measured = np.asarray(measured_rad, dtype=float).reshape(-1, model.axis_count)
+    worst = float(predict_turns(model, record, measured)[1].max())
+    predictor, hook = WirePredictor(model, *record.wire_lengths()), record.wire_lengths()[1].hook_in_flange_m
     found: list[tuple[float, float]] = []
     for seed in range(_DRAWS):
         pool = candidate_joints(model, limits, _POOL, seed=seed, hook_in_flange_m=hook)
-        count = _needed(record, predictor, pool, worst)
+        count = _poses_needed(record, predictor, pool, worst)
         travel = np.inf if count is None else _travel_rad(here_rad, _nearest_first(here_rad, pool[:count]))
         found.append((np.inf if count is None else float(count), travel))
     captures, travel = sorted(found)[_DRAWS // 2]
@@ -54,7 +54,7 @@ def drawn_walk(
     return DrawnWalk(own, None, 0.0) if np.isinf(captures) else DrawnWalk(own, int(captures), float(travel))
 
 
-def _needed(record: MasteringRecord, predictor: WirePredictor, pool: Array, worst: float) -> int | None:
+def _poses_needed(record: MasteringRecord, predictor: WirePredictor, pool: Array, worst: float) -> int | None:
     """Return how many of the first know every motor at least that well; more never tell less."""
     covariance_of = turn_covariances(record, predictor, pool)
     low, high = 1, len(pool) + 1  # the last stands for too many
@@ -66,10 +66,10 @@ def _needed(record: MasteringRecord, predictor: WirePredictor, pool: Array, wors
 
 
 def _nearest_first(here_rad: Array, poses_rad: Array) -> Array:
-    left, here, ordered = list(poses_rad), np.asarray(here_rad, dtype=float), list[Array]()
-    while left:
-        nearest = int(np.argmin([np.abs(pose - here).sum() for pose in left]))
-        here = left.pop(nearest)
+    remaining, here, ordered = list(poses_rad), np.asarray(here_rad, dtype=float), list[Array]()
+    while remaining:
+        nearest = int(np.argmin([np.abs(pose - here).sum() for pose in remaining]))
+        here = remaining.pop(nearest)
         ordered.append(here)
     return np.array(ordered)
 

@@ -16,7 +16,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.turn_results import TurnRecovery
 from cellcal.calibration.wires.arm import flank_values
-from cellcal.calibration.wires.model import WireSeen, WireTerms
+from cellcal.calibration.wires.model import WirePoses, WireTerms
 from cellcal.calibration.wires.reference import WirePredictor
 
 SAME_POSTURE_RAD = 0.01  # two captures nearer than that are of one posture
@@ -79,23 +79,25 @@ def compare_flanks(
     """
     if not before or not again:
         raise CalibrationError("two captures of one posture are needed to look at the tooth flanks")
-    wire, prior = record.lengths()
+    wire, prior = record.wire_lengths()
     predictor = WirePredictor(model, wire, prior)
-    then, now = (_terms(predictor, record, recovery, captures) for captures in (before, again))
-    apart = np.abs(now.seen.joints_rad[:, None] - then.seen.joints_rad[None]).max(axis=2)
+    then, now = (_wire_terms_of(predictor, record, recovery, captures) for captures in (before, again))
+    apart = np.abs(now.poses.joints_rad[:, None] - then.poses.joints_rad[None]).max(axis=2)
     pairs = [(k, int(row.argmin())) for k, row in enumerate(apart) if row.min() <= SAME_POSTURE_RAD]
-    change = np.array([_change((before, then), (again, now), pair) for pair in pairs])
-    noise = np.array([_noise(prior.sigma_repeat_rad, (before, then), (again, now), pair) for pair in pairs])
+    change = np.array([_length_change((before, then), (again, now), pair) for pair in pairs])
+    noise = np.array(
+        [_change_noise(prior.sigma_repeat_rad, (before, then), (again, now), pair) for pair in pairs]
+    )
     other = np.array([again[k].settled_from == OTHER_SIDE for k, _ in pairs], dtype=bool)
-    loaded, _ = flank_values(model, now.seen.joints_rad)
-    loose = [joint for joint in range(model.axes) if joint not in loaded]
+    loaded, _ = flank_values(model, now.poses.joints_rad)
+    loose = [joint for joint in range(model.axis_count) if joint not in loaded]
     lever = np.array([now.by_joint[k, loose].sum() for k, _ in pairs])
     flanks = np.array([np.linalg.norm(now.by_joint[k, loose]) for k, _ in pairs])
     limits = SIGMAS * np.sqrt(noise + (2.0 * prior.sigma_backlash_rad * flanks) ** 2)
-    backlash, u_rad = _backlash(change[other], noise[other], lever[other])
+    backlash, u_rad = _estimate_backlash(change[other], noise[other], lever[other])
     return FlankCheck(
-        *_worst(change[~other], SIGMAS * np.sqrt(noise[~other])),
-        *_worst(change[other], limits[other]),
+        *_worst_change(change[~other], SIGMAS * np.sqrt(noise[~other])),
+        *_worst_change(change[other], limits[other]),
         backlash,
         u_rad,
         tuple(model.joint_names[joint] for joint in loose),
@@ -103,39 +105,43 @@ def compare_flanks(
     )
 
 
-def _terms(
+def _wire_terms_of(
     predictor: WirePredictor, record: MasteringRecord, recovery: TurnRecovery, captures: Sequence[WireCapture]
 ) -> WireTerms:
     counts = np.array([capture.counts for capture in captures], dtype=float)
-    joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+    joints = record.drive.to_joints(counts, np.array(record.counts_at_zero))
     joints = joints + record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
-    return predictor.terms(WireSeen.of(joints, np.array([capture.sigma_m for capture in captures])))
+    return predictor.wire_terms(
+        WirePoses.from_record_side(joints, np.array([capture.sigma_m for capture in captures]))
+    )
 
 
-Look = tuple[Sequence[WireCapture], WireTerms]
+FlankLook = tuple[Sequence[WireCapture], WireTerms]
 
 
-def _change(before: Look, again: Look, pair: tuple[int, int]) -> float:
+def _length_change(before: FlankLook, again: FlankLook, pair: tuple[int, int]) -> float:
     """Return by how much more a length changed than its posture [m]."""
     (k, first), (captures, terms), (earlier, was) = pair, again, before
     expected = float(terms.lengths[k] - was.lengths[first])
     return captures[k].length_m - earlier[first].length_m - expected
 
 
-def _noise(sigma_repeat_rad: float, before: Look, again: Look, pair: tuple[int, int]) -> float:
+def _change_noise(
+    sigma_repeat_rad: float, before: FlankLook, again: FlankLook, pair: tuple[int, int]
+) -> float:
     (k, first), (captures, terms), (earlier, _) = pair, again, before
     resting = 2.0 * sigma_repeat_rad**2 * float(np.sum(terms.by_joint[k] ** 2))
     return captures[k].sigma_m ** 2 + earlier[first].sigma_m ** 2 + resting
 
 
-def _worst(changes: Array, limits: Array) -> tuple[float | None, float]:
+def _worst_change(changes: Array, limits: Array) -> tuple[float | None, float]:
     if not len(changes):
         return None, 0.0
     worst = int(np.argmax(np.abs(changes) / limits))
     return float(abs(changes[worst])), float(limits[worst])
 
 
-def _backlash(changes: Array, noise: Array, lever: Array) -> tuple[float | None, float]:
+def _estimate_backlash(changes: Array, noise: Array, lever: Array) -> tuple[float | None, float]:
     """Return the play that all unloaded joints would have to have, and its U (k = 2) [rad]."""
     information = float(np.sum(lever**2 / noise)) if len(changes) else 0.0
     if information <= 0.0:

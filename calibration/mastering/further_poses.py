@@ -20,7 +20,7 @@ def further_lengths(
     kit = record.capture_joints_rad()
     order = next_poses(model, record, measured, kit, _MOST_FURTHER)
     joints = np.vstack([measured, kit[list(order)]])
-    covariance_of = turn_covariances(record, WirePredictor(model, *record.lengths()), joints)
+    covariance_of = turn_covariances(record, WirePredictor(model, *record.wire_lengths()), joints)
     needed, count = max(1, at_least), len(measured)
     while needed < len(order) and success_probability(covariance_of(count + needed)) <= SUCCESS_PROBABILITY:
         needed += 1

@@ -26,7 +26,7 @@ class IntegerFix:
     success_probability: float
 
     @property
-    def ratio(self) -> float:
+    def distance_ratio(self) -> float:
         """Return second distance over best; large means that no other vector comes near."""
         return self.second_distance / max(self.best_distance, 1e-12)
 
@@ -67,7 +67,7 @@ def search_integers(estimate: Array, covariance: Array) -> IntegerFix:
     estimate = np.asarray(estimate, dtype=float)
     if estimate.size == 0:
         return IntegerFix((), (), 0.0, float("inf"), 1.0)
-    transform, triangle = _decorrelate(covariance)
+    transform, triangle = _decorrelate_covariance(covariance)
     unimodular_inverse = np.rint(np.linalg.inv(transform))
     points, distances = _two_nearest(triangle, unimodular_inverse @ estimate)
     integers = [tuple(int(v) for v in np.rint(transform @ point)) for point in points]
@@ -85,14 +85,14 @@ def success_probability(covariance: Array) -> float:
     P. J. G. Teunissen, An optimality property of the integer least-squares estimator, J. Geodesy 73
     (1999) 587.
     """
-    return _bootstrap_probability(_decorrelate(covariance)[1]) if len(covariance) else 1.0
+    return _bootstrap_probability(_decorrelate_covariance(covariance)[1]) if len(covariance) else 1.0
 
 
 def _bootstrap_probability(triangle: Array) -> float:
     return float(np.prod(2.0 * ndtr(np.abs(np.diag(triangle)) / 2.0) - 1.0))
 
 
-def _decorrelate(covariance: Array) -> tuple[Array, Array]:
+def _decorrelate_covariance(covariance: Array) -> tuple[Array, Array]:
     """Return unimodular Z and upper triangular B with ``(R Z)'(R Z) = B'B = Z' Q^-1 Z`` and B reduced."""
     covariance = np.asarray(covariance, dtype=float)
     try:
@@ -104,7 +104,7 @@ def _decorrelate(covariance: Array) -> tuple[Array, Array]:
     triangle = np.asarray(np.linalg.qr(factor, mode="r"))
     column = 1
     while column < size:
-        _shorten(triangle, transform, column)
+        _reduce_column(triangle, transform, column)
         if _should_swap(triangle, column):
             triangle[:, [column - 1, column]] = triangle[:, [column, column - 1]]
             transform[:, [column - 1, column]] = transform[:, [column, column - 1]]
@@ -115,7 +115,7 @@ def _decorrelate(covariance: Array) -> tuple[Array, Array]:
     return transform, triangle
 
 
-def _shorten(triangle: Array, transform: Array, column: int) -> None:
+def _reduce_column(triangle: Array, transform: Array, column: int) -> None:
     for row in range(column - 1, -1, -1):
         times = np.rint(triangle[row, column] / triangle[row, row])
         if times:
@@ -144,7 +144,7 @@ def _two_nearest(triangle: Array, target: Array) -> tuple[list[Array], list[floa
         if distance > found[1][0]:
             continue
         if len(tail) < size:
-            stack.extend(_children(triangle, target, (distance, tail), found[1][0]))
+            stack.extend(_child_nodes(triangle, target, (distance, tail), found[1][0]))
         elif tail not in (found[0][1], found[1][1]):
             found = sorted([*found, (distance, tail)])[:2]
     return [np.array(tail) for _, tail in found], [distance for distance, _ in found]
@@ -154,27 +154,27 @@ def _first_two(triangle: Array, target: Array) -> list[_Node]:
     """Return two points to start from: successive rounding, and its first entry rounded the other way."""
     entries = np.array(target, dtype=float)
     for row in range(len(target) - 1, -1, -1):
-        entries[row] = np.rint(_centre(triangle, target, row, entries[row + 1 :]))
+        entries[row] = np.rint(_conditional_centre(triangle, target, row, entries[row + 1 :]))
     other = entries.copy()
-    other[0] += 1.0 if _centre(triangle, target, 0, entries[1:]) >= entries[0] else -1.0
+    other[0] += 1.0 if _conditional_centre(triangle, target, 0, entries[1:]) >= entries[0] else -1.0
     points = [
         (float(np.sum((triangle @ (p - target)) ** 2)), tuple(float(v) for v in p)) for p in (entries, other)
     ]
     return sorted(points)
 
 
-def _children(triangle: Array, target: Array, node: _Node, limit: float) -> list[_Node]:
+def _child_nodes(triangle: Array, target: Array, node: _Node, limit: float) -> list[_Node]:
     """Return the entries of the next row that stay inside the radius, nearest last."""
     distance, tail = node
     row = len(target) - 1 - len(tail)
     diagonal = triangle[row, row]
-    centre = _centre(triangle, target, row, np.array(tail))
+    centre = _conditional_centre(triangle, target, row, np.array(tail))
     reach = max(limit - distance, 0.0) ** 0.5 / abs(diagonal) + 1e-9
     entries = np.arange(np.ceil(centre - reach), np.floor(centre + reach) + 1.0)
     costs = distance + (diagonal * (entries - centre)) ** 2
     return [(float(costs[i]), (float(entries[i]), *tail)) for i in np.argsort(-costs)]
 
 
-def _centre(triangle: Array, target: Array, row: int, tail: Array) -> float:
+def _conditional_centre(triangle: Array, target: Array, row: int, tail: Array) -> float:
     """Return the real value of entry ``row`` that is best once the entries after it are fixed."""
     return float(target[row] + triangle[row, row + 1 :] @ (target[row + 1 :] - tail) / triangle[row, row])

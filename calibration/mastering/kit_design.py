@@ -19,7 +19,7 @@ from cellcal.calibration.mastering.place_evidence import PlaceProblem
 from cellcal.calibration.mastering.place_recovery import FITTED, place_covariance, places_to_fit_of
 from cellcal.calibration.mastering.turn_gate import SUCCESS_PROBABILITY
 from cellcal.calibration.mastering.turn_recovery import SPARE_CAPTURES
-from cellcal.calibration.mastering.turn_verification import detection
+from cellcal.calibration.mastering.turn_verification import detection_deviations
 
 CHECKS = 3  # places of a kit of points or targets that are never fitted
 _ASSUMED_NESTS_M = ((1.6, 0.9, -0.4), (1.4, -1.0, 0.5), (-0.6, 1.2, 0.2), (0.3, -1.3, 0.9))
@@ -56,12 +56,14 @@ class KitOutlook:
     spare: int  # figures beyond the unknown turns, so that a mistake is noticed; the gate wants six
 
     @property
-    def noticed(self) -> bool:
+    def is_checkable(self) -> bool:
         """Whether the gate of a recovery would have enough figures to notice a mistake."""
         return self.spare >= SPARE_CAPTURES
 
 
-def outlook(model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]]) -> KitOutlook:
+def predict_kit_recovery(
+    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]]
+) -> KitOutlook:
     """Foretell a recovery that fits the best places of a kit and checks at the others.
 
     Raises
@@ -82,7 +84,7 @@ def outlook(model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[
         _check_sigmas(model, kit, robot, checks, covariance),
         len(fitted),
         len(checks),
-        sum(6 if kinds[number] == "seat" else 3 for number in fitted) - model.axes,
+        sum(6 if kinds[number] == "seat" else 3 for number in fitted) - model.axis_count,
     )
 
 
@@ -92,7 +94,7 @@ def design_kit(
     plan: KitPlan,
     candidates_rad: Array,
     *,
-    known: RecoveryKit | None = None,
+    existing_kit: RecoveryKit | None = None,
 ) -> RecoveryKit:
     """Choose the postures at which the places of a kit should be, as if they had been visited there.
 
@@ -127,58 +129,61 @@ def design_kit(
             remedy="Widen the workspace box, or bring the robot's tool nearer to the middle of its range.",
         )
     drawn = _as_kit(model, robot, plan, candidates_rad)
-    if known is not None:
-        return _one_more(model, robot, known, drawn)
-    chosen = _chosen(model, robot, drawn, plan)
+    if existing_kit is not None:
+        return _add_best_candidate(model, robot, existing_kit, drawn)
+    chosen = _choose_candidates(model, robot, drawn, plan)
     places = [place for place in drawn.places if place.kind == "nest"]
-    places += [_numbered(drawn, k, len(places) + n, plan, n) for n, k in enumerate(chosen)]
+    places += [_numbered_capture(drawn, k, len(places) + n, plan, n) for n, k in enumerate(chosen)]
     return replace(drawn, places=tuple(places))
 
 
-def _chosen(
+def _choose_candidates(
     model: RobotModel, robot: tuple[DriveTrain, tuple[int, ...]], drawn: RecoveryKit, plan: KitPlan
 ) -> list[int]:
     """Return which candidates to take, counted without the nests: those to fit first, then those to check at."""
-    every = PlaceChoice.of(model, drawn, robot)
+    every = PlaceChoice.from_kit(model, drawn, robot)
     if plan.kind == "seat":
         fitted = every.best_fit(1)
-        points = PlaceChoice.of(model, _touched(drawn, plan), robot)
-        return fitted + points.best_checks(every.covariance(fitted), fitted, plan.check_points)
+        points = PlaceChoice.from_kit(model, _as_touched(drawn, plan), robot)
+        return fitted + points.best_checks(every.turn_covariance(fitted), fitted, plan.check_points)
     fitted = every.best_fit(max(1, min(FITTED, plan.places - CHECKS)))
-    return fitted + every.best_checks(every.covariance(fitted), fitted, plan.places - len(fitted))
+    return fitted + every.best_checks(every.turn_covariance(fitted), fitted, plan.places - len(fitted))
 
 
-def _touched(drawn: RecoveryKit, plan: KitPlan) -> RecoveryKit:
+def _as_touched(drawn: RecoveryKit, plan: KitPlan) -> RecoveryKit:
     """Return the places of a seat as if they were touched."""
     points = tuple(replace(c, kind="point", sigma_rad=0.0, sigma_m=plan.sigma_m) for c in drawn.places)
     return replace(drawn, places=points)
 
 
-def _numbered(drawn: RecoveryKit, index: int, place: int, plan: KitPlan, order: int) -> PlaceCapture:
+def _numbered_capture(drawn: RecoveryKit, index: int, place: int, plan: KitPlan, order: int) -> PlaceCapture:
     found = [c for c in drawn.places if c.kind != "nest"][index]
     kind = "point" if plan.kind == "seat" and order > 0 else found.kind
     sigma_rad = found.sigma_rad if kind == "seat" else 0.0
     return replace(found, place=place, kind=kind, sigma_rad=sigma_rad, label=f"place {place + 1}")
 
 
-def _one_more(
-    model: RobotModel, robot: tuple[DriveTrain, tuple[int, ...]], known: RecoveryKit, drawn: RecoveryKit
+def _add_best_candidate(
+    model: RobotModel,
+    robot: tuple[DriveTrain, tuple[int, ...]],
+    existing_kit: RecoveryKit,
+    drawn: RecoveryKit,
 ) -> RecoveryKit:
     """Return the known kit with one candidate more: the one that leaves least, or that shows wrong turns best."""
-    number = 1 + max(place.place for place in known.places)
+    number = 1 + max(place.place for place in existing_kit.places)
     more = [c for c in drawn.places if c.kind != "nest"]
     every = [replace(c, place=number + k, label=f"place {number + k + 1}") for k, c in enumerate(more)]
-    choice = PlaceChoice.of(model, replace(known, places=(*known.places, *every)), robot)
-    there = [place for place in known.places if place.kind != "nest"]
-    now, mine = outlook(model, known, robot), range(len(there))
-    if now.noticed and now.success_probability > SUCCESS_PROBABILITY:
-        fitted = set(places_to_fit_of(model, known, robot))
-        covariance = choice.covariance([k for k in mine if there[k].place in fitted])
+    choice = PlaceChoice.from_kit(model, replace(existing_kit, places=(*existing_kit.places, *every)), robot)
+    there = [place for place in existing_kit.places if place.kind != "nest"]
+    now, mine = predict_kit_recovery(model, existing_kit, robot), range(len(there))
+    if now.is_checkable and now.success_probability > SUCCESS_PROBABILITY:
+        fitted = set(places_to_fit_of(model, existing_kit, robot))
+        covariance = choice.turn_covariance([k for k in mine if there[k].place in fitted])
         best = choice.best_checks(covariance, list(mine), 1)[0]
     else:
         best = choice.best_addition(list(mine))
     taken = replace(every[best - len(there)], place=number, label=f"place {number + 1}")
-    return replace(known, places=(*known.places, taken))
+    return replace(existing_kit, places=(*existing_kit.places, taken))
 
 
 def _as_kit(
@@ -186,7 +191,7 @@ def _as_kit(
 ) -> RecoveryKit:
     """Return a kit with a place at each posture, as a nominal arm would have found them."""
     drive, zero = robot
-    counts = drive.counts(joints_rad, np.array(zero))
+    counts = drive.to_counts(joints_rad, np.array(zero))
     tips = model.tip_positions(joints_rad, np.array(plan.tip_in_flange_m))
     sigma_rad = plan.sigma_rad if plan.kind == "seat" else 0.0
     target = plan.kind == "target"
@@ -196,8 +201,10 @@ def _as_kit(
         for k, at in enumerate(nests)
     ]
     for k, (row, tip) in enumerate(zip(counts, tips, strict=True), len(nests)):
-        seen = (float(tip[0]), float(tip[1]), float(tip[2])) if target else None
-        place = PlaceCapture(plan.kind, k, tuple(int(c) for c in row), plan.sigma_m, sigma_rad, seen)
+        tip_position_m = (float(tip[0]), float(tip[1]), float(tip[2])) if target else None
+        place = PlaceCapture(
+            plan.kind, k, tuple(int(c) for c in row), plan.sigma_m, sigma_rad, tip_position_m
+        )
         places.append(place)
     return RecoveryKit(plan.tip_in_flange_m, tuple(places), plan.sigma_tip_m)
 
@@ -216,7 +223,7 @@ def _check_sigmas(
         problem = PlaceProblem(model, kit, robot, [*nests, *checks])
     except CalibrationError:
         return 0.0
-    local = problem.at(np.zeros(model.axes))
+    local = problem.linearise_at(np.zeros(model.axis_count))
     spread = local.by_turn @ covariance @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
-    return float(detection(problem, local).max(axis=0).min())
+    return float(detection_deviations(problem, local).max(axis=0).min())

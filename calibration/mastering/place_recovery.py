@@ -11,8 +11,8 @@ from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, Pl
 from cellcal.calibration.mastering.integer_search import success_probability
 from cellcal.calibration.mastering.place_choice import PlaceChoice
 from cellcal.calibration.mastering.place_evidence import PlaceProblem
-from cellcal.calibration.mastering.pose_design import TURN_DOUBT
-from cellcal.calibration.mastering.turn_recovery import Robot, TurnRecovery, recover_from
+from cellcal.calibration.mastering.pose_design import TURN_UNCERTAINTY
+from cellcal.calibration.mastering.turn_recovery import RecoveryRobot, TurnRecovery, recover_from
 from cellcal.calibration.mastering.turn_verification import verify_evidence
 
 FITTED = 6  # places that tell all motors to a few hundredths of a degree; the others are left for checking
@@ -31,11 +31,11 @@ def recover_from_places(
     model, robot = load_model(record.model), (record.drive, record.counts_at_zero)
     return recover_from(
         PlaceProblem(model, kit, robot, captures) if captures else None,
-        Robot(model, *robot),
+        RecoveryRobot(model, *robot),
         provisional_turns=provisional_turns,
         max_turns=max_turns,
         replaced_axes=replaced_axes,
-        further=lambda _, __: _unvisited(record, kit, captures),
+        further=lambda _, __: _unvisited_postures(record, kit, captures),
     )
 
 
@@ -71,9 +71,11 @@ def place_covariance(
 ) -> Array:
     """Return the covariance (n, n) [turns^2] of real estimates of the turns, were these places visited again."""
     again = [place for place in kit.places if place.place in set(numbers) or place.kind == "nest"]
-    local = PlaceProblem(model, kit, robot, again).at(np.zeros(model.axes))
+    local = PlaceProblem(model, kit, robot, again).linearise_at(np.zeros(model.axis_count))
     information = local.by_turn.T @ np.linalg.solve(local.scatter, local.by_turn)
-    return np.asarray(np.linalg.inv(information + np.eye(model.axes) / TURN_DOUBT**2), dtype=float)
+    return np.asarray(
+        np.linalg.inv(information + np.eye(model.axis_count) / TURN_UNCERTAINTY**2), dtype=float
+    )
 
 
 def choose_places(
@@ -84,7 +86,7 @@ def choose_places(
     Greedy A-optimality; the places not chosen are left for checking.
     """
     numbers = [place.place for place in kit.places if place.kind != "nest"]
-    return tuple(numbers[k] for k in PlaceChoice.of(model, kit, robot).best_fit(count))
+    return tuple(numbers[k] for k in PlaceChoice.from_kit(model, kit, robot).best_fit(count))
 
 
 def places_to_fit(record: MasteringRecord) -> tuple[int, ...]:
@@ -112,11 +114,11 @@ def places_to_fit_of(
     return choose_places(model, kit, robot, max(1, min(FITTED, len(arms) - 2)))
 
 
-def _unvisited(
+def _unvisited_postures(
     record: MasteringRecord, kit: RecoveryKit, captures: Sequence[PlaceCapture]
 ) -> tuple[tuple[float, ...], ...]:
     visited = {capture.place for capture in captures}
-    left = [place.counts for place in kit.places if place.place not in visited and place.kind != "nest"]
-    counts = np.array(left, dtype=float).reshape(-1, len(record.counts_at_zero))
-    joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+    remaining = [place.counts for place in kit.places if place.place not in visited and place.kind != "nest"]
+    counts = np.array(remaining, dtype=float).reshape(-1, len(record.counts_at_zero))
+    joints = record.drive.to_joints(counts, np.array(record.counts_at_zero))
     return tuple(tuple(float(q) for q in row) for row in joints)

@@ -10,17 +10,17 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.calibration.mastering.integer_search import success_probability
 from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures
-from cellcal.calibration.wires.model import WirePrior, WireSeen, disturbance_covariance, wire_terms
+from cellcal.calibration.wires.model import WirePoses, WirePrior, disturbance_covariance, wire_terms
 from cellcal.calibration.wires.reference import WirePredictor, parameter_sigmas
 
-TURN_DOUBT = 10.0  # deviation of a lost motor's turns before measuring, per motor
+TURN_UNCERTAINTY = 10.0  # deviation of a lost motor's turns before measuring, per motor
 _EXCHANGE_ROUNDS = 2
 _DESIGN_SIGMA_M = 0.0002
 _CANDIDATES_A_POSE = 4  # of fewer a greedy choice is mostly made by chance
 _MOST_BATCHES, _NEXT_SEED = 12, 1_000_003
 
 
-def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tuple[float, Array]:
+def predict_turns(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tuple[float, Array]:
     """Predict, before measuring, what captures at these joints would tell about lost turns.
 
     Parameters
@@ -40,7 +40,7 @@ def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tu
         Standard deviation of each motor's real estimate [turns].
     """
     joints = np.asarray(joints_rad, dtype=float)
-    covariance_of = turn_covariances(record, WirePredictor(model, *record.lengths()), joints)
+    covariance_of = turn_covariances(record, WirePredictor(model, *record.wire_lengths()), joints)
     covariance = covariance_of(len(joints))
     return success_probability(covariance), np.sqrt(np.diag(covariance))
 
@@ -49,14 +49,14 @@ def turn_covariances(
     record: MasteringRecord, predictor: WirePredictor, joints_rad: Array
 ) -> Callable[[int], Array]:
     """Return a function: covariance (n, n) [turns^2] of real estimates from the first so many captures."""
-    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
-    scatter = predictor.expect(terms)[1]
+    terms = predictor.wire_terms(WirePoses.from_record_side(joints_rad, predictor.sigma_m))
+    scatter = predictor.expected_lengths(terms)[1]
     by_turn = terms.by_joint @ record.drive.radians_per_turn()
 
     def covariance_of(count: int) -> Array:
         first = by_turn[:count]
         information = first.T @ np.linalg.solve(scatter[:count, :count], first)
-        loose = np.eye(by_turn.shape[1]) / TURN_DOUBT**2
+        loose = np.eye(by_turn.shape[1]) / TURN_UNCERTAINTY**2
         return np.asarray(np.linalg.inv(information + loose), dtype=np.float64)
 
     return covariance_of
@@ -94,15 +94,17 @@ def next_poses(
     V. V. Fedorov, Theory of optimal experiments, 1972: the criterion.
     """
     candidates = np.asarray(candidates_joints, dtype=float)
-    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
-    predictor = WirePredictor(model, *record.lengths())
-    terms = predictor.terms(WireSeen.of(np.vstack([measured, candidates]), predictor.sigma_m))
-    scatter = predictor.expect(terms)[1]
+    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axis_count)
+    predictor = WirePredictor(model, *record.wire_lengths())
+    terms = predictor.wire_terms(
+        WirePoses.from_record_side(np.vstack([measured, candidates]), predictor.sigma_m)
+    )
+    scatter = predictor.expected_lengths(terms)[1]
     by_turn = terms.by_joint @ record.drive.radians_per_turn()
-    noise = np.diag(terms.noise(record.lengths()[1]))
+    noise = np.diag(terms.noise_variance(record.wire_lengths()[1]))
     first = len(measured)
-    known, unknown = scatter - noise, scatter - noise + TURN_DOUBT**2 * by_turn @ by_turn.T
-    chosen = _greedy(known, unknown, np.diag(noise), list(range(first)), k)
+    known_covariance, unknown = scatter - noise, scatter - noise + TURN_UNCERTAINTY**2 * by_turn @ by_turn.T
+    chosen = _choose_greedily(known_covariance, unknown, np.diag(noise), list(range(first)), k)
     return tuple(int(i) - first for i in chosen)
 
 
@@ -158,18 +160,18 @@ def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
     sigma_x = parameter_sigmas(model, prior)
     nominal = np.zeros(len(sigma_x))
     nominal[:8] = [*prior.anchor_in_base_m, *prior.hook_in_flange_m, prior.zero_m, 1.0]
-    terms = wire_terms(model, nominal, WireSeen.of(candidates, _DESIGN_SIGMA_M))
+    terms = wire_terms(model, nominal, WirePoses.from_record_side(candidates, _DESIGN_SIGMA_M))
     by_turn = terms.by_joint @ drive.radians_per_turn()
     weighted = terms.by_parameter * sigma_x
-    known = disturbance_covariance(prior, terms, terms)
-    unknown = known + TURN_DOUBT**2 * by_turn @ by_turn.T + weighted @ weighted.T
-    noise = terms.noise(prior)
-    chosen = _greedy(known, unknown, noise, [], k)
+    known_covariance = disturbance_covariance(prior, terms, terms)
+    unknown = known_covariance + TURN_UNCERTAINTY**2 * by_turn @ by_turn.T + weighted @ weighted.T
+    noise = terms.noise_variance(prior)
+    chosen = _choose_greedily(known_covariance, unknown, noise, [], k)
     for _ in range(_EXCHANGE_ROUNDS):
         before = list(chosen)
         for place in range(k):
             others = chosen[:place] + chosen[place + 1 :]
-            chosen[place] = _greedy(known, unknown, noise, others, 1)[0]
+            chosen[place] = _choose_greedily(known_covariance, unknown, noise, others, 1)[0]
         if chosen == before:
             break
     return candidates[chosen]
@@ -211,33 +213,40 @@ def candidate_joints(
     """Return up to ``count`` postures (C, n), drawn evenly between the joint limits, that keep all limits."""
     generator = np.random.default_rng(seed)
     low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
-    kept: list[Array] = []
+    accepted: list[Array] = []
     for _ in range(40):
-        drawn = generator.uniform(low, high, (4 * count, model.axes))
-        kept.append(drawn[allowed_postures(model, drawn, limits, hook_in_flange_m)])
-        if sum(map(len, kept)) >= count:
+        drawn = generator.uniform(low, high, (4 * count, model.axis_count))
+        accepted.append(drawn[allowed_postures(model, drawn, limits, hook_in_flange_m)])
+        if sum(map(len, accepted)) >= count:
             break
-    return np.concatenate(kept)[:count]
+    return np.concatenate(accepted)[:count]
 
 
-def _greedy(known: Array, unknown: Array, noise: Array, given: Sequence[int], k: int) -> list[int]:
+def _choose_greedily(
+    known_covariance: Array, unknown: Array, noise: Array, chosen_before: Sequence[int], k: int
+) -> list[int]:
     """Return k indices, greedily maximising the information gained by noisy looks at correlated values."""
-    known, unknown = _conditioned(known, noise, given), _conditioned(unknown, noise, given)
+    known_covariance, unknown = (
+        _condition_on(known_covariance, noise, chosen_before),
+        _condition_on(unknown, noise, chosen_before),
+    )
     chosen: list[int] = []
-    for _ in range(min(k, len(noise) - len(given))):
-        gain = np.log((np.diag(unknown) + noise) / (np.diag(known) + noise))
-        gain[[*given, *chosen]] = -np.inf
+    for _ in range(min(k, len(noise) - len(chosen_before))):
+        gain = np.log((np.diag(unknown) + noise) / (np.diag(known_covariance) + noise))
+        gain[[*chosen_before, *chosen]] = -np.inf
         best = int(np.argmax(gain))
         chosen.append(best)
-        known, unknown = (_conditioned(matrix, noise, [best]) for matrix in (known, unknown))
+        known_covariance, unknown = (
+            _condition_on(matrix, noise, [best]) for matrix in (known_covariance, unknown)
+        )
     return chosen
 
 
-def _conditioned(covariance: Array, noise: Array, given: Sequence[int]) -> Array:
-    """Return the covariance (a copy) after noisy looks at the entries ``given``."""
-    if not len(given):
+def _condition_on(covariance: Array, noise: Array, indices: Sequence[int]) -> Array:
+    """Return the covariance (a copy) after noisy looks at the entries ``chosen_before``."""
+    if not len(indices):
         return covariance.copy()
-    rows = list(given)
+    rows = list(indices)
     block = covariance[np.ix_(rows, rows)] + np.diag(noise[rows])
     conditioned: Array = covariance - covariance[:, rows] @ np.linalg.solve(block, covariance[rows])
     return conditioned

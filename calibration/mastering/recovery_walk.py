@@ -14,8 +14,8 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.mastering.pose_design import TURN_DOUBT
-from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.mastering.pose_design import TURN_UNCERTAINTY
+from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor
 
 AllowedPostures = Callable[[Array], Array]  # (M, n): booleans, True where all limits are kept
@@ -37,7 +37,7 @@ _AT_ONCE = 64  # sets of captures: their covariances together stay small
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class JogTiming:
     """How long a robot takes that jogs one axis after the other and comes to rest from one side."""
 
     speed_rad_s: float = 0.035
@@ -45,7 +45,7 @@ class Pace:
     settle_s: float = 1.0
     capture_s: float = 2.5
 
-    def seconds(self, walks: Array) -> Array:
+    def walk_seconds(self, walks: Array) -> Array:
         """Return the time of walks (B, K + 1, n), from where they start, a capture at each stop (B,) [s]."""
         ways = np.diff(walks, axis=1)
         moved, back = np.abs(ways) > _STANDING_RAD, ways < -_STANDING_RAD
@@ -62,13 +62,13 @@ class WalkPlanner:
     model: RobotModel
     record: MasteringRecord
     allowed: AllowedPostures
-    pace: Pace = field(default_factory=Pace)
+    jog_timing: JogTiming = field(default_factory=JogTiming)
 
     @cached_property
-    def _predictor(self) -> WirePredictor:
-        return WirePredictor(self.model, *self.record.lengths())
+    def _wire_predictor(self) -> WirePredictor:
+        return WirePredictor(self.model, *self.record.wire_lengths())
 
-    def plan(self, start_rad: Array, captures: int, *, seed: int = 0) -> Array:
+    def plan_walk(self, start_rad: Array, captures: int, *, seed: int = 0) -> Array:
         """Plan a walk whose captures tell every motor's turns to about ``GOAL_TURNS``, as quickly as found.
 
         Parameters
@@ -92,23 +92,23 @@ class WalkPlanner:
         a stretch of the walk, lets it stand there, or exchanges two stops; a standing axis costs nothing. The
         best of a few walks from different first guesses is taken: they differ by more than longer cooling brings.
         """
-        return self.walks(start_rad, captures, seed=seed)[0]
+        return self.plan_walks(start_rad, captures, seed=seed)[0]
 
-    def walks(self, start_rad: Array, captures: int, *, seed: int = 0) -> list[Array]:
-        """Return a few walks of ``plan`` from different first guesses, the best first."""
+    def plan_walks(self, start_rad: Array, captures: int, *, seed: int = 0) -> list[Array]:
+        """Return a few walks of ``plan_walk`` from different first guesses, the best first."""
         start = np.asarray(start_rad, dtype=float)
-        tries = [self._annealed(start, captures, np.random.default_rng([seed, k])) for k in range(_TRIES)]
+        tries = [self._anneal_walk(start, captures, np.random.default_rng([seed, k])) for k in range(_TRIES)]
         return [walk for walk, _ in sorted(tries, key=lambda tried: tried[1])]
 
-    def _annealed(self, start: Array, captures: int, rng: np.random.Generator) -> tuple[Array, float]:
+    def _anneal_walk(self, start: Array, captures: int, rng: np.random.Generator) -> tuple[Array, float]:
         """Return the best walk found in one cooling down, and its cost."""
         turned = rng.random((captures, len(start))) < _START_SHARE
         walk = start + np.cumsum(_START_STEP_RAD * rng.normal(size=turned.shape) * turned, axis=0)
-        cost = float(self.cost(walk[None], start)[0])
+        cost = float(self.walk_cost(walk[None], start)[0])
         best, least = walk, cost
         for k in range(_ROUNDS):
-            others = _changed(walk, start, rng, _BREADTH)
-            costs = self.cost(others, start)
+            others = _change_walk(walk, start, rng, _BREADTH)
+            costs = self.walk_cost(others, start)
             found = int(np.argmin(costs))
             warmth = _WARM_S * (1.0 - k / _ROUNDS)
             if costs[found] < cost or rng.random() < np.exp((cost - costs[found]) / warmth):
@@ -117,7 +117,7 @@ class WalkPlanner:
                 best, least = walk, cost
         return best, least
 
-    def worth(
+    def rate_candidates(
         self, here_rad: Array, measured_rad: Array, candidates_rad: Array, *, efold_s: float
     ) -> tuple[Array, Array]:
         """Return what candidates (C, n) [rad] are worth, and how much each adds to the captures (M, n) [rad].
@@ -129,7 +129,7 @@ class WalkPlanner:
         sets = np.concatenate([with_all, candidates_rad[:, None]], axis=1)
         after = [self.turn_sigmas(sets[k : k + _AT_ONCE]) for k in range(0, len(sets), _AT_ONCE)]
         gain = np.log(self.turn_sigmas(measured_rad[None]) / np.concatenate(after)).sum(axis=1)
-        return efold_s * gain - self._seconds_to(here_rad, candidates_rad), gain
+        return efold_s * gain - self._travel_seconds(here_rad, candidates_rad), gain
 
     def quick_checks(
         self,
@@ -148,47 +148,51 @@ class WalkPlanner:
         squares, for who judges them by their whole covariance; else the sharpest capture counts for each story.
         """
         chosen: list[int] = []
-        seen, here = shown, here_rad
+        measured, here = shown, here_rad
         while len(chosen) < min(captures, len(candidates_rad)):
-            then = np.hypot(power, seen) if together else np.maximum(power, seen)
+            then = np.hypot(power, measured) if together else np.maximum(power, measured)
             gain = np.minimum(then, _AMPLE_POWER).sum(axis=1)
             gain += _NEEDED_WEIGHT * np.minimum(then, NEEDED_POWER).sum(axis=1)
-            worth = gain - self._seconds_to(here, candidates_rad) / _POWER_S
+            worth = gain - self._travel_seconds(here, candidates_rad) / _POWER_S
             worth[chosen] = -np.inf
             chosen.append(int(np.argmax(worth)))
-            seen, here = then[chosen[-1]], candidates_rad[chosen[-1]]
+            measured, here = then[chosen[-1]], candidates_rad[chosen[-1]]
         return chosen
 
-    def _seconds_to(self, here_rad: Array, candidates_rad: Array) -> Array:
+    def _travel_seconds(self, here_rad: Array, candidates_rad: Array) -> Array:
         start = np.broadcast_to(here_rad, candidates_rad.shape)
-        return self.pace.seconds(np.stack([start, candidates_rad], axis=1))
+        return self.jog_timing.walk_seconds(np.stack([start, candidates_rad], axis=1))
 
     def turn_sigmas(self, joints_rad: Array) -> Array:
         """Return what B sets of captures (B, K, n) [rad] would tell: one deviation per motor (B, n) [turns]."""
         sets, count, axes = joints_rad.shape
-        predictor = self._predictor
-        terms = predictor.terms(WireSeen.of(joints_rad.reshape(-1, axes), predictor.sigma_m))
+        predictor = self._wire_predictor
+        terms = predictor.wire_terms(
+            WirePoses.from_record_side(joints_rad.reshape(-1, axes), predictor.sigma_m)
+        )
         scatter = predictor.scatter_of_sets(terms, count)
         by_turn = (terms.by_joint @ self.record.drive.radians_per_turn()).reshape(sets, count, axes)
         information = np.swapaxes(by_turn, 1, 2) @ np.linalg.solve(scatter, by_turn)
-        covariance = np.linalg.inv(information + np.eye(axes) / TURN_DOUBT**2)
+        covariance = np.linalg.inv(information + np.eye(axes) / TURN_UNCERTAINTY**2)
         return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
-    def cost(self, walks: Array, start: Array) -> Array:
+    def walk_cost(self, walks: Array, start: Array) -> Array:
         """Return (B,) [s]: the time of walks (B, K, n) [rad] from ``start``, and what is left vague or forbidden."""
         vague = np.maximum(0.0, np.log(self.turn_sigmas(walks) / GOAL_TURNS)).sum(axis=1)
         whole = np.concatenate([np.broadcast_to(start, (len(walks), 1, len(start))), walks], axis=1)
-        stops = corners(whole)
+        stops = walk_corners(whole)
         turned = np.any(stops != np.concatenate([whole[:, :1], stops[:, :-1]], axis=1), axis=2)
         forbidden = np.zeros(turned.shape, dtype=bool)
         forbidden[turned] = ~self.allowed(stops[turned]).astype(
             bool
         )  # where no axis turned, nothing new is to be seen
-        costs: Array = self.pace.seconds(whole) + _VAGUE_S * vague + _FORBIDDEN_S * forbidden.sum(axis=1)
+        costs: Array = (
+            self.jog_timing.walk_seconds(whole) + _VAGUE_S * vague + _FORBIDDEN_S * forbidden.sum(axis=1)
+        )
         return costs
 
 
-def corners(walks: Array) -> Array:
+def walk_corners(walks: Array) -> Array:
     """Return where walks (B, K + 1, n) turn from one axis to the next, J1 first: (B, K n, n) [rad]."""
     count, stops, axes = walks.shape
     done = np.tril(np.ones((axes, axes), dtype=bool))
@@ -206,7 +210,7 @@ def nearby_joints(here_rad: Array, count: int, *, seed: int) -> Array:
     return nearby
 
 
-def _changed(walk: Array, start: Array, rng: np.random.Generator, count: int) -> Array:
+def _change_walk(walk: Array, start: Array, rng: np.random.Generator, count: int) -> Array:
     """Return ``count`` walks that differ from this one in one or two places."""
     walks = np.repeat(walk[None], count, axis=0)
     stops, axes = walk.shape

@@ -1,6 +1,6 @@
 """What must hold before lost turns are accepted: the gate's conditions, and how stories compete."""
 
-from cellcal.calibration.mastering.turn_hypotheses import Story
+from cellcal.calibration.mastering.turn_hypotheses import Hypothesis
 from cellcal.calibration.mastering.turn_results import GateCheck
 from cellcal.calibration.uncertainty import chi_square_limit
 
@@ -9,13 +9,13 @@ RATIO = 3.0
 _CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 
 
-def integer_checks(story: Story) -> list[GateCheck]:
+def integer_checks(hypothesis: Hypothesis) -> list[GateCheck]:
     """Return the conditions on the whole turns of a story: probability, distance of the next best, rounding."""
-    fix = story.fix
-    ratio = min(fix.ratio, 1e6)
+    fix = hypothesis.fix
+    ratio = min(fix.distance_ratio, 1e6)
     chance = f"the chance that all whole turns are right is {fix.success_probability:.6f}"
     further = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
-    rounding = "search and rounding agree" if story.rounded_same else "search and rounding disagree"
+    rounding = "search and rounding agree" if hypothesis.rounded_same else "search and rounding disagree"
     return [
         GateCheck(
             "success probability",
@@ -27,28 +27,28 @@ def integer_checks(story: Story) -> list[GateCheck]:
         GateCheck(
             "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {further} times further away"
         ),
-        GateCheck("rounding", story.rounded_same, float(story.rounded_same), 1.0, rounding),
+        GateCheck("rounding", hypothesis.rounded_same, float(hypothesis.rounded_same), 1.0, rounding),
     ]
 
 
-def chi_limit(story: Story) -> float:
+def chi_limit(hypothesis: Hypothesis) -> float:
     """Return the 99.9 % limit of a story's chi square."""
-    return chi_square_limit(max(story.degrees_of_freedom, 1))
+    return chi_square_limit(max(hypothesis.degrees_of_freedom, 1))
 
 
-def blocks_whole_turns(rival: Story, whole: Story) -> bool:
+def is_blocking_whole_turns(rival: Hypothesis, whole: Hypothesis) -> bool:
     """Tell whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
     margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
     return rival.log_evidence > whole.log_evidence + margin
 
 
-def explains(story: Story) -> bool:
+def is_explained(hypothesis: Hypothesis) -> bool:
     """Tell whether a story leaves no more than 99.9 % of the residuals that it allows."""
-    return story.chi_square <= chi_limit(story)
+    return hypothesis.chi_square <= chi_limit(hypothesis)
 
 
-def consequence(story: Story) -> tuple[str, tuple[int, ...]]:
+def consequence_of(hypothesis: Hypothesis) -> tuple[str, tuple[int, ...]]:
     """Return what a story leads to: stories with the same consequence do not compete."""
-    if story.kind in ("turns", "equipment"):
-        return "turns", tuple(round(t) for t in story.turns)
-    return story.kind, story.real_axes if story.kind == "motor" else ()
+    if hypothesis.kind in ("turns", "equipment"):
+        return "turns", tuple(round(t) for t in hypothesis.turns)
+    return hypothesis.kind, hypothesis.real_axes if hypothesis.kind == "motor" else ()

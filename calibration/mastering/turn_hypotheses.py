@@ -16,7 +16,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.integer_search import IntegerFix, search_integers
-from cellcal.calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
+from cellcal.calibration.wires.model import FRAME_PARAMETERS, WirePoses, WireTerms
 from cellcal.calibration.wires.reference import WirePredictor
 
 _MAX_ITERATIONS = 20
@@ -41,19 +41,19 @@ _WIRE_GROUPS = (
 _ANCHOR, _HOOK = "the anchor of the wire", "the hook"
 
 
-class Evidence(Protocol):
+class TurnEvidence(Protocol):
     """Captures of a robot that lost counts: what they say if the motors had lost these or those turns."""
 
     @property
-    def captures(self) -> int:
+    def capture_count(self) -> int:
         """How many captures there are."""
         ...
 
-    def values(self, turns: Array) -> Array:
+    def model_values(self, turns: Array) -> Array:
         """Return what is modelled to be seen (m,), if the motors had lost these turns (n,)."""
         ...
 
-    def at(self, turns: Array) -> "Local":
+    def linearise_at(self, turns: Array) -> "LocalResiduals":
         """Look at the captures as if the motors had lost these turns (n,)."""
         ...
 
@@ -62,38 +62,38 @@ class LossProblem:
     """Captures of a robot with lost counts, seen with its healthy record: lengths against turns."""
 
     def __init__(self, model: RobotModel, record: MasteringRecord, captures: Sequence[WireCapture]) -> None:
-        if any(len(c.counts) != model.axes for c in captures):
-            raise CalibrationError(f"every capture needs the counts of all {model.axes} motors")
-        self.predictor = WirePredictor(model, *record.lengths())
+        if any(len(c.counts) != model.axis_count for c in captures):
+            raise CalibrationError(f"every capture needs the counts of all {model.axis_count} motors")
+        self.predictor = WirePredictor(model, *record.wire_lengths())
         self._per_turn = record.drive.radians_per_turn()
-        counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axes)
-        self._read_joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+        counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axis_count)
+        self._read_joints = record.drive.to_joints(counts, np.array(record.counts_at_zero))
         self._lengths = np.array([c.length_m for c in captures])
         self._sigma = np.array([c.sigma_m for c in captures])
         self._flank = np.array([float(c.settled_from != "record") for c in captures])
-        self.captures = len(captures)
+        self.capture_count = len(captures)
 
-    def values(self, turns: Array) -> Array:
+    def model_values(self, turns: Array) -> Array:
         """Return the modelled lengths (m,) [m] if the motors had lost these turns (n,)."""
-        return self._terms(turns).lengths
+        return self._wire_terms(turns).lengths
 
-    def _terms(self, turns: Array) -> WireTerms:
+    def _wire_terms(self, turns: Array) -> WireTerms:
         joints = self._read_joints + turns @ self._per_turn.T
-        return self.predictor.terms(WireSeen(joints, self._sigma, self._flank))
+        return self.predictor.wire_terms(WirePoses(joints, self._sigma, self._flank))
 
-    def at(self, turns: Array) -> "Local":
+    def linearise_at(self, turns: Array) -> "LocalResiduals":
         """Look at the captures as if the motors had lost these turns (n,)."""
-        terms = self._terms(turns)
-        expected, scatter = self.predictor.expect(terms)
-        return Local(
+        terms = self._wire_terms(turns)
+        expected, scatter = self.predictor.expected_lengths(terms)
+        return LocalResiduals(
             turns=turns,
-            joints_rad=terms.seen.joints_rad,
+            joints_rad=terms.poses.joints_rad,
             values=terms.lengths,
             residuals=self._lengths - expected,
             by_turn=terms.by_joint @ self._per_turn,
             scatter=scatter,
             parts=_changed_parts(terms.by_parameter, self._read_joints.shape[1]),
-            rows=tuple(slice(k, k + 1) for k in range(self.captures)),
+            rows=tuple(slice(k, k + 1) for k in range(self.capture_count)),
             equipment=Equipment(
                 "the wire",
                 (_ANCHOR, _HOOK),
@@ -129,7 +129,7 @@ class Equipment:
     """What measures, and how the residuals change where it is no longer as recorded.
 
     ``columns`` (m, k) are derivatives by its parameters, each of the size of one deviation; ``parts`` are the names
-    of the parts of ``Local`` that belong to it; ``groups`` are columns that often change without the others.
+    of the parts of ``LocalResiduals`` that belong to it; ``groups`` are columns that often change without the others.
     """
 
     name: str
@@ -149,7 +149,7 @@ class Equipment:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Local:
+class LocalResiduals:
     """Residuals (m,) at some turns, their derivative by turns (m, n) and their covariance (m, m).
 
     Rows are lengths [m], coordinates [m] or angles [rad]; ``rows`` tells which belong to one capture. ``parts``
@@ -166,7 +166,7 @@ class Local:
     rows: tuple[slice, ...]
     equipment: Equipment
 
-    def with_any_equipment(self) -> "Local":
+    def with_any_equipment(self) -> "LocalResiduals":
         """Return the same with the equipment's changes as part of the scatter: it is measured anew."""
         columns = self.equipment.columns
         return replace(self, scatter=self.scatter + columns @ columns.T)
@@ -175,13 +175,13 @@ class Local:
         """Return the residuals' squared length in the metric of their covariance."""
         return float(self.residuals @ np.linalg.solve(self.scatter, self.residuals))
 
-    def step(self, free: Sequence[int], *, towards: Array, doubt_turns: float) -> Array:
+    def gauss_newton_step(self, free: Sequence[int], *, towards: Array, uncertainty_turns: float) -> Array:
         """Return the Gauss-Newton step (n,) of the free motors, with a weak pull towards what is believed."""
         rows = list(free)
         by_free = self.by_turn[:, rows]
         weighted = np.linalg.solve(self.scatter, np.column_stack([by_free, self.residuals]))
-        information = by_free.T @ weighted[:, :-1] + np.eye(len(rows)) / doubt_turns**2
-        gradient = by_free.T @ weighted[:, -1] + (towards - self.turns)[rows] / doubt_turns**2
+        information = by_free.T @ weighted[:, :-1] + np.eye(len(rows)) / uncertainty_turns**2
+        gradient = by_free.T @ weighted[:, -1] + (towards - self.turns)[rows] / uncertainty_turns**2
         step = np.zeros(len(self.turns))
         step[rows] = np.linalg.solve(information, gradient)
         return step / max(1.0, float(np.abs(step).max()) / _LONGEST_STEP_TURNS)
@@ -191,37 +191,37 @@ class Local:
 class AnyEquipment:
     """The same evidence where the equipment that measures need not be as recorded."""
 
-    evidence: Evidence
+    evidence: TurnEvidence
 
     @property
-    def captures(self) -> int:
+    def capture_count(self) -> int:
         """How many captures there are."""
-        return self.evidence.captures
+        return self.evidence.capture_count
 
-    def values(self, turns: Array) -> Array:
+    def model_values(self, turns: Array) -> Array:
         """Return what is modelled to be seen (m,), as recorded."""
-        return self.evidence.values(turns)
+        return self.evidence.model_values(turns)
 
-    def at(self, turns: Array) -> Local:
+    def linearise_at(self, turns: Array) -> LocalResiduals:
         """Look at the captures with the equipment's changes as part of their scatter."""
-        return self.evidence.at(turns).with_any_equipment()
+        return self.evidence.linearise_at(turns).with_any_equipment()
 
 
 def solve_real(
-    problem: Evidence, start: Array, *, free: Sequence[int], towards: Array, doubt_turns: float
-) -> Local:
+    problem: TurnEvidence, start: Array, *, free: Sequence[int], towards: Array, uncertainty_turns: float
+) -> LocalResiduals:
     """Return the real-valued solution of the free motors, by Gauss-Newton from ``start``."""
-    local = problem.at(start)
+    local = problem.linearise_at(start)
     for _ in range(_MAX_ITERATIONS):
-        step = local.step(free, towards=towards, doubt_turns=doubt_turns)
-        local = problem.at(local.turns + step)
+        step = local.gauss_newton_step(free, towards=towards, uncertainty_turns=uncertainty_turns)
+        local = problem.linearise_at(local.turns + step)
         if float(np.abs(step).max()) < _SETTLED_TURNS:
             break
     return local
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Story:
+class Hypothesis:
     """One explanation: which motors are off by real amounts, and what else is wrong.
 
     ``kind`` is turns, motor, all, equipment, geometry, outlier; ``subject`` names the part or capture that is wrong.
@@ -240,12 +240,14 @@ class Story:
     covariance: Array  # (n, n) of the turns; zero for whole ones
 
 
-class Storyteller:
+class HypothesisTest:
     """Evaluates stories around the real-valued solution."""
 
-    def __init__(self, local: Local, doubt_turns: float, replaced_axes: Sequence[int] = ()) -> None:
+    def __init__(
+        self, local: LocalResiduals, uncertainty_turns: float, replaced_axes: Sequence[int] = ()
+    ) -> None:
         self._local, self.replaced = local, tuple(sorted(set(replaced_axes)))
-        self._loose = np.eye(len(local.turns)) / doubt_turns**2
+        self._loose = np.eye(len(local.turns)) / uncertainty_turns**2
         factor = np.linalg.cholesky(local.scatter)
         stacked = np.column_stack(
             [local.by_turn, local.residuals, *local.parts.values(), np.eye(len(factor))]
@@ -258,48 +260,51 @@ class Storyteller:
             position += columns.shape[1]
         self._columns, self._impulses = names, position
 
-    def real(self) -> "Story":
+    def test_all_lost(self) -> "Hypothesis":
         """All references lost: nothing is a whole turn."""
-        return self._tell("all", tuple(range(len(self._local.turns))))
+        return self._evaluate_hypothesis("all", tuple(range(len(self._local.turns))))
 
-    def turns(self) -> "Story":
+    def test_whole_turns(self) -> "Hypothesis":
         """Only whole turns were lost, except by the motors that are known to be replaced."""
-        return self._tell("motor" if self.replaced else "turns", self.replaced)
+        return self._evaluate_hypothesis("motor" if self.replaced else "turns", self.replaced)
 
-    def motors(self, together: int) -> "Iterator[Story]":
+    def test_motors(self, together: int) -> "Iterator[Hypothesis]":
         """So many more motors were exchanged or slipped; the others lost whole turns."""
         others = [j for j in range(len(self._local.turns)) if j not in self.replaced]
         for axes in combinations(others, together):
-            yield self._tell("motor", tuple(sorted((*self.replaced, *axes))))
+            yield self._evaluate_hypothesis("motor", tuple(sorted((*self.replaced, *axes))))
 
-    def equipment(self) -> "Story":
+    def test_equipment(self) -> "Hypothesis":
         """Whole turns were lost, and the equipment that measures is not as recorded.
 
         Turns and gate are judged with all its parameters free; the evidence is that of the group that explains most.
         """
         equipment, columns = self._local.equipment, self._equipment
         groups = [columns, *(columns[:, group] for group in equipment.groups)]
-        stories = [self._tell("equipment", self.replaced, equipment.name, extra=group) for group in groups]
-        best = max(story.log_evidence for story in stories)
-        return replace(stories[0], log_evidence=best - float(np.log(len(groups))))
+        hypotheses = [
+            self._evaluate_hypothesis("equipment", self.replaced, equipment.name, extra=group)
+            for group in groups
+        ]
+        best = max(hypothesis.log_evidence for hypothesis in hypotheses)
+        return replace(hypotheses[0], log_evidence=best - float(np.log(len(groups))))
 
-    def motors_and_equipment(self) -> "Iterator[Story]":
+    def motors_and_equipment(self) -> "Iterator[Hypothesis]":
         """One more motor was exchanged, and the equipment is not as recorded either."""
         for axis in (j for j in range(len(self._local.turns)) if j not in self.replaced):
             real = tuple(sorted((*self.replaced, axis)))
-            yield self._tell("motor", real, self._local.equipment.name, extra=self._equipment)
+            yield self._evaluate_hypothesis("motor", real, self._local.equipment.name, extra=self._equipment)
 
-    def changes(self) -> "Iterator[Story]":
+    def test_geometry(self) -> "Iterator[Hypothesis]":
         """Whole turns were lost, and a link, the anchor or the hook is not where it was."""
         for name, columns in self._columns.items():
-            yield self._tell("geometry", self.replaced, name, extra=self._white[:, columns])
+            yield self._evaluate_hypothesis("geometry", self.replaced, name, extra=self._white[:, columns])
 
-    def outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Story]":
+    def test_outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Hypothesis]":
         """One length is wrong; besides, motors may be replaced."""
         real_axes = real_axes or self.replaced
         for capture, rows in enumerate(self._local.rows):
             impulse = _OUTLIER_M * self._white[:, self._impulses + rows.start : self._impulses + rows.stop]
-            yield self._tell("outlier", real_axes, str(capture), extra=impulse)
+            yield self._evaluate_hypothesis("outlier", real_axes, str(capture), extra=impulse)
 
     def detectable_m(self, real_axes: Sequence[int], power: float, *, any_equipment: bool = False) -> float:
         """Return the outlier [m] that shows at ``power`` deviations in the capture that hides it best."""
@@ -310,15 +315,17 @@ class Storyteller:
         if white.shape[1]:
             basis = np.linalg.qr(white)[0]
             impulses = impulses - basis @ (basis.T @ impulses)
-        seen = [np.linalg.svd(impulses[:, rows], compute_uv=False)[-1] for rows in self._local.rows]
-        return float(power / max(min(seen), 1e-6))
+        smallest_singular = [
+            np.linalg.svd(impulses[:, rows], compute_uv=False)[-1] for rows in self._local.rows
+        ]
+        return float(power / max(min(smallest_singular), 1e-6))
 
-    def _tell(
+    def _evaluate_hypothesis(
         self, kind: str, real_axes: tuple[int, ...], subject: str = "", *, extra: Array | None = None
-    ) -> Story:
+    ) -> Hypothesis:
         """Judge one story; ``extra`` (m, p) are whitened columns of what else may be wrong, unit size."""
         n = len(self._local.turns)
-        gram, penalty = _gram(self._white[:, : n + 1], extra)
+        gram, penalty = _gram_matrix(self._white[:, : n + 1], extra)
         information, gradient, square = gram[:n, :n], gram[:n, n], float(gram[n, n])
         covariance = np.asarray(np.linalg.inv(information + self._loose), dtype=np.float64)
         estimate = self._local.turns + covariance @ gradient
@@ -333,7 +340,7 @@ class Storyteller:
             spread[np.ix_(real, real)] = inner
             penalty -= float(np.linalg.slogdet(2 * np.pi * inner)[1])
         chi_square = square - 2 * float(gradient @ move) + float(move @ information @ move)
-        return Story(
+        return Hypothesis(
             kind=kind,
             real_axes=real_axes,
             subject=subject,
@@ -351,7 +358,7 @@ class Storyteller:
         )
 
 
-def _gram(columns: Array, extra: Array | None) -> tuple[Array, float]:
+def _gram_matrix(columns: Array, extra: Array | None) -> tuple[Array, float]:
     """Return inner products of whitened columns in the presence of extra unknowns, and log determinant."""
     gram = columns.T @ columns
     if extra is None:

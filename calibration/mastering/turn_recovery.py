@@ -12,22 +12,22 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
 from cellcal.calibration.mastering.further_poses import further_lengths
-from cellcal.calibration.mastering.pose_design import next_poses, predict
+from cellcal.calibration.mastering.pose_design import next_poses, predict_turns
 from cellcal.calibration.mastering.turn_gate import (
     SUCCESS_PROBABILITY,
-    blocks_whole_turns,
     chi_limit,
-    consequence,
-    explains,
+    consequence_of,
     integer_checks,
+    is_blocking_whole_turns,
+    is_explained,
 )
 from cellcal.calibration.mastering.turn_hypotheses import (
     AnyEquipment,
-    Evidence,
-    Local,
+    Hypothesis,
+    HypothesisTest,
+    LocalResiduals,
     LossProblem,
-    Story,
-    Storyteller,
+    TurnEvidence,
     solve_real,
 )
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
@@ -39,7 +39,7 @@ __all__ = [
     "TurnRecovery",
     "WireCapture",
     "next_poses",
-    "predict",
+    "predict_turns",
     "recover_turns",
     "verification_power",
     "verify_recovery",
@@ -63,7 +63,7 @@ FurtherPoses = Callable[[Array, int], tuple[tuple[float, ...], ...]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Robot:
+class RecoveryRobot:
     """The arm whose counts were lost: what any evidence is judged with."""
 
     model: RobotModel
@@ -129,7 +129,7 @@ def recover_turns(
     """
     return recover_from(
         LossProblem(model, record, captures) if captures else None,
-        Robot(model, record.drive, record.counts_at_zero),
+        RecoveryRobot(model, record.drive, record.counts_at_zero),
         provisional_turns=provisional_turns,
         max_turns=max_turns,
         replaced_axes=replaced_axes,
@@ -138,8 +138,8 @@ def recover_turns(
 
 
 def recover_from(
-    problem: Evidence | None,
-    robot: Robot,
+    problem: TurnEvidence | None,
+    robot: RecoveryRobot,
     *,
     provisional_turns: Sequence[int],
     max_turns: float,
@@ -152,214 +152,247 @@ def recover_from(
     """
     model = robot.model
     guess = np.asarray(provisional_turns, dtype=float)
-    if guess.shape != (model.axes,) or not np.isfinite(guess).all():
-        raise CalibrationError(f"{model.axes} provisional turns are needed")
+    if guess.shape != (model.axis_count,) or not np.isfinite(guess).all():
+        raise CalibrationError(f"{model.axis_count} provisional turns are needed")
     if problem is None:
         raise CalibrationError("nothing was captured")
-    local = solve_real(problem, guess, free=range(model.axes), towards=guess, doubt_turns=max_turns)
-    teller = Storyteller(local, max_turns, replaced_axes)
-    return _Case(robot, problem, local, teller, guess, max_turns, further).judge()
+    local = solve_real(
+        problem, guess, free=range(model.axis_count), towards=guess, uncertainty_turns=max_turns
+    )
+    hypothesis_test = HypothesisTest(local, max_turns, replaced_axes)
+    return _RecoveryTest(robot, problem, local, hypothesis_test, guess, max_turns, further).recover_turns()
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
+class _RecoveryTest:
     """One set of captures on trial."""
 
-    robot: Robot
-    problem: Evidence
-    local: Local
-    teller: Storyteller
+    robot: RecoveryRobot
+    problem: TurnEvidence
+    local: LocalResiduals
+    hypothesis_test: HypothesisTest
     guess: Array
-    doubt_turns: float
+    uncertainty_turns: float
     further: FurtherPoses
 
     @property
-    def model(self) -> RobotModel:
+    def robot_model(self) -> RobotModel:
         return self.robot.model
 
-    def judge(self) -> TurnRecovery:
-        teller = self.teller
-        real, whole = teller.real(), self._refined(teller.turns())
-        if self._count - self.model.axes < SPARE_CAPTURES:
-            words = f"{self.problem.captures} captures are too few to notice a mistake"
-            return self._undecided(whole, real, words)
+    def recover_turns(self) -> TurnRecovery:
+        hypothesis_test = self.hypothesis_test
+        real, whole = (
+            hypothesis_test.test_all_lost(),
+            self._refine_hypothesis(hypothesis_test.test_whole_turns()),
+        )
+        if self._row_count - self.robot_model.axis_count < SPARE_CAPTURES:
+            words = f"{self.problem.capture_count} captures are too few to notice a mistake"
+            return self._undecided_result(whole, real, words)
         if whole.fix.success_probability <= SUCCESS_PROBABILITY:
-            return self._undecided(whole, real, self._weak_words(real))
-        rivals = [*teller.motors(1), real, *teller.changes()]
-        gate = self._gate(whole, real)
+            return self._undecided_result(whole, real, self._describe_weak_motor(real))
+        rivals = [*hypothesis_test.test_motors(1), real, *hypothesis_test.test_geometry()]
+        gate = self._gate_checks(whole, real)
         if all(check.passed for check in gate) and not any(
-            blocks_whole_turns(rival, whole) for rival in rivals
+            is_blocking_whole_turns(rival, whole) for rival in rivals
         ):
-            return self._result(whole, real, (whole.kind, True, self._words(whole)), gate=gate)
-        return self._diagnose([whole, *rivals], real)
+            return self._make_result(
+                whole, real, (whole.kind, True, self._describe_hypothesis(whole)), gate=gate
+            )
+        return self._diagnose_rivals([whole, *rivals], real)
 
-    def _diagnose(self, stories: list[Story], real: Story) -> TurnRecovery:
-        teller = self.teller
-        stories += [*teller.outliers(), *teller.motors(2), *teller.motors_and_equipment()]
-        possible = [s for s in stories if explains(s)]
+    def _diagnose_rivals(self, hypotheses: list[Hypothesis], real: Hypothesis) -> TurnRecovery:
+        hypothesis_test = self.hypothesis_test
+        hypotheses += [
+            *hypothesis_test.test_outliers(),
+            *hypothesis_test.test_motors(2),
+            *hypothesis_test.motors_and_equipment(),
+        ]
+        possible = [s for s in hypotheses if is_explained(s)]
         possible = self._with_equipment(possible)
         if not possible:
-            motor = max(teller.motors(1), key=lambda s: s.log_evidence)
-            possible = [s for s in teller.outliers(motor.real_axes) if explains(s)]
+            motor = max(hypothesis_test.test_motors(1), key=lambda s: s.log_evidence)
+            possible = [s for s in hypothesis_test.test_outliers(motor.real_axes) if is_explained(s)]
         if not possible:
-            nearest = max(teller.changes(), key=lambda s: s.log_evidence)
-            return self._changed(nearest, real)
+            nearest = max(hypothesis_test.test_geometry(), key=lambda s: s.log_evidence)
+            return self._changed_result(nearest, real)
         best = max(possible, key=lambda s: s.log_evidence)
-        rivals = [s for s in possible if consequence(s) != consequence(best)]
-        close = [s for s in rivals if best.log_evidence - s.log_evidence < self._lead_needed(best, s)]
+        rivals = [s for s in possible if consequence_of(s) != consequence_of(best)]
+        close = [s for s in rivals if best.log_evidence - s.log_evidence < self._required_lead(best, s)]
         rival = max(close, key=lambda s: s.log_evidence, default=None)
         # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
         if rival is not None and best.kind != "geometry":
-            words = f"{self._words(best)}, or {self._words(rival)}: not decidable yet"
-            return self._undecided(best, real, words)
-        return self._conclude(best, real)
+            words = (
+                f"{self._describe_hypothesis(best)}, or {self._describe_hypothesis(rival)}: not decidable yet"
+            )
+            return self._undecided_result(best, real, words)
+        return self._conclude_from(best, real)
 
-    def _with_equipment(self, possible: list[Story]) -> list[Story]:
+    def _with_equipment(self, possible: list[Hypothesis]) -> list[Hypothesis]:
         """Let equipment that changed within belief stand for its parts, which would be refused as a crash."""
-        equipment = self.teller.equipment()
-        if not (explains(equipment) and self._change_of(equipment)[0] <= _CREDIBLE_CHANGE):
+        equipment = self.hypothesis_test.test_equipment()
+        if not (is_explained(equipment) and self._change_of(equipment)[0] <= _CREDIBLE_CHANGE):
             return possible
         parts = self.local.equipment.parts
         return [equipment, *(s for s in possible if not (s.kind == "geometry" and s.subject in parts))]
 
-    def _change_of(self, story: Story) -> tuple[float, Array, Array]:
+    def _change_of(self, hypothesis: Hypothesis) -> tuple[float, Array, Array]:
         """Return by how many deviations the equipment changed at most, its change, and the covariance."""
-        local = self.problem.at(story.turns)
+        local = self.problem.linearise_at(hypothesis.turns)
         change, covariance = local.equipment.estimate_change(local.residuals, local.scatter)
         return float(np.abs(change).max(initial=0.0)), change, covariance
 
-    def _conclude(self, story: Story, real: Story) -> TurnRecovery:
-        if story.kind == "geometry":
-            return self._changed(story, real)
-        if story.kind == "outlier":
-            return self._undecided(story, real, self._words(story))
+    def _conclude_from(self, hypothesis: Hypothesis, real: Hypothesis) -> TurnRecovery:
+        if hypothesis.kind == "geometry":
+            return self._changed_result(hypothesis, real)
+        if hypothesis.kind == "outlier":
+            return self._undecided_result(hypothesis, real, self._describe_hypothesis(hypothesis))
         near = [
-            j for j in self._untold(story) if abs(story.turns[j] - round(story.turns[j])) < _NEAR_WHOLE_TURNS
+            j
+            for j in self._unreported_motors(hypothesis)
+            if abs(hypothesis.turns[j] - round(hypothesis.turns[j])) < _NEAR_WHOLE_TURNS
         ]
-        if near and story.kind == "motor":
-            names = " and ".join(self.model.joint_names[j] for j in near)
+        if near and hypothesis.kind == "motor":
+            names = " and ".join(self.robot_model.joint_names[j] for j in near)
             words = f"{names} would be less than {_NEAR_WHOLE_TURNS} turn from a whole one: not decidable yet"
-            return self._undecided(story, real, words)
-        if story.kind == "equipment" and self._count - self.model.axes < _SPARE_FOR_EQUIPMENT:
-            return self._undecided(story, real, f"{self._words(story)}: not decidable yet")
-        story = self._refined(story)
-        gate = self._gate(story, real)
+            return self._undecided_result(hypothesis, real, words)
+        if (
+            hypothesis.kind == "equipment"
+            and self._row_count - self.robot_model.axis_count < _SPARE_FOR_EQUIPMENT
+        ):
+            return self._undecided_result(
+                hypothesis, real, f"{self._describe_hypothesis(hypothesis)}: not decidable yet"
+            )
+        hypothesis = self._refine_hypothesis(hypothesis)
+        gate = self._gate_checks(hypothesis, real)
         failed = "; ".join(check.sentence for check in gate if not check.passed)
         if failed:
-            return self._undecided(story, real, failed, gate=gate)
-        return self._result(story, real, (story.kind, True, self._words(story)), gate=gate)
+            return self._undecided_result(hypothesis, real, failed, gate=gate)
+        return self._make_result(
+            hypothesis, real, (hypothesis.kind, True, self._describe_hypothesis(hypothesis)), gate=gate
+        )
 
     @property
-    def _count(self) -> int:
+    def _row_count(self) -> int:
         return len(self.local.residuals)
 
-    def _untold(self, story: Story) -> list[int]:
+    def _unreported_motors(self, hypothesis: Hypothesis) -> list[int]:
         """Return the motors whose reference a story takes as new although no exchange was reported."""
-        return [axis for axis in story.real_axes if axis not in self.teller.replaced]
+        return [axis for axis in hypothesis.real_axes if axis not in self.hypothesis_test.replaced]
 
-    def _lead_needed(self, best: Story, rival: Story) -> float:
+    def _required_lead(self, best: Hypothesis, rival: Hypothesis) -> float:
         """Return by how much a story must beat a rival before it is named, as the log of their evidence."""
-        rarer = rival.kind in ("turns", "equipment") and bool(self._untold(best))
+        rarer = rival.kind in ("turns", "equipment") and bool(self._unreported_motors(best))
         return _DECISIVE + (_UNTOLD_EXCHANGE if rarer else 0.0)
 
-    def _refined(self, story: Story) -> Story:
+    def _refine_hypothesis(self, hypothesis: Hypothesis) -> Hypothesis:
         """Judge a story again at its own turns, where nothing is linearised."""
-        problem: Evidence = AnyEquipment(self.problem) if story.kind == "equipment" else self.problem
-        if not story.real_axes:
-            return replace(story, chi_square=problem.at(story.turns).chi_square())
+        problem: TurnEvidence = AnyEquipment(self.problem) if hypothesis.kind == "equipment" else self.problem
+        if not hypothesis.real_axes:
+            return replace(hypothesis, chi_square=problem.linearise_at(hypothesis.turns).chi_square())
         local = solve_real(
-            problem, story.turns, free=story.real_axes, towards=self.guess, doubt_turns=self.doubt_turns
+            problem,
+            hypothesis.turns,
+            free=hypothesis.real_axes,
+            towards=self.guess,
+            uncertainty_turns=self.uncertainty_turns,
         )
-        return replace(story, turns=local.turns, chi_square=local.chi_square())
+        return replace(hypothesis, turns=local.turns, chi_square=local.chi_square())
 
-    def _gate(self, story: Story, real: Story) -> tuple[GateCheck, ...]:
-        limit, real_limit = chi_limit(story), chi_limit(real)
-        changed = story.kind == "equipment"  # then what the motors alone explain says nothing
-        fits = story.chi_square <= limit and (changed or real.chi_square <= real_limit)
-        checks = [] if story.kind == "all" else integer_checks(story)
-        words = f"the lengths fit: {story.chi_square:.1f} of at most {limit:.1f}"
+    def _gate_checks(self, hypothesis: Hypothesis, real: Hypothesis) -> tuple[GateCheck, ...]:
+        limit, real_limit = chi_limit(hypothesis), chi_limit(real)
+        changed = hypothesis.kind == "equipment"  # then what the motors alone explain says nothing
+        fits = hypothesis.chi_square <= limit and (changed or real.chi_square <= real_limit)
+        checks = [] if hypothesis.kind == "all" else integer_checks(hypothesis)
+        words = f"the lengths fit: {hypothesis.chi_square:.1f} of at most {limit:.1f}"
         words += f" (all motors free: {real.chi_square:.1f} of at most {real_limit:.1f})"
         words = words if fits else words.replace("fit:", "do not fit:")
-        checks.append(GateCheck("chi square", fits, story.chi_square, limit, words))
+        checks.append(GateCheck("chi square", fits, hypothesis.chi_square, limit, words))
         if changed:
-            checks += self._equipment_checks(story)
-        if story.real_axes:
-            largest = max(self._u_rad(story))
+            checks += self._equipment_checks(hypothesis)
+        if hypothesis.real_axes:
+            largest = max(self._u_rad(hypothesis))
             words = f"the real offset is known to {np.rad2deg(largest):.4f} deg (k = 2)"
             checks.append(GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words))
-            hidden = self.teller.detectable_m(story.real_axes, HIDDEN_POWER)
+            hidden = self.hypothesis_test.detectable_m(hypothesis.real_axes, HIDDEN_POWER)
             words = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
             checks.append(
                 GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
             )
         return tuple(checks)
 
-    def _equipment_checks(self, story: Story) -> list[GateCheck]:
-        moved = self._change_of(story)[0]
-        words = (
-            f"{story.subject} is off its record by at most {moved:.1f} of the deviations that are believed"
-        )
-        hidden = self.teller.detectable_m((), HIDDEN_POWER, any_equipment=True)
-        seen = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
+    def _equipment_checks(self, hypothesis: Hypothesis) -> list[GateCheck]:
+        moved = self._change_of(hypothesis)[0]
+        words = f"{hypothesis.subject} is off its record by at most {moved:.1f} of the deviations that are believed"
+        hidden = self.hypothesis_test.detectable_m((), HIDDEN_POWER, any_equipment=True)
+        detectable = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
         return [
             GateCheck("equipment", moved <= _CREDIBLE_CHANGE, moved, _CREDIBLE_CHANGE, words),
-            GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, seen),
+            GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, detectable),
         ]
 
-    def _u_rad(self, story: Story) -> tuple[float, ...]:
+    def _u_rad(self, hypothesis: Hypothesis) -> tuple[float, ...]:
         """Return the expanded uncertainty of the joints (k = 2), widened where the lengths scatter more."""
         per_turn = self.robot.drive.radians_per_turn()
-        variance = np.diag(per_turn @ story.covariance @ per_turn.T)
-        widened = max(1.0, story.chi_square / max(story.degrees_of_freedom, 1))
+        variance = np.diag(per_turn @ hypothesis.covariance @ per_turn.T)
+        widened = max(1.0, hypothesis.chi_square / max(hypothesis.degrees_of_freedom, 1))
         return tuple(2.0 * float(np.sqrt(max(v, 0.0) * widened)) for v in variance)
 
-    def _changed(self, story: Story, real: Story) -> TurnRecovery:
-        part = story.subject
-        if self._count - self.model.axes < _SPARE_FOR_CHANGE:
-            return self._undecided(story, real, f"{part} may not be where it was: not decidable yet")
+    def _changed_result(self, hypothesis: Hypothesis, real: Hypothesis) -> TurnRecovery:
+        part = hypothesis.subject
+        if self._row_count - self.robot_model.axis_count < _SPARE_FOR_CHANGE:
+            return self._undecided_result(
+                hypothesis, real, f"{part} may not be where it was: not decidable yet"
+            )
         words = f"the robot or the wire is not as recorded (most likely {part}): full calibration advised"
-        return self._result(
-            replace(story, chi_square=real.chi_square), real, ("geometry", False, words), part=part
+        return self._make_result(
+            replace(hypothesis, chi_square=real.chi_square), real, ("geometry", False, words), part=part
         )
 
-    def _undecided(
-        self, story: Story, real: Story, words: str, *, gate: tuple[GateCheck, ...] | None = None
+    def _undecided_result(
+        self,
+        hypothesis: Hypothesis,
+        real: Hypothesis,
+        words: str,
+        *,
+        gate: tuple[GateCheck, ...] | None = None,
     ) -> TurnRecovery:
-        gate = self._gate(story, real) if gate is None else gate
-        if story.kind == "outlier":
-            again = (tuple(float(v) for v in self.local.joints_rad[story.capture]),)
-            return self._result(story, real, ("undecided", False, words), gate=gate, further=again)
-        further = self.further(self.local.joints_rad, self.model.axes + SPARE_CAPTURES - self._count)
+        gate = self._gate_checks(hypothesis, real) if gate is None else gate
+        if hypothesis.kind == "outlier":
+            again = (tuple(float(v) for v in self.local.joints_rad[hypothesis.capture]),)
+            return self._make_result(hypothesis, real, ("undecided", False, words), gate=gate, further=again)
+        further = self.further(
+            self.local.joints_rad, self.robot_model.axis_count + SPARE_CAPTURES - self._row_count
+        )
         words = f"{words}; measure {len(further)} more"
-        return self._result(story, real, ("undecided", False, words), gate=gate, further=further)
+        return self._make_result(hypothesis, real, ("undecided", False, words), gate=gate, further=further)
 
-    def _weak_words(self, real: Story) -> str:
+    def _describe_weak_motor(self, real: Hypothesis) -> str:
         sigma = np.sqrt(np.diag(real.covariance))
         worst = int(np.argmax(sigma))
-        name = self.model.joint_names[worst]
+        name = self.robot_model.joint_names[worst]
         return f"these poses leave the motor of {name} open to {sigma[worst]:.2f} turns"
 
-    def _words(self, story: Story) -> str:
-        names = self.model.joint_names
-        if story.kind == "turns":
-            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(story.turns) if round(t)]
+    def _describe_hypothesis(self, hypothesis: Hypothesis) -> str:
+        names = self.robot_model.joint_names
+        if hypothesis.kind == "turns":
+            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(hypothesis.turns) if round(t)]
             return f"whole turns only: {', '.join(moved) or 'none lost'}; zero offsets unchanged"
-        if story.kind == "motor":
-            renewed = " and ".join(names[j] for j in story.real_axes)
+        if hypothesis.kind == "motor":
+            renewed = " and ".join(names[j] for j in hypothesis.real_axes)
             return f"the reference of {renewed} is new, the others lost turns"
-        if story.kind == "all":
+        if hypothesis.kind == "all":
             return "every reference is lost: all offsets are real"
-        if story.kind == "outlier":
-            return f"capture {story.capture + 1} does not fit the others: measure it again"
-        if story.kind == "equipment":
-            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(story.turns) if round(t)]
-            return f"whole turns only: {', '.join(moved) or 'none lost'}; {story.subject} is not as recorded"
-        return f"{story.subject} is not where it was"
+        if hypothesis.kind == "outlier":
+            return f"capture {hypothesis.capture + 1} does not fit the others: measure it again"
+        if hypothesis.kind == "equipment":
+            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(hypothesis.turns) if round(t)]
+            return f"whole turns only: {', '.join(moved) or 'none lost'}; {hypothesis.subject} is not as recorded"
+        return f"{hypothesis.subject} is not where it was"
 
-    def _result(
+    def _make_result(
         self,
-        story: Story,
-        real: Story,
+        hypothesis: Hypothesis,
+        real: Hypothesis,
         outcome: tuple[str, bool, str],
         *,
         gate: tuple[GateCheck, ...] = (),
@@ -369,45 +402,52 @@ class _Case:
         mode, accepted, reason = outcome
         change: dict[str, Any] = {}
         if mode == "equipment":
-            mode, part = "motor" if story.real_axes else "turns", story.subject
-            _, moved, covariance = self._change_of(story)
+            mode, part = "motor" if hypothesis.real_axes else "turns", hypothesis.subject
+            _, moved, covariance = self._change_of(hypothesis)
             change = {
                 "equipment_change": tuple(float(v) for v in moved),
                 "equipment_covariance": tuple(tuple(float(v) for v in row) for row in covariance),
             }
-        offsets = tuple(float(t) for t in story.turns)
+        offsets = tuple(float(t) for t in hypothesis.turns)
         return TurnRecovery(
             mode=mode,
             accepted=accepted,
             reason=reason,
             turns=tuple(round(t) for t in offsets),
-            replaced_axes=story.real_axes,
+            replaced_axes=hypothesis.real_axes,
             offset_turns=offsets,
-            offset_u_rad=self._u_rad(story),
+            offset_u_rad=self._u_rad(hypothesis),
             counts_at_zero=self.robot.drive.shifted_zero(self.robot.counts_at_zero, offsets),
             gate=gate,
             poses_needed=len(further),
             next_joints_rad=further,
-            suspect_capture=story.capture if story.kind == "outlier" else None,
+            suspect_capture=hypothesis.capture if hypothesis.kind == "outlier" else None,
             changed_part=part,
-            success_probability=story.fix.success_probability,
+            success_probability=hypothesis.fix.success_probability,
             sigma_turns=tuple(float(v) for v in np.sqrt(np.diag(real.covariance))),
-            chi_square=story.chi_square,
-            degrees_of_freedom=story.degrees_of_freedom,
-            captures=self.problem.captures,
-            offset_covariance=tuple(tuple(float(v) for v in row) for row in story.covariance),
-            **(self._sharpness(story) if mode == "turns" else {}),
+            chi_square=hypothesis.chi_square,
+            degrees_of_freedom=hypothesis.degrees_of_freedom,
+            captures=self.problem.capture_count,
+            offset_covariance=tuple(tuple(float(v) for v in row) for row in hypothesis.covariance),
+            **(self._motor_sharpness(hypothesis) if mode == "turns" else {}),
             **change,
         )
 
-    def _sharpness(self, story: Story) -> dict[str, Any]:
+    def _motor_sharpness(self, hypothesis: Hypothesis) -> dict[str, Any]:
         """Say how far the captures put each motor from a whole turn, and what would pass for one."""
-        changed = story.kind == "equipment"
-        alone = list(self.teller.motors_and_equipment() if changed else self.teller.motors(1))
-        sigmas = [float(np.sqrt(story.covariance[story.real_axes[0], story.real_axes[0]])) for story in alone]
-        found = [float(story.turns[story.real_axes[0]]) for story in alone]
-        doubts = [abs(turns - round(turns)) / sigma for turns, sigma in zip(found, sigmas, strict=True)]
+        changed = hypothesis.kind == "equipment"
+        alone = list(
+            self.hypothesis_test.motors_and_equipment() if changed else self.hypothesis_test.test_motors(1)
+        )
+        sigmas = [
+            float(np.sqrt(hypothesis.covariance[hypothesis.real_axes[0], hypothesis.real_axes[0]]))
+            for hypothesis in alone
+        ]
+        found = [float(hypothesis.turns[hypothesis.real_axes[0]]) for hypothesis in alone]
+        uncertainties = [
+            abs(turns - round(turns)) / sigma for turns, sigma in zip(found, sigmas, strict=True)
+        ]
         return {
-            "doubt_sigmas": max(doubts),
+            "doubt_sigmas": max(uncertainties),
             "blind_turns": tuple(BLIND_SIGMAS * sigma for sigma in sigmas),
         }

@@ -9,10 +9,10 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
-from cellcal.calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
+from cellcal.calibration.mastering.turn_hypotheses import LocalResiduals, LossProblem, TurnEvidence
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
 from cellcal.calibration.uncertainty import chi_square_limit
-from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor
 
 VERIFICATION_POWER = 6.0
@@ -53,9 +53,9 @@ def verify_recovery(
     return verify_evidence(LossProblem(model, record, check_captures), recovery)
 
 
-def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
+def verify_evidence(problem: TurnEvidence, recovery: TurnRecovery) -> TurnRecovery:
     """Judge a recovery by any captures that were not fitted, as ``verify_recovery`` does by lengths."""
-    local = problem.at(np.array(recovery.offset_turns))
+    local = problem.linearise_at(np.array(recovery.offset_turns))
     spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
     if recovery.equipment_change:
@@ -66,7 +66,7 @@ def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
             scatter=local.scatter + columns @ np.array(recovery.equipment_covariance) @ columns.T,
         )
     found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
-    power = float(detection(problem, local).max(axis=0).min())
+    power = float(detection_deviations(problem, local).max(axis=0).min())
     largest_mm = 1e3 * float(np.abs(local.residuals).max())
     checks = (
         GateCheck(
@@ -81,7 +81,7 @@ def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
             found <= limit,
             found,
             limit,
-            f"{problem.captures} captures that were not fitted agree within {largest_mm:.2f} mm",
+            f"{problem.capture_count} captures that were not fitted agree within {largest_mm:.2f} mm",
         ),
     )
     passed = all(check.passed for check in checks)
@@ -101,21 +101,23 @@ def verification_power(
     The first n stories are one wrong turn of each motor, the others one wrong turn of two motors in either sense.
     ``offset_covariance`` (n, n) [turns^2] is what a recovery does not know of offsets that are no whole turns.
     """
-    predictor = WirePredictor(model, *record.lengths())
-    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
+    predictor = WirePredictor(model, *record.wire_lengths())
+    terms = predictor.wire_terms(WirePoses.from_record_side(joints_rad, predictor.sigma_m))
     variances = predictor.scatter_of_sets(terms, 1)[:, 0, 0]  # each capture by itself
     if offset_covariance is not None:
         by_turn = terms.by_joint @ record.drive.radians_per_turn()
         variances = variances + np.einsum("vi,ij,vj->v", by_turn, np.array(offset_covariance), by_turn)
     deviations = np.sqrt(variances)
     shifts = []
-    for turn in _wrong_turns(model.axes) @ record.drive.radians_per_turn().T:
-        moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
+    for turn in _wrong_turns(model.axis_count) @ record.drive.radians_per_turn().T:
+        moved = predictor.wire_terms(
+            WirePoses.from_record_side(terms.poses.joints_rad + turn, predictor.sigma_m)
+        ).lengths
         shifts.append(np.abs(moved - terms.lengths) / deviations)
     return np.stack(shifts, axis=1)
 
 
-def motors_alone(problem: Evidence, turns: Array) -> tuple[Array, Array]:
+def motor_estimates(problem: TurnEvidence, turns: Array) -> tuple[Array, Array]:
     """Return what all captures together say of each motor, the others taken as they are.
 
     Parameters
@@ -133,7 +135,7 @@ def motors_alone(problem: Evidence, turns: Array) -> tuple[Array, Array]:
         The turns by which that motor would have to be off to explain the residuals best; its standard deviation is
         one over the sharpness.
     """
-    local = problem.at(turns)
+    local = problem.linearise_at(turns)
     weighted = np.linalg.solve(local.scatter, local.by_turn)
     information = np.einsum("mi,mi->i", local.by_turn, weighted)
     return np.sqrt(information), weighted.T @ local.residuals / np.maximum(information, 1e-12)
@@ -146,12 +148,12 @@ def _wrong_turns(motors: int) -> Array:
     return np.array([*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)])
 
 
-def detection(problem: Evidence, local: Local) -> Array:
+def detection_deviations(problem: TurnEvidence, local: LocalResiduals) -> Array:
     """Return (V, m): by how many deviations each story of wrong turns would show in each row of any evidence.
 
     The stories are those of ``verification_power``; the deviations are those of ``local.scatter``.
     """
     deviations = np.sqrt(np.diag(local.scatter))
-    stories = local.turns + _wrong_turns(len(local.turns))
-    shifted = [np.abs(problem.values(turns) - local.values) / deviations for turns in stories]
+    hypotheses = local.turns + _wrong_turns(len(local.turns))
+    shifted = [np.abs(problem.model_values(turns) - local.values) / deviations for turns in hypotheses]
     return np.stack(shifted, axis=1)

@@ -22,8 +22,8 @@ def segment_distance(first: Segment, second: Segment) -> Array:
     """
     along, other = first[1] - first[0], second[1] - second[0]
     between = first[0] - second[0]
-    a, e, b = _dot(along, along), _dot(other, other), _dot(along, other)
-    c, f = _dot(along, between), _dot(other, between)
+    a, e, b = _dot_product(along, along), _dot_product(other, other), _dot_product(along, other)
+    c, f = _dot_product(along, between), _dot_product(other, between)
     across = a * e - b * b
     parallel = across <= _TINY + 1e-12 * a * e
     s = np.where(parallel, 0.0, np.clip((b * f - c * e) / np.where(parallel, 1.0, across), 0.0, 1.0))
@@ -47,19 +47,20 @@ def box_distance(segment: Segment, base_box: Array, size_m: Array) -> Array:
     ends = np.broadcast_to([[0.0], [1.0]], (2, faces.shape[1]))
     shares = np.sort(np.concatenate([ends, np.clip(faces, 0.0, 1.0)]), axis=0)
 
-    def outside(share: Array) -> Array:
+    def outside_vector(share: Array) -> Array:
         point = start + share[..., None, :] * along
         return np.asarray(point - np.clip(point, -half, half), dtype=np.float64)
 
-    slopes = (outside(shares) * along).sum(axis=-2)
+    slopes = (outside_vector(shares) * along).sum(axis=-2)
     last = np.maximum(
         (slopes < 0.0).sum(axis=0) - 1, 0
     )  # of the shares where it still falls; they come first
-    low, high = (_row(shares, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
-    falls, rises = (_row(slopes, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
+    low, high = (_pick_row(shares, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
+    falls, rises = (_pick_row(slopes, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
     piece = np.where((falls < 0.0) & (rises > falls), -falls / np.maximum(rises - falls, _TINY), 0.0)
     return np.asarray(
-        np.linalg.norm(outside(low + np.clip(piece, 0.0, 1.0) * (high - low)), axis=0), dtype=np.float64
+        np.linalg.norm(outside_vector(low + np.clip(piece, 0.0, 1.0) * (high - low)), axis=0),
+        dtype=np.float64,
     )
 
 
@@ -70,9 +71,9 @@ def plane_distance(segment: Segment, point_m: Array, normal: Array) -> Array:
     return np.minimum(heights[0], heights[1])
 
 
-def _row(table: Array, rows: NDArray[np.intp]) -> Array:
+def _pick_row(table: Array, rows: NDArray[np.intp]) -> Array:
     return np.asarray(np.take_along_axis(table, rows[None, :], axis=0)[0], dtype=np.float64)
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot_product(a: Array, b: Array) -> Array:
     return np.asarray((a * b).sum(axis=0), dtype=np.float64)

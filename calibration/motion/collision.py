@@ -21,9 +21,9 @@ from cellcal.calibration.motion.capsule_distance import (
     plane_distance,
     segment_distance,
 )
-from cellcal.calibration.motion.doubt import JointDoubt, PostureDoubt
 from cellcal.calibration.motion.motion_check import WirePath
-from cellcal.calibration.motion.motion_quantities import Excess
+from cellcal.calibration.motion.motion_quantities import LimitExcess
+from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
 
 Place = tuple[float, float, float]
 
@@ -37,7 +37,7 @@ _WIRE_PIECES = 8  # looked at one by one, while joints are in doubt
 
 
 @dataclass(frozen=True, slots=True)
-class Capsule:
+class LinkCapsule:
     """A round bar with round ends on a link: 0 is the base, k moves with joint k, the last is the flange."""
 
     name: str
@@ -48,7 +48,7 @@ class Capsule:
 
 
 @dataclass(frozen=True, slots=True)
-class Sphere:
+class SphereObstacle:
     """A ball that stands in the cell."""
 
     name: str
@@ -57,7 +57,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
+class PlaneObstacle:
     """A floor, wall or table: everything on the other side of the plane from its normal is solid."""
 
     name: str
@@ -66,7 +66,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class BoxObstacle:
     """A box that stands in the cell."""
 
     name: str
@@ -74,14 +74,14 @@ class Box:
     size_m: Place  # whole edges
 
 
-Obstacle = Sphere | Plane | Box
+Obstacle = SphereObstacle | PlaneObstacle | BoxObstacle
 
 
 @dataclass(frozen=True, eq=False)
 class CellShape:
     """What is known of the shapes of arm and cell, and the distances to keep."""
 
-    arm: tuple[Capsule, ...]
+    arm: tuple[LinkCapsule, ...]
     obstacles: tuple[Obstacle, ...] = ()
     wire: WirePath | None = None
     margin_m: float = 0.02
@@ -93,13 +93,13 @@ class CellShape:
         for capsule in self.arm:
             sizes += [capsule.radius_m, *np.abs([*capsule.start_m, *capsule.end_m])]
         for item in self.obstacles:
-            sizes += _sizes(item)
+            sizes += _obstacle_sizes(item)
         if not (np.isfinite(sizes).all() and min(sizes) >= 0):
             raise CalibrationError("shapes of arm and cell need finite places, and sizes not below zero")
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class ShapeContact:
     """The narrowest place of one posture; clearance below the margin is a contact."""
 
     posture: int
@@ -110,7 +110,7 @@ class Contact:
 
 def arm_shape(
     model: RobotModel, *, radius_m: float | None = None, tip_in_flange_m: Place | None = None
-) -> tuple[Capsule, ...]:
+) -> tuple[LinkCapsule, ...]:
     """Return capsules along the skeleton of an arm: along z, then along x of each Denavit-Hartenberg row.
 
     Parameters
@@ -123,16 +123,16 @@ def arm_shape(
     if radius_m is None:
         radius_m = _LINK_RADIUS_SHARE * float(np.linalg.norm(model.placements[1:, :3, 3], axis=1).sum())
     capsules = []
-    for link in range(model.axes + 1):
+    for link in range(model.axis_count + 1):
         end = model.placements[link][:3, 3]
         corner = np.array([0.0, 0.0, end[2]])
         back = inverse_transform(model.placements[link])
         for start, stop in ((np.zeros(3), corner), (corner, end)):
             if np.linalg.norm(stop - start) >= _SHORTEST_M:
-                ends = [_place(back[:3, :3] @ point + back[:3, 3]) for point in (start, stop)]
-                capsules.append(Capsule(_link_name(model, link), link, ends[0], ends[1], radius_m))
+                ends = [_to_place(back[:3, :3] @ point + back[:3, 3]) for point in (start, stop)]
+                capsules.append(LinkCapsule(_link_name(model, link), link, ends[0], ends[1], radius_m))
     if tip_in_flange_m is not None and np.linalg.norm(tip_in_flange_m) >= _SHORTEST_M:
-        capsules.append(Capsule("tool", model.axes, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
+        capsules.append(LinkCapsule("tool", model.axis_count, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
     return tuple(capsules)
 
 
@@ -161,16 +161,16 @@ class CollisionCheck:
     touching: frozenset[tuple[int, int]] = field(default_factory=frozenset)  # pairs of links left out
 
     @classmethod
-    def prepare(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
+    def from_model(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
         """Find the pairs of links that touch by construction, from random postures, and leave them out."""
-        if any(not 0 <= capsule.link <= model.axes for capsule in shape.arm):
-            raise CalibrationError(f"{model.name} has links 0 to {model.axes}")
+        if any(not 0 <= capsule.link <= model.axis_count for capsule in shape.arm):
+            raise CalibrationError(f"{model.name} has links 0 to {model.axis_count}")
         generator = np.random.default_rng(seed)
         low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
-        segments = _segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axes)))
+        segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axis_count)))
         near: dict[tuple[int, int], NDArray[np.bool_]] = {}
-        for i, j in _pairs(shape.arm, frozenset()):
-            links = _links(shape.arm, i, j)
+        for i, j in _capsule_pairs(shape.arm, frozenset()):
+            links = _link_pair(shape.arm, i, j)
             close = _bar_clearance(shape.arm, segments, i, j) < shape.margin_m
             near[links] = near.get(links, np.zeros(_TRIALS, dtype=bool)) | close
         touching = frozenset(links for links, close in near.items() if close.mean() > _ALWAYS)
@@ -193,11 +193,11 @@ class CollisionCheck:
         words.append("cables, hoses and people are not known")
         return tuple(words)
 
-    def free(self, joints_rad: Array) -> NDArray[np.bool_]:
+    def is_free(self, joints_rad: Array) -> NDArray[np.bool_]:
         """Return (N,): which postures keep every distance. Numbers that are not finite are not free."""
-        return np.asarray(self._excess(joints_rad) >= 0.0)
+        return np.asarray(self._least_clearance(joints_rad) >= 0.0)
 
-    def narrowest(self, joints_rad: Array) -> tuple[Contact, ...]:
+    def narrowest_contacts(self, joints_rad: Array) -> tuple[ShapeContact, ...]:
         """Return the narrowest place of each posture, measured against the margin that holds there.
 
         Raises
@@ -208,14 +208,16 @@ class CollisionCheck:
         joints = np.asarray(joints_rad, dtype=float)
         best = np.full(len(joints), np.inf)
         found = [("", "", float("inf"))] * len(joints)
-        for first, second, clearance, margin in self._clearances(joints):
+        for first, second, clearance, margin in self._pair_clearances(joints):
             closer = clearance - margin < best
             best = np.where(closer, clearance - margin, best)
             for i in np.flatnonzero(closer):
                 found[i] = (first, second, float(clearance[i]))
-        return tuple(Contact(i, *item) for i, item in enumerate(found))
+        return tuple(ShapeContact(i, *item) for i, item in enumerate(found))
 
-    def distances(self, joints_rad: Array, doubt: PostureDoubt | None = None) -> Excess:
+    def compute_clearances(
+        self, joints_rad: Array, position_uncertainty: PositionUncertainty | None = None
+    ) -> LimitExcess:
         """Return the clearance of every pair of shapes in every posture, against what it must be.
 
         With a doubt about the posture each margin grows by as much as the two shapes may be nearer than computed.
@@ -226,46 +228,53 @@ class CollisionCheck:
             Joint angles that are not finite.
         """
         joints = np.asarray(joints_rad, dtype=float)
-        pairs = list(self._clearances(joints))
-        told = [f"clearance of {first} and {second}" for first, second, _, _ in pairs]
+        pairs = list(self._pair_clearances(joints))
+        quantity_names = [f"clearance of {first} and {second}" for first, second, _, _ in pairs]
         found = np.array([clearance for _, _, clearance, _ in pairs]).T.reshape(len(joints), len(pairs))
         limit = np.broadcast_to(np.array([margin for *_, margin in pairs]), found.shape)
-        more = None if doubt is None else self._doubts(joints, doubt)
+        more = (
+            None if position_uncertainty is None else self._pair_uncertainties(joints, position_uncertainty)
+        )
         limit = limit if more is None else limit + more
-        return Excess("clearance", found, limit, limit - found, "m", tuple(told), more)
+        return LimitExcess("clearance", found, limit, limit - found, "m", tuple(quantity_names), more)
 
-    def _doubts(self, joints: Array, of_posture: PostureDoubt) -> Array:
-        """Return (N, Q): by how much each pair of shapes may be nearer than computed; pairs as ``_clearances``."""
+    def _pair_uncertainties(self, joints: Array, of_posture: PositionUncertainty) -> Array:
+        """Return (N, Q): by how much each pair of shapes may be nearer than computed; pairs as ``_pair_clearances``."""
         shape, arm = self.shape, self.shape.arm
-        segments = _segments(self.model, arm, joints)
-        doubt = JointDoubt.of(self.model, joints, of_posture.bodies_rad)
+        segments = _link_segments(self.model, arm, joints)
+        axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.bodies_rad)
         columns = []
-        for i, j in _pairs(arm, self.touching):
+        for i, j in _capsule_pairs(arm, self.touching):
             near, far = sorted((i, j), key=lambda k: arm[k].link)
-            columns.append(doubt.displaced(segments[far], arm[near].link, arm[far].link))
-        swings = [doubt.displaced(ends, 0, capsule.link) for capsule, ends in zip(arm, segments, strict=True)]
+            columns.append(
+                axis_uncertainty.displacement_between(segments[far], arm[near].link, arm[far].link)
+            )
+        swings = [
+            axis_uncertainty.displacement_between(ends, 0, capsule.link)
+            for capsule, ends in zip(arm, segments, strict=True)
+        ]
         for item in shape.obstacles:
             columns += [
                 swing
                 for capsule, swing in zip(arm, swings, strict=True)
-                if capsule.link >= 1 and not _stands_on(item, capsule)
+                if capsule.link >= 1 and not _is_floor_of(item, capsule)
             ]
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
-            doubt = JointDoubt.of(self.model, joints, of_posture.wire_rad)
+            axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.wire_rad)
             columns += [
-                _wire_doubt(doubt, wire, (capsule, segment), self.model.axes)
+                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axis_count)
                 for capsule, segment in zip(arm, segments, strict=True)
-                if capsule.link < self.model.axes
+                if capsule.link < self.model.axis_count
             ]
         return np.array(columns).T.reshape(len(joints), len(columns))
 
-    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+    def piece_count(self, start_rad: Array, stop_rad: Array) -> int:
         """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
         turns = np.abs(self.model.joint_coupling @ (stop_rad - start_rad))
-        return int(np.ceil(turns @ self._levers() / _LARGEST_STEP_M)) + 1
+        return int(np.ceil(turns @ self._joint_levers() / _LARGEST_STEP_M)) + 1
 
-    def ways_free(self, waypoints_rad: Array) -> NDArray[np.bool_]:
+    def is_path_free(self, waypoints_rad: Array) -> NDArray[np.bool_]:
         """Return (W - 1,): which joint moves from one waypoint to the next keep every distance on their way.
 
         No point of the arm moves more than 5 mm between two looks.
@@ -275,12 +284,12 @@ class CollisionCheck:
         for i, (start, stop) in enumerate(pairwise(waypoints)):
             if not np.isfinite([*start, *stop]).all():
                 continue
-            steps = self.looks(start, stop)
+            steps = self.piece_count(start, stop)
             share = np.linspace(0.0, 1.0, steps + 1)[:, None]
-            free[i] = bool(self.free(start + share * (stop - start)).all())
+            free[i] = bool(self.is_free(start + share * (stop - start)).all())
         return free
 
-    def _excess(self, joints_rad: Array) -> Array:
+    def _least_clearance(self, joints_rad: Array) -> Array:
         """Return (N,) the least clearance beyond its margin; minus infinity where joints are not finite."""
         joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
         finite = np.isfinite(joints).all(axis=1)
@@ -289,50 +298,50 @@ class CollisionCheck:
         for start in range(0, len(rows), _CHUNK):
             some = rows[start : start + _CHUNK]
             least = np.full(len(some), np.inf)
-            for _, _, clearance, margin in self._clearances(joints[some]):
+            for _, _, clearance, margin in self._pair_clearances(joints[some]):
                 np.minimum(least, clearance - margin, out=least)
             excess[some] = least
         return excess
 
-    def _clearances(self, joints: Array) -> Iterator[tuple[str, str, Array, float]]:
+    def _pair_clearances(self, joints: Array) -> Iterator[tuple[str, str, Array, float]]:
         """Yield, for each pair of shapes, its names, clearances (N,) and the margin that it must keep."""
         shape, arm = self.shape, self.shape.arm
-        segments = _segments(self.model, arm, joints)
-        for i, j in _pairs(arm, self.touching):
+        segments = _link_segments(self.model, arm, joints)
+        for i, j in _capsule_pairs(arm, self.touching):
             yield arm[i].name, arm[j].name, _bar_clearance(arm, segments, i, j), shape.margin_m
         for item in shape.obstacles:
             for capsule, segment in zip(arm, segments, strict=True):
-                if capsule.link >= 1 and not _stands_on(item, capsule):
+                if capsule.link >= 1 and not _is_floor_of(item, capsule):
                     clearance = _obstacle_distance(item, segment) - capsule.radius_m
                     yield capsule.name, item.name, clearance, shape.margin_m
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
             for capsule, segment in zip(arm, segments, strict=True):
-                if capsule.link < self.model.axes:
+                if capsule.link < self.model.axis_count:
                     clearance = segment_distance(wire, segment) - capsule.radius_m
                     yield capsule.name, "draw-wire", clearance, shape.wire_margin_m
 
-    def _levers(self) -> Array:
+    def _joint_levers(self) -> Array:
         """Return (n,): how far from each joint any point of the arm can be [m]."""
         lengths = np.linalg.norm(self.model.placements[1:, :3, 3], axis=1)
         beyond = np.cumsum(lengths[::-1])[::-1]
         beside = [
             capsule.radius_m
             + max(float(np.linalg.norm(end)) for end in (capsule.start_m, capsule.end_m))
-            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axes else 0.0)
+            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axis_count else 0.0)
             for capsule in self.shape.arm
         ]
         thick = max([0.0, *beside])
         return np.asarray(beyond + thick, dtype=np.float64)
 
 
-def _segments(model: RobotModel, arm: Sequence[Capsule], joints: Array) -> list[Segment]:
+def _link_segments(model: RobotModel, arm: Sequence[LinkCapsule], joints: Array) -> list[Segment]:
     rotations, origins = chain_frames(model, joints)
 
-    def placed(link: int, point: Place) -> Array:
+    def place_point(link: int, point: Place) -> Array:
         return np.asarray(np.einsum("jin,i->jn", rotations[link], np.array(point)) + origins[link])
 
-    return [(placed(c.link, c.start_m), placed(c.link, c.end_m)) for c in arm]
+    return [(place_point(c.link, c.start_m), place_point(c.link, c.end_m)) for c in arm]
 
 
 def _wire_segment(model: RobotModel, wire: WirePath, joints: Array) -> Segment:
@@ -340,14 +349,16 @@ def _wire_segment(model: RobotModel, wire: WirePath, joints: Array) -> Segment:
     return np.array(wire.anchor_in_base_m)[:, None], hook
 
 
-def _wire_doubt(doubt: JointDoubt, wire: Segment, bar: tuple[Capsule, Segment], axes: int) -> Array:
+def _wire_uncertainty(
+    axis_uncertainty: AxisUncertainty, wire: Segment, bar: tuple[LinkCapsule, Segment], axes: int
+) -> Array:
     """Return (N,): by how much a draw-wire may be nearer to a link than computed [m].
 
     Seen from the link its hook hardly moves and its anchor much: piece by piece, between the two in proportion.
     """
     (anchor, hook), (capsule, segment) = wire, bar
-    hook_off = doubt.displaced([hook], capsule.link, axes)
-    anchor_off = doubt.displaced_seen_from(anchor, capsule.link)
+    hook_off = axis_uncertainty.displacement_between([hook], capsule.link, axes)
+    anchor_off = axis_uncertainty.displacement_from(anchor, capsule.link)
     nearest = np.full(hook.shape[1], np.inf)
     for start, stop in pairwise(np.linspace(0.0, 1.0, _WIRE_PIECES + 1)):
         piece = (anchor + start * (hook - anchor), anchor + stop * (hook - anchor))
@@ -356,43 +367,45 @@ def _wire_doubt(doubt: JointDoubt, wire: Segment, bar: tuple[Capsule, Segment], 
     return np.asarray(segment_distance(wire, segment) - nearest, dtype=np.float64)
 
 
-def _pairs(arm: Sequence[Capsule], touching: frozenset[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+def _capsule_pairs(
+    arm: Sequence[LinkCapsule], touching: frozenset[tuple[int, int]]
+) -> Iterator[tuple[int, int]]:
     """Yield pairs of capsules on links that neither share a joint nor touch by construction."""
     for j in range(len(arm)):
         for i in range(j):
-            links = _links(arm, i, j)
+            links = _link_pair(arm, i, j)
             if links[1] - links[0] > 1 and links not in touching:
                 yield i, j
 
 
-def _links(arm: Sequence[Capsule], i: int, j: int) -> tuple[int, int]:
+def _link_pair(arm: Sequence[LinkCapsule], i: int, j: int) -> tuple[int, int]:
     first, second = sorted((arm[i].link, arm[j].link))
     return first, second
 
 
-def _bar_clearance(arm: Sequence[Capsule], segments: Sequence[Segment], i: int, j: int) -> Array:
+def _bar_clearance(arm: Sequence[LinkCapsule], segments: Sequence[Segment], i: int, j: int) -> Array:
     return segment_distance(segments[i], segments[j]) - (arm[i].radius_m + arm[j].radius_m)
 
 
 def _obstacle_distance(item: Obstacle, segment: Segment) -> Array:
-    if isinstance(item, Sphere):
+    if isinstance(item, SphereObstacle):
         centre = np.array(item.centre_in_base_m)[:, None]
         return segment_distance(segment, (centre, centre)) - item.radius_m
-    if isinstance(item, Plane):
+    if isinstance(item, PlaneObstacle):
         return plane_distance(segment, np.array(item.point_in_base_m), np.array(item.normal_in_base))
     return box_distance(segment, item.base_box, np.array(item.size_m))
 
 
-def _stands_on(item: Obstacle, capsule: Capsule) -> bool:
+def _is_floor_of(item: Obstacle, capsule: LinkCapsule) -> bool:
     """Tell whether this is the floor under the first link, which only turns about itself."""
-    return isinstance(item, Plane) and capsule.link == 1
+    return isinstance(item, PlaneObstacle) and capsule.link == 1
 
 
-def _sizes(item: Obstacle) -> list[float]:
+def _obstacle_sizes(item: Obstacle) -> list[float]:
     """Return the numbers of an obstacle that must be finite and not below zero."""
-    if isinstance(item, Sphere):
+    if isinstance(item, SphereObstacle):
         return [item.radius_m, *np.abs(item.centre_in_base_m)]
-    if isinstance(item, Plane):
+    if isinstance(item, PlaneObstacle):
         length = float(np.linalg.norm(item.normal_in_base))
         return [*np.abs(item.point_in_base_m), length if length > 0 else -1.0]
     return [*item.size_m, 0.0 if is_rigid(item.base_box) else -1.0]
@@ -402,6 +415,6 @@ def _link_name(model: RobotModel, link: int) -> str:
     return "base" if link == 0 else f"link {link}"
 
 
-def _place(point: Array) -> Place:
+def _to_place(point: Array) -> Place:
     x, y, z = (float(value) for value in point)
     return x, y, z

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.urdf import UrdfArm
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.collision import Box, Obstacle, Plane, Sphere
+from cellcal.calibration.motion.collision import BoxObstacle, Obstacle, PlaneObstacle, SphereObstacle
 
 _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
 _TRIALS = 200
@@ -36,7 +36,7 @@ class DescriptionCheck:
     _margin_m: float
 
     @classmethod
-    def prepare(
+    def from_description(
         cls,
         arm: UrdfArm,
         obstacles: Sequence[Obstacle] = (),
@@ -63,7 +63,7 @@ class DescriptionCheck:
         CalibrationError
             No shapes in the description, or a mesh that cannot be found.
         """
-        pin, coal = _libraries()
+        pin, coal = _import_libraries()
         model = pin.buildModelFromXML(arm.text)
         try:
             shapes = pin.buildGeomFromUrdfString(
@@ -80,50 +80,52 @@ class DescriptionCheck:
         for item in obstacles:
             shape, placement = _coal_shape(pin, coal, item)
             shapes.addGeometryObject(pin.GeometryObject(item.name, 0, placement, shape))
-        for pair in _worth_checking(pin, model, shapes, own):
+        for pair in _collidable_pairs(pin, model, shapes, own):
             shapes.addCollisionPair(pair)
         at = tuple(int(model.idx_vs[model.getJointId(name)]) for name in arm.model.joint_names)
         matrix = np.eye(len(at)) if joint_matrix is None else np.asarray(joint_matrix, dtype=float)
         check = cls(arm, (), pin, model, shapes, at, matrix, margin_m)
-        words = [*check._leave_out_what_always_touches(), "links that share a joint are not checked"]
+        words = [*check._exclude_touching_pairs(), "links that share a joint are not checked"]
         if not obstacles:
             words.append("no obstacles known: path not checked for collisions with the cell")
         words.append("cables, hoses, people and the draw-wire are not known")
         return cls(arm, tuple(words), pin, model, shapes, at, matrix, margin_m)
 
-    def free(self, joints_rad: Array) -> NDArray[np.bool_]:
+    def is_free(self, joints_rad: Array) -> NDArray[np.bool_]:
         """Return (N,): which postures keep the margin. Numbers that are not finite are not free."""
         joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
         free: NDArray[np.bool_] = np.isfinite(joints).all(axis=1)
-        data, seen = self._model.createData(), self._seen()
+        data, geometry = self._model.createData(), self._geometry_data()
         for row in np.flatnonzero(free):
-            posture = self._posture(joints[row])
+            posture = self._configuration_of(joints[row])
             free[row] = not self._pinocchio.computeCollisions(
-                self._model, data, self._shapes, seen, posture, True
+                self._model, data, self._shapes, geometry, posture, True
             )
         return free
 
-    def _posture(self, joints: Array) -> Array:
+    def _configuration_of(self, joints: Array) -> Array:
         turn = np.zeros(self._model.nv)
         turn[list(self._at)] = self._joint_matrix @ joints
         neutral = self._pinocchio.neutral(self._model)
         return np.asarray(self._pinocchio.integrate(self._model, neutral, turn), dtype=np.float64)
 
-    def _seen(self) -> Any:
-        seen = self._pinocchio.GeometryData(self._shapes)
-        for request in seen.collisionRequests:
+    def _geometry_data(self) -> Any:
+        geometry = self._pinocchio.GeometryData(self._shapes)
+        for request in geometry.collisionRequests:
             request.security_margin = self._margin_m
-        return seen
+        return geometry
 
-    def _leave_out_what_always_touches(self) -> list[str]:
+    def _exclude_touching_pairs(self) -> list[str]:
         generator = np.random.default_rng(1)
         low = np.maximum(self.arm.model.lower_rad, -math.pi)
         high = np.minimum(self.arm.model.upper_rad, math.pi)
-        data, seen, shapes = self._model.createData(), self._seen(), self._shapes
+        data, geometry, shapes = self._model.createData(), self._geometry_data(), self._shapes
         touched = np.zeros(len(shapes.collisionPairs))
         for joints in generator.uniform(low, high, (_TRIALS, len(low))):
-            self._pinocchio.computeCollisions(self._model, data, shapes, seen, self._posture(joints), False)
-            touched += [result.isCollision() for result in seen.collisionResults]
+            self._pinocchio.computeCollisions(
+                self._model, data, shapes, geometry, self._configuration_of(joints), False
+            )
+            touched += [result.isCollision() for result in geometry.collisionResults]
         always = [
             pair
             for pair, often in zip(shapes.collisionPairs, touched, strict=True)
@@ -135,7 +137,7 @@ class DescriptionCheck:
         return [f"touching by construction, so not checked: {one} and {other}" for one, other in names]
 
 
-def _worth_checking(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:
+def _collidable_pairs(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:
     """Return the pairs that can collide: not on one link, not on neighbours, not two things that stand still."""
     joint = [item.parentJoint for item in shapes.geometryObjects]
     pairs = []
@@ -151,19 +153,19 @@ def _worth_checking(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[
 
 
 def _coal_shape(pin: ModuleType, coal: ModuleType, item: Obstacle) -> tuple[Any, Any]:
-    if isinstance(item, Sphere):
+    if isinstance(item, SphereObstacle):
         return coal.Sphere(item.radius_m), pin.SE3(np.eye(3), np.array(item.centre_in_base_m))
-    if isinstance(item, Box):
+    if isinstance(item, BoxObstacle):
         return coal.Box(*item.size_m), pin.SE3(item.base_box[:3, :3], item.base_box[:3, 3])
     return _half_space(coal, item), pin.SE3.Identity()
 
 
-def _half_space(coal: ModuleType, plane: Plane) -> Any:
+def _half_space(coal: ModuleType, plane: PlaneObstacle) -> Any:
     normal = np.array(plane.normal_in_base) / np.linalg.norm(plane.normal_in_base)
     return coal.Halfspace(normal, float(normal @ np.array(plane.point_in_base_m)))
 
 
-def _libraries() -> tuple[ModuleType, ModuleType]:
+def _import_libraries() -> tuple[ModuleType, ModuleType]:
     try:
         import coal  # noqa: PLC0415  # optional: the extra "planning"
         import pinocchio  # noqa: PLC0415  # optional: the extra "planning"

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.doubt import PostureDoubt
 from cellcal.calibration.motion.motion_quantities import (
-    Excess,
+    LimitExcess,
     joint_limit_excess,
     singularity_excess,
     speed_excess,
@@ -23,21 +22,24 @@ from cellcal.calibration.motion.motion_quantities import (
     wire_wrap_excess,
     workspace_excess,
 )
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 
 _HOPELESS_RAD = 1.0  # beyond a joint's limit
 _RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where collisions are checked
 
 
-class Clearances(Protocol):
+class ClearanceCheck(Protocol):
     """What knows the shapes of arm and cell: `calibration.motion.collision.CollisionCheck`."""
 
     @property
     def not_checked(self) -> tuple[str, ...]: ...
-    def distances(self, joints_rad: Array, doubt: PostureDoubt | None = None) -> Excess:
+    def compute_clearances(
+        self, joints_rad: Array, position_uncertainty: PositionUncertainty | None = None
+    ) -> LimitExcess:
         """Return the clearance of every pair of shapes in every posture, against what it must be."""
         ...
 
-    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+    def piece_count(self, start_rad: Array, stop_rad: Array) -> int:
         """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
         ...
 
@@ -61,14 +63,16 @@ class MotionLimits:
 
     joint_margin_rad: float = 0.0523599  # 3 deg
     mastering_uncertainty_rad: tuple[float, ...] = ()  # per joint, added to the margin
-    doubt: PostureDoubt | None = None  # about where the arm stands: shapes and box keep more distance
+    position_uncertainty: PositionUncertainty | None = (
+        None  # about where the arm stands: shapes and box keep more distance
+    )
     joint_speed_rad_s: float = 0.0872665  # 5 deg/s
     tip_speed_m_s: float = 0.05
     box_low_m: tuple[float, float, float] | None = None  # the flange, the tip and the wrist stay inside
     box_high_m: tuple[float, float, float] | None = None
     smallest_singular_value: float | None = None  # of the Jacobian, in m/rad; for straight moves
     wire: WirePath | None = None
-    clearances: Clearances | None = None
+    clearances: ClearanceCheck | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,9 +150,9 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     flange and every joint's centre (elbow and wrist among them) are held to one cap.
     """
     targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
-    if start.shape != (model.axes,) or targets.shape[1] != model.axes:
+    if start.shape != (model.axis_count,) or targets.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{model.name}: a start ({model.axes},) and targets (N, {model.axes}) are needed"
+            f"{model.name}: a start ({model.axis_count},) and targets (N, {model.axis_count}) are needed"
         )
     invalid = _not_finite(start, targets, (speed_rad_s, *tip_in_flange_m))
     if invalid:
@@ -157,18 +161,18 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     findings += _far_outside(model, np.vstack([targets, start]))
     if any(finding.check == "joint limits" for finding in findings):
         return MotionVerdict(False, tuple(findings), _not_checked(limits))
-    owner, path, direction = sampled(start, targets, limits.clearances)
+    owner, path, direction = sample_motion(start, targets, limits.clearances)
     with_start = np.vstack([start, path])
-    stays = _stays(owner, stops)
+    stays = _is_stay(owner, stops)
     postures = _posture_excesses(model, with_start, limits, tip_in_flange_m)
     if limits.wire is not None:
         wire = limits.wire
         places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
         postures.append(wire_wrap_excess(model, with_start, places, wire.wrap_rad))
-    excesses = [excess.forgiving(stays) for excess in postures]
+    excesses = [excess.forgive_start(stays) for excess in postures]
     rates = speed_rad_s * direction
     excesses.append(speed_excess(model, path, rates, tip_in_flange_m, limits.tip_speed_m_s))
-    findings += [f for excess in excesses for f in _findings(excess, owner)]
+    findings += [f for excess in excesses for f in _worst_findings(excess, owner)]
     findings.sort(key=lambda f: f.target)
     return MotionVerdict(not findings, tuple(findings), _not_checked(limits))
 
@@ -184,35 +188,35 @@ def allowed_postures(
     finite = np.isfinite(joints).all(axis=1)
     broken = np.zeros(len(joints), dtype=bool)
     for excess in _posture_excesses(model, np.where(finite[:, None], joints, 0.0), limits, tip_in_flange_m):
-        broken |= excess.broken()
+        broken |= excess.is_broken()
     allowed: Array = finite & ~broken
     return allowed
 
 
-def seem_free(
+def seems_free(
     model: RobotModel, start_rad: Array, targets_rad: Array, limits: MotionLimits, *, looks: int = 12
 ) -> Array:
     """Return (N,): to which targets the straight way seems free, looked at in a few places: to choose with.
 
     What is chosen is checked by ``check_moves``. Targets are finite.
     """
-    targets = np.asarray(targets_rad, dtype=float).reshape(-1, model.axes)
+    targets = np.asarray(targets_rad, dtype=float).reshape(-1, model.axis_count)
     share = np.linspace(0.0, 1.0, looks + 1)[1:, None]
     ways = start_rad + share * (targets[:, None] - start_rad)
     free = np.ones(ways.shape[:2], dtype=bool)
-    for excess in _posture_excesses(model, ways.reshape(-1, model.axes), limits, (0.0, 0.0, 0.0)):
-        free &= ~excess.broken().reshape(free.shape)
+    for excess in _posture_excesses(model, ways.reshape(-1, model.axis_count), limits, (0.0, 0.0, 0.0)):
+        free &= ~excess.is_broken().reshape(free.shape)
     if limits.wire is not None:
         wire = limits.wire
         places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
         for k, way in enumerate(ways):
-            free[k] &= ~wire_wrap_excess(model, np.vstack([start_rad, way]), places, wire.wrap_rad).broken()[
-                1:
-            ]
+            free[k] &= ~wire_wrap_excess(
+                model, np.vstack([start_rad, way]), places, wire.wrap_rad
+            ).is_broken()[1:]
     return np.asarray(free.all(axis=1))
 
 
-def _stays(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.bool_]:
+def _is_stay(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.bool_]:
     """Return which samples are targets to stay at: the last sample of each such target."""
     last = np.append(owner[1:] != owner[:-1], True)
     stays: NDArray[np.bool_] = last if stops is None else last & np.asarray(stops, dtype=bool)[owner]
@@ -225,7 +229,9 @@ def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tupl
         bad = np.array([0])
     nan = float("nan")
     words = [f"target {i + 1}: a number is not finite, nothing may move" for i in bad]
-    return tuple(MotionFinding(int(i), "finite", nan, nan, told) for i, told in zip(bad, words, strict=True))
+    return tuple(
+        MotionFinding(int(i), "finite", nan, nan, message) for i, message in zip(bad, words, strict=True)
+    )
 
 
 def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
@@ -242,8 +248,8 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
     return findings
 
 
-def sampled(
-    start: Array, targets: Array, clearances: Clearances | None
+def sample_motion(
+    start: Array, targets: Array, clearances: ClearanceCheck | None
 ) -> tuple[NDArray[np.int_], Array, Array]:
     """Return which target each sample belongs to, the samples (S, n), and the joints' rates there (S, n).
 
@@ -255,7 +261,7 @@ def sampled(
         farthest = float(np.abs(way).max())
         steps = max(int(np.ceil(farthest / _RATE_SAMPLE_RAD)), 1)
         if clearances is not None:
-            steps = max(steps, clearances.looks(before, target))
+            steps = max(steps, clearances.piece_count(before, target))
         share = np.arange(1, steps + 1)[:, None] / steps
         pieces.append(before + share * way)
         owners.append(np.full(steps, index))
@@ -266,11 +272,11 @@ def sampled(
 
 def _posture_excesses(
     model: RobotModel, joints: Array, limits: MotionLimits, tip_in_flange_m: tuple[float, float, float]
-) -> list[Excess]:
+) -> list[LimitExcess]:
     excesses = [_joint_limits(model, joints, limits)]
     if limits.box_low_m is not None and limits.box_high_m is not None:
         box = (limits.box_low_m, limits.box_high_m)
-        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m, limits.doubt))
+        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m, limits.position_uncertainty))
     if limits.smallest_singular_value is not None:
         excesses.append(singularity_excess(model, joints, limits.smallest_singular_value))
     if limits.wire is not None:
@@ -279,13 +285,13 @@ def _posture_excesses(
         places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
         excesses += wire_range_excesses(model, joints, places, wire.zero_m, (low, high))
     if limits.clearances is not None:
-        excesses.append(limits.clearances.distances(joints, limits.doubt))
+        excesses.append(limits.clearances.compute_clearances(joints, limits.position_uncertainty))
     return excesses
 
 
-def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> Excess:
-    doubt = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axes)
-    return joint_limit_excess(model, joints, limits.joint_margin_rad + doubt)
+def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> LimitExcess:
+    uncertainty = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axis_count)
+    return joint_limit_excess(model, joints, limits.joint_margin_rad + uncertainty)
 
 
 def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) -> list[MotionFinding]:
@@ -296,20 +302,18 @@ def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) ->
     return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
 
 
-def _findings(excess: Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
+def _worst_findings(excess: LimitExcess, owner: NDArray[np.int_]) -> list[MotionFinding]:
     """Report, per target, the sample that breaks this limit most."""
     findings = []
-    for target in np.unique(owner[excess.broken()]):
+    for target in np.unique(owner[excess.is_broken()]):
         samples = np.flatnonzero(owner == target)
         row, column = np.unravel_index(np.argmax(excess.excess[samples]), excess.excess[samples].shape)
         worst = samples[row]
         found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
-        what, unit = excess.told[column] if excess.told else excess.check, excess.unit
+        what, unit = excess.quantity_names[column] if excess.quantity_names else excess.check, excess.unit
         words = f"target {target + 1}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}"
-        if excess.doubt is not None:
-            words = (
-                f"{words}, of which {excess.doubt[worst, column]:.3g} m are for turns that are not known yet"
-            )
+        if excess.uncertainty is not None:
+            words = f"{words}, of which {excess.uncertainty[worst, column]:.3g} m are for turns that are not known yet"
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.doubt import JointDoubt, PostureDoubt
+from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
 
 Triple = tuple[float, float, float]
 
@@ -17,7 +17,7 @@ _NEAR_AXIS = 0.1  # of the wire's length: nearer to the flange's axis an anchor 
 
 
 @dataclass(frozen=True, slots=True)
-class Excess:
+class LimitExcess:
     """Quantities per posture (N, Q) and by how much each breaks its limit (> 0: broken)."""
 
     check: str
@@ -25,29 +25,37 @@ class Excess:
     limit: Array
     excess: Array
     unit: str
-    told: tuple[str, ...] = ()  # (Q,) what each quantity is, where they differ
-    doubt: Array | None = None  # (N, Q) of the limit: what is kept only because joints are not known better
+    quantity_names: tuple[str, ...] = ()  # (Q,) what each quantity is, where they differ
+    uncertainty: Array | None = (
+        None  # (N, Q) of the limit: what is kept only because joints are not known better
+    )
 
-    def broken(self) -> NDArray[np.bool_]:
+    def is_broken(self) -> NDArray[np.bool_]:
         """Return (N,): which postures break any."""
         return np.asarray((self.excess > 0).any(axis=1))
 
-    def forgiving(self, stays: NDArray[np.bool_]) -> "Excess":
+    def forgive_start(self, stays: NDArray[np.bool_]) -> "LimitExcess":
         """Drop the start, the first row; forgive each quantity on the way what it breaks there, not at a stay."""
         forgiven = np.where(stays[:, None], 0.0, np.maximum(self.excess[0], 0.0))
         limit = np.broadcast_to(self.limit, self.excess.shape)[1:]
-        doubt = None if self.doubt is None else self.doubt[1:]
-        return Excess(
-            self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.told, doubt
+        uncertainty = None if self.uncertainty is None else self.uncertainty[1:]
+        return LimitExcess(
+            self.check,
+            self.found[1:],
+            limit,
+            self.excess[1:] - forgiven,
+            self.unit,
+            self.quantity_names,
+            uncertainty,
         )
 
 
-def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> Excess:
+def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> LimitExcess:
     """Return every joint against its limits less a margin per axis (n,) [rad]."""
     low, high = model.lower_rad + margin_rad, model.upper_rad - margin_rad
     below, above = low - joints, joints - high
     limit = np.where(below > above, low, high)
-    return Excess("joint limits", joints, limit, np.maximum(below, above), "rad")
+    return LimitExcess("joint limits", joints, limit, np.maximum(below, above), "rad")
 
 
 def workspace_excess(
@@ -55,36 +63,42 @@ def workspace_excess(
     joints: Array,
     box_m: tuple[Triple, Triple],
     tip_m: Triple,
-    doubt: PostureDoubt | None = None,
-) -> Excess:
+    position_uncertainty: PositionUncertainty | None = None,
+) -> LimitExcess:
     """Return the coordinates of tip, flange and every joint's centre from the second on, against a box.
 
     With a doubt about the posture the box shrinks by as much as each point may be elsewhere.
     """
     points = body_points(model, joints, tip_m)
-    more = np.zeros(points.shape) if doubt is None else _points_doubt(model, joints, points, doubt.bodies_rad)
+    more = (
+        np.zeros(points.shape)
+        if position_uncertainty is None
+        else _point_uncertainties(model, joints, points, position_uncertainty.bodies_rad)
+    )
     low, high = np.array(box_m[0]) + more, np.array(box_m[1]) - more
     below, above = low - points, points - high
     limit = np.where(below > above, low, high)
     flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above), more)]
-    told = [f"workspace box of {name}, {axis}" for name in _point_names(model) for axis in "xyz"]
-    kept = None if doubt is None else flat[3]
-    return Excess("workspace box", flat[0], flat[1], flat[2], "m", tuple(told), kept)
+    quantity_names = [f"workspace box of {name}, {axis}" for name in _point_names(model) for axis in "xyz"]
+    uncertainties = None if position_uncertainty is None else flat[3]
+    return LimitExcess("workspace box", flat[0], flat[1], flat[2], "m", tuple(quantity_names), uncertainties)
 
 
-def _points_doubt(model: RobotModel, joints: Array, points: Array, doubt_rad: Sequence[float]) -> Array:
+def _point_uncertainties(
+    model: RobotModel, joints: Array, points: Array, uncertainty_rad: Sequence[float]
+) -> Array:
     """Return (N, P, 3): how far each of ``body_points`` may be elsewhere [m]."""
-    doubt = JointDoubt.of(model, joints, doubt_rad)
-    links = [*range(2, model.axes + 1), model.axes]
-    far = [doubt.displaced([points[:, k].T], 0, link) for k, link in enumerate(links)]
+    uncertainty = AxisUncertainty.from_joints(model, joints, uncertainty_rad)
+    links = [*range(2, model.axis_count + 1), model.axis_count]
+    far = [uncertainty.displacement_between([points[:, k].T], 0, link) for k, link in enumerate(links)]
     return np.broadcast_to(np.array(far).T[:, :, None], points.shape)
 
 
 def _point_names(model: RobotModel) -> tuple[str, ...]:
-    return (*(f"link {link}" for link in range(2, model.axes)), "flange", "tip")
+    return (*(f"link {link}" for link in range(2, model.axis_count)), "flange", "tip")
 
 
-def singularity_excess(model: RobotModel, joints: Array, limit: float) -> Excess:
+def singularity_excess(model: RobotModel, joints: Array, limit: float) -> LimitExcess:
     """Return the smallest singular value of the flange's Jacobian against its limit."""
     values = np.linalg.svd(model.flange_jacobian(joints)[1], compute_uv=False)
     return at_least("singularity", np.asarray(values[:, -1], dtype=np.float64), limit, "m/rad")
@@ -96,7 +110,7 @@ def wire_range_excesses(
     places_m: tuple[Triple, Triple],
     zero_m: float,
     reach_m: tuple[float, float],
-) -> list[Excess]:
+) -> list[LimitExcess]:
     """Return the wire's length against the part of its range that may be used; places: anchor, hook in flange."""
     anchor, hook = (np.array(place) for place in places_m)
     lengths = zero_m + np.linalg.norm(model.tip_positions(joints, hook) - anchor, axis=1)
@@ -121,35 +135,37 @@ def wire_side(
     """Return (N,) the angle at which the flange sees the anchor about its axis [rad], and (N,) where it has one."""
     rotations, origins = chain_frames(model, postures)
     away = np.array(places_m[0])[:, None] - origins[-1]
-    seen = np.einsum("jin,jn->in", rotations[-1], away)
-    beside = np.hypot(seen[0], seen[1]) > _NEAR_AXIS * np.linalg.norm(away, axis=0)
-    return np.asarray(np.arctan2(seen[1], seen[0]), dtype=np.float64), beside
+    directions = np.einsum("jin,jn->in", rotations[-1], away)
+    beside = np.hypot(directions[0], directions[1]) > _NEAR_AXIS * np.linalg.norm(away, axis=0)
+    return np.asarray(np.arctan2(directions[1], directions[0]), dtype=np.float64), beside
 
 
 def wire_wrap_excess(
     model: RobotModel, path: Array, places_m: tuple[Triple, Triple], limit_rad: float
-) -> Excess:
+) -> LimitExcess:
     """Return how far the wire has wound about the flange's axis since the first posture, against its limit."""
     return at_most("wire wrap", np.abs(wire_winding(model, path, places_m)), limit_rad, "rad")
 
 
-def speed_excess(model: RobotModel, path: Array, rates: Array, tip_m: Triple, limit_m_s: float) -> Excess:
+def speed_excess(
+    model: RobotModel, path: Array, rates: Array, tip_m: Triple, limit_m_s: float
+) -> LimitExcess:
     """Return the speed of the fastest of tip, flange and joints' centres, for joint rates (N, n) [rad/s]."""
     ahead, behind = (body_points(model, path + sign * _SLIGHT_S * rates, tip_m) for sign in (1.0, -1.0))
     fastest = np.linalg.norm(ahead - behind, axis=2).max(axis=1) / (2.0 * _SLIGHT_S)
     return at_most("tip speed", fastest, limit_m_s, "m/s")
 
 
-def at_most(check: str, found: Array, limit: float, unit: str) -> Excess:
+def at_most(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
     """Return one quantity per posture (N,) that may not be above its limit."""
     column = found[:, None]
-    return Excess(check, column, np.full(column.shape, limit), column - limit, unit)
+    return LimitExcess(check, column, np.full(column.shape, limit), column - limit, unit)
 
 
-def at_least(check: str, found: Array, limit: float, unit: str) -> Excess:
+def at_least(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
     """Return one quantity per posture (N,) that may not be below its limit."""
     column = found[:, None]
-    return Excess(check, column, np.full(column.shape, limit), limit - column, unit)
+    return LimitExcess(check, column, np.full(column.shape, limit), limit - column, unit)
 
 
 def body_points(model: RobotModel, joints: Array, tip_m: Triple) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.points.fixture import Covariance6, Triple, u_of
+from cellcal.calibration.points.fixture import Covariance6, Triple, worst_expanded_u
 
 FORMAT = "alignment 1"
 
@@ -49,29 +49,29 @@ class Alignment:
     @property
     def origin_u_m(self) -> float:
         """U (k = 2) of the fixture's origin in its worst direction [m]."""
-        return u_of(np.array(self.covariance)[:3, :3])
+        return worst_expanded_u(np.array(self.covariance)[:3, :3])
 
     @property
     def angle_u_rad(self) -> float:
         """U (k = 2) of the turn about the worst axis [rad]."""
-        return u_of(np.array(self.covariance)[3:, 3:])
+        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
 
 def without_points(alignment: Alignment, keep: Sequence[bool]) -> Alignment:
     """Return an alignment that never found some of its points; its pose is kept as the start of a fit with others."""
-    rows = [k for k, kept in enumerate(keep) if kept]
-    told = alignment.points
-    if told is not None:
-        size = 3 * len(told.found_m)
-        index = [*(3 * k + axis for k in rows for axis in range(3)), *range(size, size + len(told.of_wire))]
-        covariance = np.array(told.covariance)[np.ix_(index, index)]
-        told = replace(
-            told,
-            found_m=tuple(told.found_m[k] for k in rows),
+    rows = [k for k, is_kept in enumerate(keep) if is_kept]
+    points = alignment.points
+    if points is not None:
+        size = 3 * len(points.found_m)
+        index = [*(3 * k + axis for k in rows for axis in range(3)), *range(size, size + len(points.of_wire))]
+        covariance = np.array(points.covariance)[np.ix_(index, index)]
+        points = replace(
+            points,
+            found_m=tuple(points.found_m[k] for k in rows),
             covariance=tuple(tuple(float(v) for v in row) for row in covariance),
         )
     drawn = tuple(alignment.points_in_fixture_m[k] for k in rows)
-    return replace(alignment, points_in_fixture_m=drawn, points=told)
+    return replace(alignment, points_in_fixture_m=drawn, points=points)
 
 
 def alignment_text(alignments: Sequence[Alignment]) -> str:
@@ -92,14 +92,14 @@ def read_alignments(text: str) -> tuple[Alignment, ...]:
         document = parse_json(text)
         if document["format"] != FORMAT:
             raise CalibrationError(f"the format {document['format']!r} is not {FORMAT!r}")
-        return tuple(_alignment(entry) for entry in document["alignments"])
+        return tuple(_parse_alignment(entry) for entry in document["alignments"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise CalibrationError(
             f"this is no alignment file: {error}", remedy="Export the alignment again."
         ) from error
 
 
-def _alignment(entry: dict[str, Any]) -> Alignment:
+def _parse_alignment(entry: dict[str, Any]) -> Alignment:
     pose = entry["base_fixture"]
     covariance = np.array(entry["covariance"], dtype=float)
     if covariance.shape != (6, 6) or not np.allclose(covariance, covariance.T, atol=1e-15):
@@ -108,8 +108,8 @@ def _alignment(entry: dict[str, Any]) -> Alignment:
         fixture=str(entry["fixture"]),
         robot_serial=str(entry["robot_serial"]),
         model=str(entry["model"]),
-        points_in_fixture_m=tuple(_triple(point) for point in entry["points_in_fixture_m"]),
-        base_fixture=Pose(_triple(pose["position_m"]), _quadruple(pose["quaternion"])),
+        points_in_fixture_m=tuple(_to_triple(point) for point in entry["points_in_fixture_m"]),
+        base_fixture=Pose(_to_triple(pose["position_m"]), _to_quadruple(pose["quaternion"])),
         covariance=tuple(tuple(float(v) for v in row) for row in covariance),
         counts_at_zero=tuple(int(count) for count in entry["counts_at_zero"]),
         points=None if entry.get("points") is None else _wire_points(entry["points"]),
@@ -117,7 +117,7 @@ def _alignment(entry: dict[str, Any]) -> Alignment:
 
 
 def _wire_points(entry: dict[str, Any]) -> WirePoints:
-    found = tuple(_triple(point) for point in entry["found_m"])
+    found = tuple(_to_triple(point) for point in entry["found_m"])
     of_wire, believed, sigma = (
         tuple(float(v) for v in entry[name]) for name in ("of_wire", "believed", "sigma")
     )
@@ -142,12 +142,12 @@ def _wire_points(entry: dict[str, Any]) -> WirePoints:
     )
 
 
-def _triple(values: Sequence[float]) -> Triple:
+def _to_triple(values: Sequence[float]) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)
 
 
-def _quadruple(values: Sequence[float]) -> tuple[float, float, float, float]:
+def _to_quadruple(values: Sequence[float]) -> tuple[float, float, float, float]:
     w, x, y, z = (float(v) for v in values)
     return (w, x, y, z)
 

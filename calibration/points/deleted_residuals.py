@@ -12,7 +12,7 @@ _SPARE = 1e-6  # of a point's own residual: below, the fit cannot do without it
 
 
 @dataclass(frozen=True, slots=True)
-class Deleted:
+class DeletedResiduals:
     """Deleted residuals of points with three coordinates each."""
 
     sizes_m: tuple[float, ...]  # empty where a point cannot be spared
@@ -20,7 +20,7 @@ class Deleted:
     probability: float  # … and how probable a worse one is among points that are all alike
 
 
-def deleted_residuals(orthonormal: Array, residuals: Array) -> Deleted:
+def deleted_residuals(orthonormal: Array, residuals: Array) -> DeletedResiduals:
     """Look at each point of a least-squares fit as if it had been left out.
 
     A point is judged by its own three residuals against the scatter that is left without it, as one of n.
@@ -40,10 +40,10 @@ def deleted_residuals(orthonormal: Array, residuals: Array) -> Deleted:
     freedom = 3 * n - unknowns - 3
     remaining = np.eye(3) - orthonormal @ orthonormal.transpose(0, 2, 1)
     if freedom < 1 or np.linalg.eigvalsh(remaining)[:, 0].min() < _SPARE:
-        return Deleted((), int(np.linalg.norm(residuals, axis=1).argmax()), 1.0)
+        return DeletedResiduals((), int(np.linalg.norm(residuals, axis=1).argmax()), 1.0)
     deleted = np.linalg.solve(remaining, residuals[..., None])[..., 0]
     own = np.einsum("ni,ni->n", residuals, deleted)
     stray = int(own.argmax())
     rest = max(float((residuals**2).sum() - own[stray]), _ROUNDING_M2) / freedom
     probability = min(n * float(fdtrc(3.0, freedom, own[stray] / 3.0 / rest)), 1.0)
-    return Deleted(tuple(float(v) for v in np.linalg.norm(deleted, axis=1)), stray, probability)
+    return DeletedResiduals(tuple(float(v) for v in np.linalg.norm(deleted, axis=1)), stray, probability)

@@ -18,7 +18,7 @@ from cellcal.calibration.points.fixture import (
     place_points,
     placing_covariance,
     refuse_bad_points,
-    u_of,
+    worst_expanded_u,
 )
 
 
@@ -52,7 +52,7 @@ def refuse_tool_points(points_in_tool_m: Sequence[Triple]) -> None:
 
 def points_in_flange(rough_flange_tool: Pose, points_in_tool_m: Sequence[Triple]) -> tuple[Triple, ...]:
     """Return where the points roughly are in the flange [m]."""
-    found = np.array(points_in_tool_m) @ rough_flange_tool.rotation().T + np.array(
+    found = np.array(points_in_tool_m) @ rough_flange_tool.rotation_matrix().T + np.array(
         rough_flange_tool.position_m
     )
     return tuple((float(x), float(y), float(z)) for x, y, z in found)
@@ -77,7 +77,7 @@ def tool_through(
     if len(points_in_tool_m) > 1:
         placed = place_points(points_in_tool_m, found_in_flange_m, covariance_m2, sigma_point_m=sigma_point_m)
         return ToolThroughPoints(placed.outer_inner, placed.origin_u_m, placed.angle_u_rad, placed)
-    away = rough_flange_tool.rotation() @ np.array(points_in_tool_m[0])
+    away = rough_flange_tool.rotation_matrix() @ np.array(points_in_tool_m[0])
     x, y, z = (float(v) for v in np.array(found_in_flange_m[0]) - away)
     tip_u_m, _ = tool_u(rough_flange_tool, points_in_tool_m, covariance_m2, sigma_point_m)
     return ToolThroughPoints(Pose((x, y, z), rough_flange_tool.quaternion), tip_u_m, 0.0, None)
@@ -88,6 +88,6 @@ def tool_u(
 ) -> tuple[float, float]:
     """Return U (k = 2) of tip [m] and axes [rad] as `tool_through` would state it; of the axes 0 with one point."""
     if len(points_in_tool_m) == 1:
-        return u_of(covariance_m2 + sigma_point_m**2 * np.eye(3)), 0.0
+        return worst_expanded_u(covariance_m2 + sigma_point_m**2 * np.eye(3)), 0.0
     covariance = placing_covariance(flange_tool, points_in_tool_m, covariance_m2, sigma_point_m)
-    return u_of(covariance[:3, :3]), u_of(covariance[3:, 3:])
+    return worst_expanded_u(covariance[:3, :3]), worst_expanded_u(covariance[3:, 3:])

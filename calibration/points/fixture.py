@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, Pose, adjoint, exp_twist, skew
+from cellcal.calibration.geometry import Array, Pose, adjoint_matrix, exp_twist, skew_matrix
 from cellcal.calibration.metres import refuse_not_metres
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.uncertainty import chi_square_limit, coverage_in_space
@@ -43,32 +43,32 @@ class PlacedPoints:
     @property
     def origin_u_m(self) -> float:
         """U (k = 2) of the origin in its worst direction [m]."""
-        return u_of(np.array(self.covariance)[:3, :3])
+        return worst_expanded_u(np.array(self.covariance)[:3, :3])
 
     @property
     def angle_u_rad(self) -> float:
         """U (k = 2) of the turn about the worst axis [rad]."""
-        return u_of(np.array(self.covariance)[3:, 3:])
+        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
     @property
     def most_chi_square(self) -> float:
         """What chi square keeps to at 99.9 % where the points have the drawing's shape."""
         return chi_square_limit(self.degrees_of_freedom)
 
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Tell whether the points found have the drawing's shape at 99.9 %."""
         return self.chi_square <= self.most_chi_square
 
 
 @dataclass(frozen=True, slots=True)
-class Mirror:
+class MirrorPoint:
     """The other place that a point's lengths allow, and how much worse it fits them (chi square)."""
 
     at_m: Triple
     chi_square: float
 
     @property
-    def excluded(self) -> bool:
+    def is_excluded(self) -> bool:
         """Whether the lengths tell the two places apart."""
         return self.chi_square > MIRROR_CHI_SQUARE
 
@@ -83,22 +83,22 @@ class BaseToBase:
     @property
     def origin_u_m(self) -> float:
         """U (k = 2) of the base's origin in its worst direction [m]."""
-        return u_of(np.array(self.covariance)[:3, :3])
+        return worst_expanded_u(np.array(self.covariance)[:3, :3])
 
     @property
     def angle_u_rad(self) -> float:
         """U (k = 2) of the turn about the worst axis [rad]."""
-        return u_of(np.array(self.covariance)[3:, 3:])
+        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
     @property
     def origin_axes_u_m(self) -> Triple:
         """U (k = 2) of the origin along x, y and z of the base it is seen from [m]."""
-        return _triple(COVERAGE * np.sqrt(np.diag(self._seen_from()[:3, :3])))
+        return _to_triple(COVERAGE * np.sqrt(np.diag(self._seen_from()[:3, :3])))
 
     @property
     def angle_axes_u_rad(self) -> Triple:
         """U (k = 2) of the turns about x, y and z of the base it is seen from [rad]."""
-        return _triple(COVERAGE * np.sqrt(np.diag(self._seen_from()[3:, 3:])))
+        return _to_triple(COVERAGE * np.sqrt(np.diag(self._seen_from()[3:, 3:])))
 
     @property
     def origin_space_u_m(self) -> float:
@@ -107,12 +107,12 @@ class BaseToBase:
         return coverage_in_space([float(v) for v in variances]) * math.sqrt(float(variances.sum()))
 
     def _seen_from(self) -> Array:
-        turn = np.kron(np.eye(2), self.other_base_base.rotation())
-        seen: Array = turn @ np.array(self.covariance) @ turn.T
-        return seen
+        turn = np.kron(np.eye(2), self.other_base_base.rotation_matrix())
+        rotated: Array = turn @ np.array(self.covariance) @ turn.T
+        return rotated
 
 
-def u_of(covariance: Array) -> float:
+def worst_expanded_u(covariance: Array) -> float:
     """Return ``2 sqrt`` of the largest variance in any direction."""
     return COVERAGE * math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
 
@@ -199,21 +199,21 @@ def place_points(
     """
     refuse_bad_points(points_in_inner_m, "points")
     points, found = np.asarray(points_in_inner_m, dtype=float), np.asarray(found_in_outer_m, dtype=float)
-    matrix = best_fit_transform(points.tolist(), found.tolist()).target_source.matrix()
+    matrix = best_fit_transform(points.tolist(), found.tolist()).target_source.to_matrix()
     total = covariance_m2 + sigma_point_m**2 * np.eye(len(covariance_m2))
     weight = np.linalg.inv(total)
     for _ in range(20):
-        residual, jacobian = _misfit(matrix, points, found)
+        residual, jacobian = _frame_misfit(matrix, points, found)
         covariance = np.asarray(np.linalg.inv(jacobian.T @ weight @ jacobian), dtype=np.float64)
         step = covariance @ jacobian.T @ weight @ residual
         matrix = matrix @ exp_twist(step)
         if np.abs(step).max() < 1e-13:
             break
-    residual, _ = _misfit(matrix, points, found)
+    residual, _ = _frame_misfit(matrix, points, found)
     pair, gap, deviation = _worst_pair(points, found, total)
     return PlacedPoints(
         outer_inner=Pose.from_matrix(matrix),
-        covariance=_rows(covariance),
+        covariance=_to_rows(covariance),
         residuals_m=tuple((float(x), float(y), float(z)) for x, y, z in residual.reshape(-1, 3)),
         rms_m=float(np.sqrt(np.mean(residual**2))),
         chi_square=float(residual @ weight @ residual),
@@ -232,7 +232,7 @@ def placing_covariance(
 ) -> Array:
     """Return the (6, 6) covariance that `place_points` would state, before anything is measured."""
     points = np.asarray(points_in_inner_m, dtype=float)
-    _, jacobian = _misfit(outer_inner.matrix(), points, points)
+    _, jacobian = _frame_misfit(outer_inner.to_matrix(), points, points)
     total = covariance_m2 + sigma_point_m**2 * np.eye(len(covariance_m2))
     covariance: Array = np.linalg.inv(jacobian.T @ np.linalg.solve(total, jacobian))
     return covariance
@@ -262,12 +262,12 @@ def base_through_fixture(
     ----------
     F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, Eq. 9.
     """
-    carry = adjoint(base_fixture.matrix())
-    total = carry @ (np.asarray(covariance) + np.asarray(other_covariance)) @ carry.T
-    return BaseToBase(other_base_fixture @ base_fixture.inverse(), _rows((total + total.T) / 2.0))
+    twist_adjoint = adjoint_matrix(base_fixture.to_matrix())
+    total = twist_adjoint @ (np.asarray(covariance) + np.asarray(other_covariance)) @ twist_adjoint.T
+    return BaseToBase(other_base_fixture @ base_fixture.inverse(), _to_rows((total + total.T) / 2.0))
 
 
-def mirror_image(stations_m: Array, place_m: Sequence[float], sigma_m: float) -> Mirror:
+def mirror_image(stations_m: Array, place_m: Sequence[float], sigma_m: float) -> MirrorPoint:
     """Return the rival of a place found from its distances to stations: its image in the stations' plane, refined.
 
     Parameters
@@ -308,11 +308,11 @@ def mirror_image(stations_m: Array, place_m: Sequence[float], sigma_m: float) ->
         rival = rival + step * min(1.0, 0.2 * reach / max(float(np.linalg.norm(step)), 1e-12))
     gaps = (np.linalg.norm(stations - rival, axis=1) - lengths) / sigma_m
     if np.linalg.norm(rival - place) < 0.5 * abs(height):
-        return Mirror(_triple(rival), math.inf)  # it walked back: there is no second place
-    return Mirror(_triple(rival), float(gaps @ gaps))
+        return MirrorPoint(_to_triple(rival), math.inf)  # it walked back: there is no second place
+    return MirrorPoint(_to_triple(rival), float(gaps @ gaps))
 
 
-def telling_gaps(stations_m: Array, place_m: Sequence[float], mirror: Mirror) -> Array:
+def mirror_gaps(stations_m: Array, place_m: Sequence[float], mirror: MirrorPoint) -> Array:
     """Return (N,) [m]: by how much a distance from each station differs between a place and its mirror image."""
     stations = np.asarray(stations_m, dtype=float).reshape(-1, 3)
     here = np.linalg.norm(stations - np.asarray(place_m), axis=1)
@@ -320,10 +320,10 @@ def telling_gaps(stations_m: Array, place_m: Sequence[float], mirror: Mirror) ->
     return gaps
 
 
-def _misfit(matrix: Array, points: Array, found: Array) -> tuple[Array, Array]:
+def _frame_misfit(matrix: Array, points: Array, found: Array) -> tuple[Array, Array]:
     rotation = matrix[:3, :3]
     residual = (found - points @ rotation.T - matrix[:3, 3]).ravel()
-    columns = [np.broadcast_to(rotation, (len(points), 3, 3)), -rotation @ skew(points)]
+    columns = [np.broadcast_to(rotation, (len(points), 3, 3)), -rotation @ skew_matrix(points)]
     return residual, np.concatenate(columns, axis=2).reshape(-1, 6)
 
 
@@ -341,10 +341,10 @@ def _worst_pair(points: Array, found: Array, covariance: Array) -> tuple[tuple[i
     return worst
 
 
-def _rows(matrix: Array) -> Covariance6:
+def _to_rows(matrix: Array) -> Covariance6:
     return tuple(tuple(float(v) for v in row) for row in matrix)
 
 
-def _triple(values: Array) -> Triple:
+def _to_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)

@@ -14,7 +14,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.points.frames import miss_rows
-from cellcal.calibration.points.most_telling import most_telling
+from cellcal.calibration.points.most_informative import most_informative_touch
 
 Triple = tuple[float, float, float]
 FrameRole = Literal["origin", "on_x", "in_plane"]
@@ -71,18 +71,18 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
     would do, the origin is touched once more: all its coordinates can be compared.
     """
     local = _in_frame(base_frame, points)
-    each = np.array([_information(point.role, at) for point, at in zip(points, local, strict=True)])
-    told, again = each.sum(axis=0), list[int]()
-    shares = _shares(told, goal)
+    each = np.array([_touch_information(point.role, at) for point, at in zip(points, local, strict=True)])
+    information, again = each.sum(axis=0), list[int]()
+    shares = _goal_shares(information, goal)
     while shares.max() > 1.0 and len(points) + len(again) < most:
-        after = [_shares(told + one, goal) for one in each]
-        best = most_telling(after)
-        told, shares = told + each[best], after[best]
+        after = [_goal_shares(information + one, goal) for one in each]
+        best = most_informative_touch(after)
+        information, shares = information + each[best], after[best]
         again.append(best)
     if shares.max() <= 1.0 and len(points) + len(again) <= FIXING < most:
         spare = next(i for i, point in enumerate(points) if point.role == "origin")
-        told = told + each[spare]
-        shares = _shares(told, goal)
+        information = information + each[spare]
+        shares = _goal_shares(information, goal)
         again.append(spare)
     return FrameOutlook(
         again=tuple(again),
@@ -92,28 +92,28 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
     )
 
 
-def in_turn_touches(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal) -> int:
+def touches_needed_in_turn(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal) -> int:
     """Return how many touches meet the goal, one to spare, if the three points are touched in turn."""
     local = _in_frame(base_frame, points)
-    told = sum(_information(point.role, at) for point, at in zip(points, local, strict=True))
-    rounds = math.ceil(float(_shares(np.asarray(told), goal).max()) ** 2 - 1e-9)
+    information = sum(_touch_information(point.role, at) for point, at in zip(points, local, strict=True))
+    rounds = math.ceil(float(_goal_shares(np.asarray(information), goal).max()) ** 2 - 1e-9)
     return max(len(points) * rounds, FIXING + 1)
 
 
 def _in_frame(base_frame: Pose, points: Sequence[FramePoint]) -> Array:
     local: Array = (
         np.array([point.at_m for point in points]) - base_frame.position_m
-    ) @ base_frame.rotation()
+    ) @ base_frame.rotation_matrix()
     return local
 
 
-def _information(role: FrameRole, local_m: Array) -> Array:
+def _touch_information(role: FrameRole, local_m: Array) -> Array:
     rows = miss_rows(local_m)[FIRST_FIXED[role] :]
-    told: Array = rows.T @ rows
-    return told
+    information: Array = rows.T @ rows
+    return information
 
 
-def _shares(information: Array, goal: FrameGoal) -> Array:
+def _goal_shares(information: Array, goal: FrameGoal) -> Array:
     """Return the six expanded uncertainties (shift, turn) over their limits."""
     u = 2.0 * goal.sigma_m * np.sqrt(np.diag(np.linalg.inv(information)))
     shares: Array = u / np.repeat([goal.origin_u_m, goal.angle_u_rad], 3)

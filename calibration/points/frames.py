@@ -16,10 +16,10 @@ from cellcal.calibration.geometry import (
     Array,
     Pose,
     exp_twist,
-    homogeneous,
+    homogeneous_matrix,
     inverse_transform,
     log_transform,
-    skew,
+    skew_matrix,
 )
 from cellcal.calibration.metres import refuse_not_metres
 from cellcal.calibration.registration import RigidFit, best_fit_transform
@@ -78,7 +78,7 @@ def frame_from_three_points(
     -----
     Independent errors of the points are carried through the construction by its Jacobian.
     """
-    points = _points(origin_m, on_x_m, on_xy_m, *(() if origin_at_m is None else (origin_at_m,)))
+    points = _check_points(origin_m, on_x_m, on_xy_m, *(() if origin_at_m is None else (origin_at_m,)))
     x, side = points[1] - points[0], points[2] - points[0]
     length, reach = float(np.linalg.norm(x)), float(np.linalg.norm(side))
     if min(length, reach) < MIN_DISTANCE_M:
@@ -96,16 +96,16 @@ def frame_from_three_points(
     matrix = _three_point_matrix(points)
     if above_m is not None:
         _refuse_below(matrix, above_m)
-    return _taught(_three_point_matrix, points, sigma_m, opening, length)
+    return _construct_frame(_three_point_matrix, points, sigma_m, opening, length)
 
 
-def points_down(base_frame: Pose, up_in_base: Sequence[float]) -> bool:
+def is_pointing_down(base_frame: Pose, up_in_base: Sequence[float]) -> bool:
     """Tell whether +z of a frame points against a direction that is up, by 30 degrees and more below the horizontal.
 
     Where z is known to be up, two of the three points that made such a frame are swapped: each swap turns z over.
     """
     up = np.asarray(up_in_base, dtype=float)
-    upward = float(base_frame.rotation()[:, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
+    upward = float(base_frame.rotation_matrix()[:, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
     return upward < -_SURELY_DOWN
 
 
@@ -145,13 +145,13 @@ def frame_from_more_points(
         One on +x is behind the origin.
     """
     first = frame_from_three_points(origins_m[0], on_x_m[0], in_plane_m[0], sigma_m=sigma_m)
-    points = _points(*origins_m, *on_x_m, *in_plane_m)
+    points = _check_points(*origins_m, *on_x_m, *in_plane_m)
     line = slice(len(origins_m), len(origins_m) + len(on_x_m))
     misses = np.zeros((len(points), 3), dtype=bool)
     misses[:, 2] = True
     misses[: line.stop, 1] = True
     misses[: line.start, 0] = True
-    matrix = first.base_frame.matrix()
+    matrix = first.base_frame.to_matrix()
     for _ in range(20):
         local = (points - matrix[:3, 3]) @ matrix[:3, :3]
         jacobian = miss_rows(local)[misses]
@@ -179,7 +179,7 @@ def frame_from_more_points(
 def miss_rows(local_m: Array) -> Array:
     """Return how points (..., 3) seen from a frame move by the frame's twist, its shift first (..., 3, 6)."""
     shift = np.broadcast_to(-np.eye(3), (*local_m.shape, 3))
-    return np.concatenate([shift, skew(local_m)], axis=-1)
+    return np.concatenate([shift, skew_matrix(local_m)], axis=-1)
 
 
 def frame_from_six_points(
@@ -199,7 +199,7 @@ def frame_from_six_points(
     DegenerateDataError
         The plane's points lie on one line, or the line's points on one normal of the plane.
     """
-    points = _points(*plane_m, *line_m, stop_m, above_m)
+    points = _check_points(*plane_m, *line_m, stop_m, above_m)
     if len(points) != 7:
         raise CalibrationError("the six-point method takes three points, two points and one point")
     normal = np.cross(points[1] - points[0], points[2] - points[0])
@@ -211,7 +211,7 @@ def frame_from_six_points(
     if flat < MIN_DISTANCE_M:
         raise DegenerateDataError("the line's points are too close.", remedy="Take them 20 mm or more apart.")
     opening = math.asin(float(np.linalg.norm(normal)) / (sides[0] * sides[2]))
-    return _taught(_six_point_matrix, points, sigma_m, opening, float(np.linalg.norm(along)))
+    return _construct_frame(_six_point_matrix, points, sigma_m, opening, float(np.linalg.norm(along)))
 
 
 def frame_from_many_points(
@@ -245,7 +245,7 @@ def base_to_base(base_fixture: Pose, other_base_fixture: Pose) -> Pose:
     return other_base_fixture @ base_fixture.inverse()
 
 
-def clone_change(base_frame: Pose, other_base_frame: Pose, other_base_base: Pose) -> Pose:
+def clone_frame_change(base_frame: Pose, other_base_frame: Pose, other_base_base: Pose) -> Pose:
     """Return the master's user frame seen from the clone's: Eq. 11, to be put before every point (Eq. 12).
 
     ``UF'_T_UF = (R'_T_UF')^-1 R'_T_R R_T_UF`` and ``UF'_T_TCP1' = UF'_T_UF UF_T_TCP1``.
@@ -257,7 +257,9 @@ def _three_point_matrix(points: Array) -> Array:
     x = points[1] - points[0]
     z = np.cross(x, points[2] - points[0])
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
-    return homogeneous(np.column_stack([x, np.cross(z, x), z]), points[3] if len(points) == 4 else points[0])
+    return homogeneous_matrix(
+        np.column_stack([x, np.cross(z, x), z]), points[3] if len(points) == 4 else points[0]
+    )
 
 
 def _six_point_matrix(points: Array) -> Array:
@@ -267,12 +269,12 @@ def _six_point_matrix(points: Array) -> Array:
     x = along - z * (along @ z)
     x = x / np.linalg.norm(x)
     y = np.cross(z, x)
-    return homogeneous(
+    return homogeneous_matrix(
         np.column_stack([x, y, z]), x * (x @ points[5]) + y * (y @ points[3]) + z * (z @ points[0])
     )
 
 
-def _taught(
+def _construct_frame(
     construct: Callable[[Array], Array], points: Array, sigma_m: float, opening: float, length: float
 ) -> TaughtFrame:
     """Carry the points' uncertainty through the construction with central differences of its twist."""
@@ -320,7 +322,7 @@ def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:
         )
 
 
-def _points(*values: Sequence[float]) -> Array:
+def _check_points(*values: Sequence[float]) -> Array:
     points = np.asarray(values, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError("points need three finite coordinates each")

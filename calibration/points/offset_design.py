@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.points.fixture import placing_covariance, u_of
+from cellcal.calibration.points.fixture import placing_covariance, worst_expanded_u
 from cellcal.calibration.points.frame_design import FrameOutlook
-from cellcal.calibration.points.most_telling import most_telling
+from cellcal.calibration.points.most_informative import most_informative_touch
 
 Triple = tuple[float, float, float]
 _MOST_ROUNDS = 100
@@ -61,11 +61,11 @@ def offset_outlook(
         Points that cannot fix a frame.
     """
     counts, again = list(touches), list[int]()
-    shares = _shares(points_in_frame_m, counts, goal)
+    shares = _goal_shares(points_in_frame_m, counts, goal)
     while shares.max() > 1.0 and sum(counts) < most:
-        after = [_shares(points_in_frame_m, _one_more(counts, k), goal) for k in range(len(counts))]
-        best = most_telling(after)
-        counts, shares = _one_more(counts, best), after[best]
+        after = [_goal_shares(points_in_frame_m, _add_touch(counts, k), goal) for k in range(len(counts))]
+        best = most_informative_touch(after)
+        counts, shares = _add_touch(counts, best), after[best]
         again.append(best)
     return FrameOutlook(
         again=tuple(again),
@@ -75,23 +75,23 @@ def offset_outlook(
     )
 
 
-def rounds_touches(points_in_frame_m: Sequence[Triple], goal: OffsetGoal) -> int | None:
+def touches_needed_in_rounds(points_in_frame_m: Sequence[Triple], goal: OffsetGoal) -> int | None:
     """Return how many touches meet the goal if all points are touched in turn; None where no number does."""
     count = len(points_in_frame_m)
     for rounds in range(1, _MOST_ROUNDS + 1):
-        if _shares(points_in_frame_m, [rounds] * count, goal).max() <= 1.0:
+        if _goal_shares(points_in_frame_m, [rounds] * count, goal).max() <= 1.0:
             return rounds * count
     return None
 
 
-def _one_more(counts: list[int], index: int) -> list[int]:
+def _add_touch(counts: list[int], index: int) -> list[int]:
     return [count + (k == index) for k, count in enumerate(counts)]
 
 
-def _shares(points: Sequence[Triple], counts: Sequence[int], goal: OffsetGoal) -> Array:
+def _goal_shares(points: Sequence[Triple], counts: Sequence[int], goal: OffsetGoal) -> Array:
     """Return origin and angle, expanded uncertainties over their limits."""
     total = point_covariance(counts, goal.sigma_m, goal.given_sigma_m)
     spread = placing_covariance(_HERE, points, total, 0.0)
-    u = np.array([u_of(spread[:3, :3]), u_of(spread[3:, 3:])])
+    u = np.array([worst_expanded_u(spread[:3, :3]), worst_expanded_u(spread[3:, 3:])])
     shares: Array = u / [goal.origin_u_m, goal.angle_u_rad]
     return shares

@@ -18,11 +18,11 @@ from cellcal.calibration.geometry import (
     inverse_transform,
     log_rotation,
     log_transform,
-    skew,
+    skew_matrix,
 )
 from cellcal.calibration.points.deleted_residuals import deleted_residuals
 from cellcal.calibration.points.frames import frame_from_six_points, frame_from_three_points
-from cellcal.calibration.points.tag_points import Pairs, Triple, refuse_other_size
+from cellcal.calibration.points.tag_points import TagPairs, Triple, refuse_other_size
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.uncertainty import chi_square_limit, coverage_in_space
 
@@ -34,7 +34,7 @@ _STEP_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Sigmas:
+class TagSigmas:
     """Standard uncertainties of one tag against its counterpart: of one coordinate, of the turn about one axis."""
 
     position_m: float | None = None  # None: the residuals tell
@@ -42,14 +42,14 @@ class Sigmas:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class SpatialUncertainty:
     """A standard uncertainty in space, and the factor to 95 %."""
 
     standard: float
     coverage: float
 
     @property
-    def expanded(self) -> float:
+    def expanded_uncertainty(self) -> float:
         """U (95 %)."""
         return self.standard * self.coverage
 
@@ -74,30 +74,32 @@ class PlacedTags:
         return tuple(math.hypot(*residual) for residual in self.residuals_m)
 
     @property
-    def origin(self) -> Known:
+    def origin_uncertainty(self) -> SpatialUncertainty:
         """How well the origin is known [m]."""
-        return known(np.array(self.covariance)[:3, :3], self.degrees_of_freedom)
+        return spatial_uncertainty(np.array(self.covariance)[:3, :3], self.degrees_of_freedom)
 
     @property
-    def angle(self) -> Known:
+    def angle_uncertainty(self) -> SpatialUncertainty:
         """How well the turn is known, about any axis [rad]."""
-        return known(np.array(self.covariance)[3:, 3:], self.degrees_of_freedom)
+        return spatial_uncertainty(np.array(self.covariance)[3:, 3:], self.degrees_of_freedom)
 
 
-def known(covariance: Array, degrees_of_freedom: float | None) -> Known:
+def spatial_uncertainty(covariance: Array, degrees_of_freedom: float | None) -> SpatialUncertainty:
     """Return how well a vector of this covariance (3, 3) is known, whatever the direction."""
     variances = np.linalg.eigvalsh(covariance).clip(0.0)
     if not variances.sum() > 0:
-        return Known(0.0, 2.0)
+        return SpatialUncertainty(0.0, 2.0)
     freedom = math.inf if degrees_of_freedom is None else degrees_of_freedom
-    return Known(math.sqrt(float(variances.sum())), coverage_in_space(variances.tolist(), freedom))
+    return SpatialUncertainty(
+        math.sqrt(float(variances.sum())), coverage_in_space(variances.tolist(), freedom)
+    )
 
 
 def place_by_tags(
-    pairs: Pairs,
+    pairs: TagPairs,
     method: Method = "least_squares",
     *,
-    sigmas: Sigmas = Sigmas(),
+    sigmas: TagSigmas = TagSigmas(),
     nominal: Pose | None = None,
     near_m: float = 0.05,
 ) -> PlacedTags:
@@ -130,34 +132,36 @@ def place_by_tags(
     ----------
     Least squares: `registration`; with attitudes by Gauss-Newton on the right twist. Three and six points: `frames`.
     """
-    inner, outer = pairs.one.positions(), pairs.other.positions()
+    inner, outer = pairs.one.to_positions(), pairs.other.to_positions()
     if method != "six_points":
         refuse_other_size(inner, outer, (pairs.one.source, pairs.other.source))
     if method == "least_squares":
         matrix, covariance, freedom = _least_squares(pairs, inner, outer, sigmas)
     else:
-        matrix, covariance = _constructed(pairs, method, sigmas, near_m)
+        matrix, covariance = _construct_place(pairs, method, sigmas, near_m)
         freedom = None
     return PlacedTags(
         method=method,
         outer_inner=Pose.from_matrix(matrix),
         covariance=tuple(tuple(float(v) for v in row) for row in (covariance + covariance.T) / 2.0),
         degrees_of_freedom=freedom,
-        tags=tuple(pairs.one.label(row) for row in range(len(pairs.one))),
+        tags=tuple(pairs.one.tag_label(row) for row in range(len(pairs.one))),
         unpaired=pairs.unpaired,
-        residuals_m=tuple((float(x), float(y), float(z)) for x, y, z in _carried(matrix, inner) - outer),
-        before_m=() if nominal is None else _distances(nominal.matrix(), inner, outer),
+        residuals_m=tuple(
+            (float(x), float(y), float(z)) for x, y, z in _transform_points(matrix, inner) - outer
+        ),
+        before_m=() if nominal is None else _tag_distances(nominal.to_matrix(), inner, outer),
         turned_rad=_turned_rad(matrix, pairs),
     )
 
 
 def _least_squares(
-    pairs: Pairs, inner: Array, outer: Array, sigmas: Sigmas
+    pairs: TagPairs, inner: Array, outer: Array, sigmas: TagSigmas
 ) -> tuple[Array, Array, float | None]:
-    matrix = best_fit_transform(inner.tolist(), outer.tolist()).target_source.matrix()
+    matrix = best_fit_transform(inner.tolist(), outer.tolist()).target_source.to_matrix()
     sigma, freedom = sigmas.position_m, 3 * len(inner) - 6
-    jacobian = np.concatenate([np.broadcast_to(np.eye(3), (len(inner), 3, 3)), -skew(inner)], axis=2)
-    residuals = (outer - _carried(matrix, inner)) @ matrix[:3, :3]
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), (len(inner), 3, 3)), -skew_matrix(inner)], axis=2)
+    residuals = (outer - _transform_points(matrix, inner)) @ matrix[:3, :3]
     _refuse_stray(pairs, jacobian, residuals)
     square = float((residuals**2).sum())
     if sigma is None:
@@ -166,7 +170,7 @@ def _least_squares(
         worst = int(np.linalg.norm(residuals, axis=1).argmax())
         raise CalibrationError(
             f"the tags miss each other by {math.sqrt(square / freedom) * 1e3:.3f} mm a coordinate, more than "
-            f"{sigma * 1e3:.3f} mm explain; worst tag {pairs.one.label(worst)}.",
+            f"{sigma * 1e3:.3f} mm explain; worst tag {pairs.one.tag_label(worst)}.",
             remedy="See that both paths hold the same points; state the uncertainty that they really have.",
         )
     scale = max(sigma, 1e-9)
@@ -180,19 +184,19 @@ def _least_squares(
 
 
 def _with_attitudes(
-    matrix: Array, pairs: Pairs, places: Array, sigmas: tuple[float, float]
+    matrix: Array, pairs: TagPairs, places: Array, sigmas: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Return the place and its covariance with the attitudes of the tags, too."""
-    inner, outer = pairs.one.positions(), pairs.other.positions()
-    turns, seen = pairs.one.rotations(), pairs.other.rotations()
+    inner, outer = pairs.one.to_positions(), pairs.other.to_positions()
+    turns, other_rotations = pairs.one.to_rotations(), pairs.other.to_rotations()
     attitudes = np.zeros((len(inner), 3, 6))
     attitudes[:, :, 3:] = np.swapaxes(turns, 1, 2) / sigmas[1]
     rows = np.concatenate([places.reshape(-1, 6), attitudes.reshape(-1, 6)])
     covariance = np.asarray(np.linalg.inv(rows.T @ rows), dtype=np.float64)
     for _ in range(20):
         rotation = matrix[:3, :3]
-        misses = (outer - _carried(matrix, inner)) @ rotation / sigmas[0]
-        turned = log_rotation(np.swapaxes(rotation @ turns, 1, 2) @ seen) / sigmas[1]
+        misses = (outer - _transform_points(matrix, inner)) @ rotation / sigmas[0]
+        turned = log_rotation(np.swapaxes(rotation @ turns, 1, 2) @ other_rotations) / sigmas[1]
         step = covariance @ rows.T @ np.concatenate([misses.ravel(), turned.ravel()])
         matrix = matrix @ exp_twist(step)
         if np.abs(step).max() < 1e-13:
@@ -200,21 +204,23 @@ def _with_attitudes(
     return matrix, covariance
 
 
-def _refuse_stray(pairs: Pairs, jacobian: Array, residuals: Array) -> None:
+def _refuse_stray(pairs: TagPairs, jacobian: Array, residuals: Array) -> None:
     basis = np.linalg.qr(jacobian.reshape(-1, 6))[0].reshape(-1, 3, 6)
     deleted = deleted_residuals(basis, residuals)
     if deleted.probability < STRAY:
         raise CalibrationError(
-            f"tag {pairs.one.label(deleted.stray)} is {deleted.sizes_m[deleted.stray] * 1e3:.2f} mm from where the "
+            f"tag {pairs.one.tag_label(deleted.stray)} is {deleted.sizes_m[deleted.stray] * 1e3:.2f} mm from where the "
             "other tags have it.",
             remedy="Measure it again, or leave it out of both files; see that no two tags are exchanged.",
         )
 
 
-def _constructed(pairs: Pairs, method: Method, sigmas: Sigmas, near_m: float) -> tuple[Array, Array]:
+def _construct_place(
+    pairs: TagPairs, method: Method, sigmas: TagSigmas, near_m: float
+) -> tuple[Array, Array]:
     """Return the place from a construction on both sides, and its covariance by central differences."""
-    construct, count = (_three, 3) if method == "three_points" else (_six, 6)
-    inner, outer, sigma = pairs.one.positions(), pairs.other.positions(), sigmas.position_m
+    construct, count = (_three_point_frame, 3) if method == "three_points" else (_six_point_frame, 6)
+    inner, outer, sigma = pairs.one.to_positions(), pairs.other.to_positions(), sigmas.position_m
     if len(inner) != count:
         raise CalibrationError(
             f"the method {method} takes {count} tags, in their order; there are {len(inner)}.",
@@ -227,22 +233,22 @@ def _constructed(pairs: Pairs, method: Method, sigmas: Sigmas, near_m: float) ->
         )
     inner_frame = inverse_transform(construct(inner))
     matrix = construct(outer) @ inner_frame
-    apart = _distances(matrix, inner, outer)
+    apart = _tag_distances(matrix, inner, outer)
     limit = 4.0 * math.sqrt(2.0) * sigma if method == "three_points" else near_m
     worst = int(np.argmax(apart))
     if apart[worst] > limit:
         raise CalibrationError(
-            f"tag {pairs.one.label(worst)} is {apart[worst] * 1e3:.2f} mm from its place; {limit * 1e3:.2f} mm "
+            f"tag {pairs.one.tag_label(worst)} is {apart[worst] * 1e3:.2f} mm from its place; {limit * 1e3:.2f} mm "
             "would be explained.",
             remedy="See that the tags are in the same order in both files, none mirrored, and sigma_m is true.",
         )
     twists = np.zeros((6, outer.size))
     for column, index in enumerate(np.ndindex(*outer.shape)):
-        twists[:, column] = _slope(lambda points: construct(points) @ inner_frame, outer, index)
+        twists[:, column] = _place_slope(lambda points: construct(points) @ inner_frame, outer, index)
     return matrix, sigma**2 * twists @ twists.T
 
 
-def _slope(place: Callable[[Array], Array], points: Array, index: tuple[int, ...]) -> Array:
+def _place_slope(place: Callable[[Array], Array], points: Array, index: tuple[int, ...]) -> Array:
     shift = np.zeros_like(points)
     shift[index] = _STEP_M
     slope: Array = log_transform(inverse_transform(place(points - shift)) @ place(points + shift)) / (
@@ -251,30 +257,32 @@ def _slope(place: Callable[[Array], Array], points: Array, index: tuple[int, ...
     return slope
 
 
-def _three(points: Array) -> Array:
-    return frame_from_three_points(*points.tolist()).base_frame.matrix()
+def _three_point_frame(points: Array) -> Array:
+    return frame_from_three_points(*points.tolist()).base_frame.to_matrix()
 
 
-def _six(points: Array) -> Array:
+def _six_point_frame(points: Array) -> Array:
     """Construct the 3-2-1 frame; the order of the plane's points tells which side is up, on both sides alike."""
     up = points[0] + np.cross(points[1] - points[0], points[2] - points[0])
     taught = frame_from_six_points(
         points[:3].tolist(), points[3:5].tolist(), points[5].tolist(), above_m=up.tolist()
     )
-    return taught.base_frame.matrix()
+    return taught.base_frame.to_matrix()
 
 
-def _carried(matrix: Array, points: Array) -> Array:
-    carried: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return carried
+def _transform_points(matrix: Array, points: Array) -> Array:
+    transformed: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return transformed
 
 
-def _distances(matrix: Array, inner: Array, outer: Array) -> tuple[float, ...]:
-    return tuple(float(v) for v in np.linalg.norm(_carried(matrix, inner) - outer, axis=1))
+def _tag_distances(matrix: Array, inner: Array, outer: Array) -> tuple[float, ...]:
+    return tuple(float(v) for v in np.linalg.norm(_transform_points(matrix, inner) - outer, axis=1))
 
 
-def _turned_rad(matrix: Array, pairs: Pairs) -> float | None:
+def _turned_rad(matrix: Array, pairs: TagPairs) -> float | None:
     if not (pairs.one.quaternions and pairs.other.quaternions):
         return None
-    gap = log_rotation(np.swapaxes(matrix[:3, :3] @ pairs.one.rotations(), 1, 2) @ pairs.other.rotations())
+    gap = log_rotation(
+        np.swapaxes(matrix[:3, :3] @ pairs.one.to_rotations(), 1, 2) @ pairs.other.to_rotations()
+    )
     return float(np.sqrt((gap**2).sum(axis=1).mean()))

@@ -54,11 +54,11 @@ class TagPath:
     def __len__(self) -> int:
         return len(self.positions_m)
 
-    def label(self, index: int) -> str:
+    def tag_label(self, index: int) -> str:
         """Return what a tag is called: its name, or its number counted from one."""
         return self.names[index] if self.names else str(index + 1)
 
-    def take(self, rows: list[int]) -> "TagPath":
+    def select_tags(self, rows: list[int]) -> "TagPath":
         """Return some of the tags in this order."""
         return TagPath(
             self.source,
@@ -68,17 +68,17 @@ class TagPath:
             tuple(self.joints_rad[row] for row in rows) if self.joints_rad else (),
         )
 
-    def positions(self) -> Array:
+    def to_positions(self) -> Array:
         """Return (n, 3) [m]."""
         return np.array(self.positions_m, dtype=float).reshape(-1, 3)
 
-    def rotations(self) -> Array:
+    def to_rotations(self) -> Array:
         """Return (n, 3, 3); of a path that has attitudes."""
         return np.array([rotation_from_quaternion(np.array(q)) for q in self.quaternions])
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
+class TagPairs:
     """The same tags in two paths, in the same order."""
 
     one: TagPath
@@ -86,7 +86,7 @@ class Pairs:
     unpaired: tuple[str, ...]  # tags that only one of them has
 
 
-def paired(one: TagPath, other: TagPath, *, least: int = 3) -> Pairs:
+def match_tags(one: TagPath, other: TagPath, *, least: int = 3) -> TagPairs:
     """Pair the tags of two paths: by their names where both have them, else by their order.
 
     Raises
@@ -102,16 +102,18 @@ def paired(one: TagPath, other: TagPath, *, least: int = 3) -> Pairs:
                 f"{one.source} has {len(one)} tags and {other.source} has {len(other)}, and not both name them.",
                 remedy="Export both paths with the names of the tags, or the same tags in the same order.",
             )
-        pairs = Pairs(one, other, ())
+        pairs = TagPairs(one, other, ())
     else:
         there = {name: row for row, name in enumerate(other.names)}
         rows = [row for row, name in enumerate(one.names) if name in there]
-        left = sorted(set(one.names) ^ set(other.names))
-        pairs = Pairs(one.take(rows), other.take([there[one.names[row]] for row in rows]), tuple(left))
+        unpaired = sorted(set(one.names) ^ set(other.names))
+        pairs = TagPairs(
+            one.select_tags(rows), other.select_tags([there[one.names[row]] for row in rows]), tuple(unpaired)
+        )
     if len(pairs.one) < least:
-        told = f"; only in one of them: {', '.join(pairs.unpaired[:6])}" if pairs.unpaired else ""
+        unpaired_text = f"; only in one of them: {', '.join(pairs.unpaired[:6])}" if pairs.unpaired else ""
         raise DegenerateDataError(
-            f"{one.source} and {other.source} have {len(pairs.one)} tags in common, {least} are needed{told}.",
+            f"{one.source} and {other.source} have {len(pairs.one)} tags in common, {least} are needed{unpaired_text}.",
             remedy="Measure more tags, and give the same tag the same name in both files.",
         )
     return pairs
@@ -139,7 +141,7 @@ def refuse_other_size(
         return
     large, small = names if ratio > 1.0 else (names[1], names[0])
     size = max(ratio, 1.0 / ratio)
-    away, units = min((abs(math.log(size / factor)), told) for factor, told in _UNITS)
+    away, units = min((abs(math.log(size / factor)), unit) for factor, unit in _UNITS)
     units = units if away <= math.log1p(tolerance) else ""
     raise CalibrationError(
         f"the tags of {large} are spread {size:.4g} times as wide as those of {small}.",

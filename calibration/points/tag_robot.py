@@ -11,15 +11,15 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, Pose, homogeneous
-from cellcal.calibration.identification.cross_validation import Errors
-from cellcal.calibration.identification.identify import Identification, identify
+from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
+from cellcal.calibration.identification.cross_validation import ErrorSummary
+from cellcal.calibration.identification.identify import Identification, identify_arm
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.parameters import OFFSETS
-from cellcal.calibration.identification.selection import Options
-from cellcal.calibration.points.tag_placement import Known, known
-from cellcal.calibration.points.tag_points import Pairs, refuse_other_size
+from cellcal.calibration.identification.selection import IdentificationOptions
+from cellcal.calibration.points.tag_placement import SpatialUncertainty, spatial_uncertainty
+from cellcal.calibration.points.tag_points import TagPairs, refuse_other_size
 from cellcal.calibration.uncertainty import coverage_factor
 
 LEAST_TAGS = 12
@@ -40,7 +40,7 @@ class FoundValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Unknowable:
+class UnidentifiedValue:
     """What the tags cannot tell, what it hides behind, and what would show it."""
 
     name: str
@@ -55,32 +55,32 @@ class SimulatedRobot:
     model: str
     values: tuple[FoundValue, ...]
     flange_tool: Pose  # the target's place; its attitude is the flange's own
-    tool: Known  # how well its place is known [m]
+    tool: SpatialUncertainty  # how well its place is known [m]
     device_base: Pose  # where the device stands: the robot's base seen from it
     device_moved_m: float | None  # from the start guess; None without one
     degrees_of_freedom: float
-    before: Errors  # tool and place fitted, the arm as in the simulation; tags that were not fitted
-    after: Errors  # the same with the found zero positions
+    before: ErrorSummary  # tool and place fitted, the arm as in the simulation; tags that were not fitted
+    after: ErrorSummary  # the same with the found zero positions
     fit_rms_m: float
     tags: int
     rejected: tuple[str, ...]
     unpaired: tuple[str, ...]
-    unknowable: tuple[Unknowable, ...]
+    unknowable: tuple[UnidentifiedValue, ...]
     remarks: tuple[str, ...]
 
     @property
-    def coverage(self) -> float:
+    def coverage_factor(self) -> float:
         """The factor from a standard uncertainty to 95 %."""
         return coverage_factor(max(self.degrees_of_freedom, 1.0))
 
     @property
-    def better(self) -> bool:
+    def is_better(self) -> bool:
         """Whether tags that were not fitted are met better than before."""
         return self.after.rmse_m < self.before.rmse_m
 
 
 def calibrate_simulated_robot(
-    model: RobotModel, pairs: Pairs, *, level: int = OFFSETS, start_guess: Pose | None = None
+    model: RobotModel, pairs: TagPairs, *, level: int = OFFSETS, start_guess: Pose | None = None
 ) -> tuple[SimulatedRobot, RobotModel]:
     """Find zero positions, tool and device from the robot's tags and the measured ones.
 
@@ -107,14 +107,14 @@ def calibrate_simulated_robot(
     CalibrationError
         No joints, another number of them, another unit, or joints that do not belong to the controller's poses.
     """
-    joints = _joints(model, pairs)
+    joints = _tag_joints(model, pairs)
     nominal = model.base_flange(joints)
     remarks = _against_controller(pairs, nominal)
-    measured = pairs.other.positions()
+    measured = pairs.other.to_positions()
     refuse_other_size(
         nominal[:, :3, 3], measured, (pairs.one.source, pairs.other.source), tolerance=_TOOL_TELLS
     )
-    found = _identified(model, joints, measured, level)
+    found = _identify_tags(model, joints, measured, level)
     state, fit = found.state, found.robust.fit
     names = [p.name for p in fit.layout.parameters]
     tool = [names.index(f"tool {axis}") for axis in "xyz"]
@@ -129,37 +129,37 @@ def calibrate_simulated_robot(
     result = SimulatedRobot(
         model=model.name,
         values=tuple(values),
-        flange_tool=Pose.from_matrix(homogeneous(np.eye(3), state.flange_tool[:3, 3])),
-        tool=known(fit.covariance[np.ix_(tool, tool)], freedom),
+        flange_tool=Pose.from_matrix(homogeneous_matrix(np.eye(3), state.flange_tool[:3, 3])),
+        tool=spatial_uncertainty(fit.covariance[np.ix_(tool, tool)], freedom),
         device_base=device_base,
         device_moved_m=None
         if start_guess is None
         else math.dist(start_guess.position_m, device_base.position_m),
         degrees_of_freedom=freedom,
-        before=found.before,
+        before=found.before_errors,
         after=found.held_out,
-        fit_rms_m=found.fit.rmse_m,
+        fit_rms_m=found.fit_errors.rmse_m,
         tags=len(pairs.one),
-        rejected=tuple(pairs.one.label(int(row)) for row in found.rejected),
+        rejected=tuple(pairs.one.tag_label(int(row)) for row in found.rejected),
         unpaired=pairs.unpaired,
-        unknowable=tuple(Unknowable(n.parameter, n.partner, n.cure) for n in found.not_identified),
+        unknowable=tuple(UnidentifiedValue(n.parameter, n.partner, n.cure) for n in found.not_identified),
         remarks=remarks,
     )
-    return result, state.arm
+    return result, state.arm_model
 
 
-def _identified(model: RobotModel, joints: Array, measured: Array, level: int) -> Identification:
+def _identify_tags(model: RobotModel, joints: Array, measured: Array, level: int) -> Identification:
     """Identify; a device that was moved during the path is no part of the method, so none is looked for."""
     rows = PointObservations(
         joints, measured, np.full(len(joints), _SIGMA_M), np.zeros(len(joints), dtype=np.intp)
     )
     refuse_misfit(model, rows)
-    found = identify(model, rows, options=Options(level=level, find_breaks=False))
+    found = identify_arm(model, rows, options=IdentificationOptions(level=level, find_breaks=False))
     refuse_gross_misfit(model, rows, found.judgement.held_out_m)
     return found
 
 
-def _joints(model: RobotModel, pairs: Pairs) -> Array:
+def _tag_joints(model: RobotModel, pairs: TagPairs) -> Array:
     robot = pairs.one
     if not robot.joints_rad:
         raise CalibrationError(
@@ -167,9 +167,9 @@ def _joints(model: RobotModel, pairs: Pairs) -> Array:
             remedy="Export the robot's path with the joint values of each tag.",
         )
     joints = np.array(robot.joints_rad)
-    if joints.shape[1] != model.axes:
+    if joints.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axes}.",
+            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axis_count}.",
             remedy="Name the columns of the joints, or another model.",
         )
     if len(joints) < LEAST_TAGS:
@@ -180,14 +180,14 @@ def _joints(model: RobotModel, pairs: Pairs) -> Array:
     return joints
 
 
-def _against_controller(pairs: Pairs, nominal: Array) -> tuple[str, ...]:
+def _against_controller(pairs: TagPairs, nominal: Array) -> tuple[str, ...]:
     """Hold the controller's own poses against the model: the same tool point must carry one to the other."""
     robot = pairs.one
     if not robot.quaternions:
         return ()
-    seen = robot.rotations()
-    at = np.einsum("nji,nj->ni", nominal[:, :3, :3], robot.positions() - nominal[:, :3, 3])
-    turn = np.swapaxes(nominal[:, :3, :3], 1, 2) @ seen
+    controller_rotations = robot.to_rotations()
+    at = np.einsum("nji,nj->ni", nominal[:, :3, :3], robot.to_positions() - nominal[:, :3, 3])
+    turn = np.swapaxes(nominal[:, :3, :3], 1, 2) @ controller_rotations
     wander = float(np.linalg.norm(at - np.median(at, axis=0), axis=1).max())
     turned = float(np.abs(turn - turn[0]).max())
     if wander > _SAME_POSE_M or turned > 0.01:

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, PointsDisagreeError
 from cellcal.calibration.uncertainty import chi_square_limit
 
@@ -38,7 +38,7 @@ _SLIM = 0.1  # of a face's points: second extent over the first, below which the
 
 
 @dataclass(frozen=True, slots=True)
-class Face:
+class CornerFace:
     """Where the ball's centre was at each contact with one face, in the base."""
 
     centres_m: tuple[Triple, ...]
@@ -59,7 +59,7 @@ class CornerFrame:
     ]  # by how much the y and x face miss their right angles, where points tell it
 
     @property
-    def sigma(self) -> tuple[float, ...]:
+    def standard_uncertainties(self) -> tuple[float, ...]:
         """Standard uncertainties of shift [m] and turn [rad]."""
         return tuple(float(v) for v in np.sqrt(np.diag(self.covariance_matrix())))
 
@@ -79,7 +79,7 @@ def outward_in_frame(face: FaceName, corner: Corner) -> Array:
     return np.asarray(sign * np.eye(3)[_AXIS[face]])
 
 
-def three_two_one(faces: dict[FaceName, Face], *, radius_m: float, corner: Corner) -> CornerFrame:
+def three_two_one(faces: dict[FaceName, CornerFace], *, radius_m: float, corner: Corner) -> CornerFrame:
     """Return the frame at the corner where three faces meet: z from the first, x along the second.
 
     Parameters
@@ -106,8 +106,8 @@ def three_two_one(faces: dict[FaceName, Face], *, radius_m: float, corner: Corne
     """
     for name in FACES:
         _refuse_bad(name, faces[name])
-    matrix, square = _solved(faces, radius_m, corner)
-    surfaces = {name: _surface(matrix, faces[name], name, radius_m, corner) for name in FACES}
+    matrix, square = _solve_corner(faces, radius_m, corner)
+    surfaces = {name: _surface_points(matrix, faces[name], name, radius_m, corner) for name in FACES}
     misses = {name: surfaces[name][:, _AXIS[name]] for name in FACES}
     _refuse_misses(faces, misses)
     covariance = corner_covariance(surfaces, {name: faces[name].sigma_m for name in FACES})
@@ -134,16 +134,16 @@ def corner_estimate(surfaces_m: dict[FaceName, Array], sigma_m: Mapping[FaceName
     count = {name: len(surfaces_m[name]) for name in FACES}
     estimate, first = np.zeros((6, sum(count.values()))), 0
     for name in FACES:
-        rows, own = _rows(name, surfaces_m[name]), list(_TELLS[name])
-        told = -rows @ estimate  # what the faces before it make these points miss
-        told[:, first : first + count[name]] += np.eye(count[name])
+        rows, own = _face_rows(name, surfaces_m[name]), list(_TELLS[name])
+        offsets = -rows @ estimate  # what the faces before it make these points miss
+        offsets[:, first : first + count[name]] += np.eye(count[name])
         weights = 1.0 / np.asarray(sigma_m[name], dtype=float)[:, None]
-        estimate[own] = np.linalg.pinv(rows[:, own] * weights) @ (told * weights)
+        estimate[own] = np.linalg.pinv(rows[:, own] * weights) @ (offsets * weights)
         first += count[name]
     return estimate
 
 
-def _rows(name: FaceName, at_m: Array) -> Array:
+def _face_rows(name: FaceName, at_m: Array) -> Array:
     """Return by how much a frame's shift and turn displace a plane of it at these points (N, 6)."""
     x, y, z = at_m.T
     rows = np.zeros((len(at_m), 6))
@@ -153,35 +153,37 @@ def _rows(name: FaceName, at_m: Array) -> Array:
     return rows
 
 
-def _solved(faces: dict[FaceName, Face], radius_m: float, corner: Corner) -> tuple[Array, tuple[float, ...]]:
-    z, z_at = _plane(faces["z"])
+def _solve_corner(
+    faces: dict[FaceName, CornerFace], radius_m: float, corner: Corner
+) -> tuple[Array, tuple[float, ...]]:
+    z, z_at = _fit_plane(faces["z"])
     _refuse_wrong_side("z", z, faces["z"])
     flat = np.eye(3) - np.outer(z, z)
-    out, y_at = _line(faces["y"], flat)
+    out, y_at = _fit_line(faces["y"], flat)
     _refuse_wrong_side("y", out, faces["y"])
     y = out * outward_in_frame("y", corner)[1]
     x = np.cross(y, z)
     stop = x * outward_in_frame("x", corner)[0]
     _refuse_wrong_side("x", stop, faces["x"])
-    square = _squareness(faces, (x, y, z))
-    places = (_weighted(faces["x"])[1] @ stop, y_at @ out, z_at @ z)
+    square = _face_squareness(faces, (x, y, z))
+    places = (_weighted_points(faces["x"])[1] @ stop, y_at @ out, z_at @ z)
     origin = sum((at - radius_m) * normal for at, normal in zip(places, (stop, out, z), strict=True))
-    return homogeneous(np.column_stack([x, y, z]), np.asarray(origin)), square
+    return homogeneous_matrix(np.column_stack([x, y, z]), np.asarray(origin)), square
 
 
-def _plane(face: Face) -> tuple[Array, Array]:
+def _fit_plane(face: CornerFace) -> tuple[Array, Array]:
     """Return the outward normal of the plane of least squares, and a point of it."""
-    apart, middle, weights = _weighted(face)
+    apart, middle, weights = _weighted_points(face)
     normal = np.linalg.svd(apart * weights)[2][2]
     return normal * (1.0 if normal @ np.array(face.outward) > 0 else -1.0), middle
 
 
-def _line(face: Face, flat: Array) -> tuple[Array, Array]:
+def _fit_line(face: CornerFace, flat: Array) -> tuple[Array, Array]:
     """Return the outward normal, square to z, of a face's points as they are seen along z, and a point of it."""
-    apart, middle, weights = _weighted(face)
-    seen = apart @ flat
-    along = np.linalg.svd(seen * weights)[2][0]
-    if np.linalg.norm(seen @ along) < MIN_DISTANCE_M / 2:
+    apart, middle, weights = _weighted_points(face)
+    projected = apart @ flat
+    along = np.linalg.svd(projected * weights)[2][0]
+    if np.linalg.norm(projected @ along) < MIN_DISTANCE_M / 2:
         raise DegenerateDataError(
             "the points of the y face lie above each other: they do not tell its direction.",
             remedy="Feel for them 20 mm or more apart along the edge.",
@@ -192,14 +194,16 @@ def _line(face: Face, flat: Array) -> tuple[Array, Array]:
     return out / max(size, 1e-12), middle
 
 
-def _weighted(face: Face) -> tuple[Array, Array, Array]:
+def _weighted_points(face: CornerFace) -> tuple[Array, Array, Array]:
     """Return points from their weighted middle (N, 3), the middle, and their weights (N, 1)."""
     points, weights = np.array(face.centres_m), 1.0 / np.array(face.sigma_m)[:, None]
     middle = np.average(points, axis=0, weights=weights[:, 0] ** 2)
     return points - middle, middle, weights / weights.max()
 
 
-def _squareness(faces: dict[FaceName, Face], axes: tuple[Array, Array, Array]) -> tuple[float, ...]:
+def _face_squareness(
+    faces: dict[FaceName, CornerFace], axes: tuple[Array, Array, Array]
+) -> tuple[float, ...]:
     """Return by how much the y face leans from z and the x face from y, where their points tell it [rad]."""
     x, y, z = axes
     found: list[float] = []
@@ -225,13 +229,15 @@ def _refuse_crooked(found: Sequence[float]) -> None:
         )
 
 
-def _surface(matrix: Array, face: Face, name: FaceName, radius_m: float, corner: Corner) -> Array:
+def _surface_points(
+    matrix: Array, face: CornerFace, name: FaceName, radius_m: float, corner: Corner
+) -> Array:
     """Return the touched points of the surface (N, 3), seen from the frame."""
     local = (np.array(face.centres_m) - matrix[:3, 3]) @ matrix[:3, :3]
     return np.asarray(local - radius_m * outward_in_frame(name, corner))
 
 
-def _refuse_bad(name: FaceName, face: Face) -> None:
+def _refuse_bad(name: FaceName, face: CornerFace) -> None:
     points = np.asarray(face.centres_m, dtype=float).reshape(-1, 3)
     sigma = np.asarray(face.sigma_m, dtype=float)
     if len(points) < LEAST[name] or len(sigma) != len(points):
@@ -252,7 +258,7 @@ def _refuse_bad(name: FaceName, face: Face) -> None:
         )
 
 
-def _refuse_wrong_side(name: FaceName, outward: Array, face: Face) -> None:
+def _refuse_wrong_side(name: FaceName, outward: Array, face: CornerFace) -> None:
     felt = np.array(face.outward) / np.linalg.norm(face.outward)
     angle = math.acos(float(np.clip(outward @ felt, -1.0, 1.0)))
     if angle > WRONG_SIDE_RAD:
@@ -262,7 +268,7 @@ def _refuse_wrong_side(name: FaceName, outward: Array, face: Face) -> None:
         )
 
 
-def _refuse_misses(faces: dict[FaceName, Face], misses: dict[FaceName, Array]) -> None:
+def _refuse_misses(faces: dict[FaceName, CornerFace], misses: dict[FaceName, Array]) -> None:
     spare = sum(len(faces[name].centres_m) - LEAST[name] for name in FACES)
     shares = {name: misses[name] / np.array(faces[name].sigma_m) for name in FACES}
     if spare and sum(float(share @ share) for share in shares.values()) > chi_square_limit(spare):

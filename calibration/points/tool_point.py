@@ -11,7 +11,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
     Pose,
-    homogeneous,
+    homogeneous_matrix,
     log_rotation,
     nearest_rotation,
     quaternion_from_rotation,
@@ -119,7 +119,7 @@ def locate_tool_point(
         raise DegenerateDataError(f"{n} touches cannot locate a tip.", remedy="Teach three or more touches.")
     refuse_not_metres([touch.position_m for touch in touches], "poses of the flange")
     design = np.zeros((n, 3, 6))
-    design[:, :, :3] = [touch.rotation() for touch in touches]
+    design[:, :, :3] = [touch.rotation_matrix() for touch in touches]
     design[:, :, 3:] = -np.eye(3)
     positions = np.array([touch.position_m for touch in touches])
     # Positions relative to their mean keep the digits when the cell is far from the base.
@@ -140,25 +140,28 @@ def locate_tool_point(
     variance = float((residuals**2).sum()) / freedom if sigma_m is None else sigma_m**2
     gain = (vt.T[:3] / singular**2) @ vt[:, :3]
     covariance = gain * variance + arm_sigma_m**2 * np.eye(3)
-    known = freedom if sigma_m is None else math.inf
-    parts = [(math.sqrt(float(np.trace(gain)) * variance), known), (math.sqrt(3.0) * arm_sigma_m, math.inf)]
-    known = effective_degrees_of_freedom(parts) if arm_sigma_m else known
+    effective_freedom = freedom if sigma_m is None else math.inf
+    parts = [
+        (math.sqrt(float(np.trace(gain)) * variance), effective_freedom),
+        (math.sqrt(3.0) * arm_sigma_m, math.inf),
+    ]
+    effective_freedom = effective_degrees_of_freedom(parts) if arm_sigma_m else effective_freedom
     spread = covariance if arm_sigma_m else gain  # of touches that agree wholly, too
-    in_space = coverage_in_space(np.linalg.eigvalsh(spread).clip(0.0).tolist(), known)
-    factor = float(stdtrit(known, 0.975)) if math.isfinite(known) else 1.96
+    in_space = coverage_in_space(np.linalg.eigvalsh(spread).clip(0.0).tolist(), effective_freedom)
+    factor = float(stdtrit(effective_freedom, 0.975)) if math.isfinite(effective_freedom) else 1.96
     distances = np.linalg.norm(residuals, axis=1)
     deleted = deleted_residuals(u.reshape(n, 3, 6), residuals)
     return ToolPoint(
-        tip_in_flange_m=_triple(solution[:3]),
-        pin_in_base_m=_triple(solution[3:] + centre),
+        tip_in_flange_m=_to_triple(solution[:3]),
+        pin_in_base_m=_to_triple(solution[3:] + centre),
         rms_m=float(np.sqrt((residuals**2).mean())),
         max_m=float(distances.max()),
         worst_touch=int(distances.argmax()),
-        residuals_m=tuple(_triple(r) for r in residuals),
+        residuals_m=tuple(_to_triple(r) for r in residuals),
         condition=condition,
         degrees_of_freedom=freedom,
-        tip_covariance_m2=(_triple(covariance[0]), _triple(covariance[1]), _triple(covariance[2])),
-        tip_u_m=_triple(factor * np.sqrt(np.diag(covariance))),
+        tip_covariance_m2=(_to_triple(covariance[0]), _to_triple(covariance[1]), _to_triple(covariance[2])),
+        tip_u_m=_to_triple(factor * np.sqrt(np.diag(covariance))),
         tip_u_in_space_m=in_space * math.sqrt(float(np.trace(covariance))),
         coverage_in_space=in_space,
         leave_one_out_max_m=max(deleted.sizes_m, default=None),
@@ -209,19 +212,21 @@ def tool_axes(
         raise DegenerateDataError(
             "tool axes need two moves.", remedy="Teach moves along two axes of the tool."
         )
-    moves = {axis: _move(square, pose, axis, limits) for axis, pose in taught.items()}
+    moves = {axis: _straight_move(square, pose, axis, limits) for axis, pose in taught.items()}
     units = {axis: move / np.linalg.norm(move) for axis, move in moves.items()}
-    squareness = max(abs(math.asin(_clip(float(units[a] @ units[b])))) for a in units for b in units if a < b)
+    squareness = max(
+        abs(math.asin(_clip_unit(float(units[a] @ units[b])))) for a in units for b in units if a < b
+    )
     if squareness > limits.squareness_rad:
         raise CalibrationError(
             f"the moves are {math.degrees(squareness):.2f} degrees away from right angles.",
             remedy="Teach the moves again along the tool's own axes.",
         )
     return ToolAxes(
-        quaternion=_quaternion(_nearest_frame(units)),
+        quaternion=_to_quaternion(_nearest_frame(units)),
         turn_gain_per_m2=_turn_gain(units, moves),
         squareness_rad=squareness,
-        turn_rad=max(_turn(square, pose) for pose in taught.values()),
+        turn_rad=max(_turn_angle(square, pose) for pose in taught.values()),
         shortest_move_m=min(float(np.linalg.norm(move)) for move in moves.values()),
     )
 
@@ -251,7 +256,7 @@ def axes_from_plane(
     CalibrationError
         The tool turned during a move, or the check point is on the side of -z.
     """
-    x, side = _move(origin, along, "x", limits), _move(origin, beside, "x-y", limits)
+    x, side = _straight_move(origin, along, "x", limits), _straight_move(origin, beside, "x-y", limits)
     opening = math.atan2(float(np.linalg.norm(np.cross(x, side))), float(x @ side))
     if not MIN_OPENING_RAD < opening < math.pi - MIN_OPENING_RAD:
         raise DegenerateDataError(
@@ -259,7 +264,7 @@ def axes_from_plane(
             remedy=f"Move to the +y side, {math.degrees(MIN_OPENING_RAD):.0f} degrees or more off the x axis.",
         )
     z = np.cross(x, side)
-    if above is not None and not _move(origin, above, "z", limits) @ z > 0:
+    if above is not None and not _straight_move(origin, above, "z", limits) @ z > 0:
         raise CalibrationError(
             "the move towards +z ended on the side of -z: the taught frame is left-handed.",
             remedy="One move went along the negative axis; teach it again.",
@@ -268,10 +273,10 @@ def axes_from_plane(
     heights = {"x": x, "z": units["z"] * float(np.linalg.norm(side)) * math.sin(opening)}
     taught = [along, beside, *(() if above is None else (above,))]
     return ToolAxes(
-        quaternion=_quaternion(_nearest_frame(units)),
+        quaternion=_to_quaternion(_nearest_frame(units)),
         turn_gain_per_m2=_turn_gain(units, heights),
         squareness_rad=0.0,
-        turn_rad=max(_turn(origin, pose) for pose in taught),
+        turn_rad=max(_turn_angle(origin, pose) for pose in taught),
         shortest_move_m=min(float(np.linalg.norm(move)) for move in (x, side)),
     )
 
@@ -281,27 +286,27 @@ def axes_from_attitude(base_flange: Pose, base_tool: Pose) -> ToolAxes:
 
     How well it was held is for the technician to say: nothing here shows it.
     """
-    rotation = base_flange.rotation().T @ base_tool.rotation()
+    rotation = base_flange.rotation_matrix().T @ base_tool.rotation_matrix()
     zero = (0.0, 0.0, 0.0)
-    return ToolAxes(_quaternion(rotation), (zero, zero, zero), 0.0, 0.0, 0.0)
+    return ToolAxes(_to_quaternion(rotation), (zero, zero, zero), 0.0, 0.0, 0.0)
 
 
 def tool_pose(tip_in_flange_m: Triple, axes: ToolAxes | None = None) -> Pose:
     """Return flange_tool: the tip with the given axes, or with the flange's own."""
     refuse_not_metres(tip_in_flange_m, "tip of the tool", MOST_OF_TOOL_M)
     rotation = np.eye(3) if axes is None else rotation_from_quaternion(np.array(axes.quaternion))
-    return Pose.from_matrix(homogeneous(rotation, np.array(tip_in_flange_m)))
+    return Pose.from_matrix(homogeneous_matrix(rotation, np.array(tip_in_flange_m)))
 
 
-def _move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> Array:
-    move: Array = square.rotation().T @ (np.array(pose.position_m) - np.array(square.position_m))
+def _straight_move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> Array:
+    move: Array = square.rotation_matrix().T @ (np.array(pose.position_m) - np.array(square.position_m))
     length = float(np.linalg.norm(move))
     if length < limits.min_move_m:
         raise DegenerateDataError(
             f"the move along {axis} is only {length * 1e3:.1f} mm long.",
             remedy=f"Move at least {limits.min_move_m * 1e3:.0f} mm; a foot is better.",
         )
-    turn = _turn(square, pose)
+    turn = _turn_angle(square, pose)
     if turn > limits.turn_rad:
         raise CalibrationError(
             f"the tool turned by {math.degrees(turn):.2f} degrees during the move along {axis}.",
@@ -310,8 +315,8 @@ def _move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> Array:
     return move
 
 
-def _turn(a: Pose, b: Pose) -> float:
-    return float(np.linalg.norm(log_rotation(a.rotation().T @ b.rotation())))
+def _turn_angle(a: Pose, b: Pose) -> float:
+    return float(np.linalg.norm(log_rotation(a.rotation_matrix().T @ b.rotation_matrix())))
 
 
 def _nearest_frame(units: dict[str, Array]) -> Array:
@@ -343,18 +348,18 @@ def _turn_gain(units: dict[str, Array], moves: dict[str, Array]) -> tuple[Triple
         np.zeros((3, 3)),
     )
     gain = np.linalg.inv(information)
-    return (_triple(gain[0]), _triple(gain[1]), _triple(gain[2]))
+    return (_to_triple(gain[0]), _to_triple(gain[1]), _to_triple(gain[2]))
 
 
-def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
+def _to_quaternion(rotation: Array) -> tuple[float, float, float, float]:
     w, x, y, z = (float(v) for v in quaternion_from_rotation(rotation))
     return (w, x, y, z)
 
 
-def _triple(values: Array) -> Triple:
+def _to_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)
 
 
-def _clip(value: float) -> float:
+def _clip_unit(value: float) -> float:
     return max(-1.0, min(1.0, value))

@@ -35,29 +35,29 @@ _NEVER = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class ToolTurn:
     """A turn of the tool about an axis of its flange."""
 
     about: str
     angle_rad: float
 
-    def told(self) -> str:
+    def describe_turn(self) -> str:
         """Return it in words: 60 degrees about +x."""
         return f"{math.degrees(self.angle_rad):.0f} degrees about {self.about}"
 
-    def rotation(self) -> Array:
+    def rotation_matrix(self) -> Array:
         """Return it as a matrix."""
         return exp_rotation(np.array(TURNS[self.about]) * self.angle_rad)
 
 
 @dataclass(frozen=True, slots=True)
-class Alike:
+class AlikeTouch:
     """A touch whose attitude tells too little beside the ones before, and the least turn that mends it."""
 
     touch: int  # counted from 0
     like: int | None  # the touch it is like; None where all are turned about one axis
     apart_rad: float  # from that touch; for one axis, the largest turn beside it
-    turn: Turn
+    turn: ToolTurn
 
 
 def tip_gain(attitudes: Sequence[Array]) -> Array | None:
@@ -71,7 +71,7 @@ def tip_gain(attitudes: Sequence[Array]) -> Array | None:
     return gain
 
 
-def foreseen_u_m(
+def predicted_u_m(
     attitudes: Sequence[Array],
     sigma_m: float,
     degrees_of_freedom: float = math.inf,
@@ -96,14 +96,14 @@ def foreseen_u_m(
         return None
     covariance = sigma_m**2 * gain + arm_sigma_m**2 * np.eye(3)
     by_touches = sigma_m * math.sqrt(float(np.trace(gain)))
-    known = effective_degrees_of_freedom(
+    effective_freedom = effective_degrees_of_freedom(
         [(by_touches, degrees_of_freedom), (math.sqrt(3.0) * arm_sigma_m, math.inf)]
     )
-    k = coverage_in_space(np.linalg.eigvalsh(covariance).clip(0.0).tolist(), known)
+    k = coverage_in_space(np.linalg.eigvalsh(covariance).clip(0.0).tolist(), effective_freedom)
     return k * math.sqrt(float(np.trace(covariance)))
 
 
-def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: float) -> Alike | None:
+def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: float) -> AlikeTouch | None:
     """Tell whether the last touch's attitude is too like the ones before.
 
     Parameters
@@ -116,42 +116,48 @@ def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: flo
         Largest accepted standard uncertainty of the tip, in its worst direction, over that of a touch [1]; looked
         at from the third touch on.
     """
-    attitudes = [touch.rotation() for touch in touches]
+    attitudes = [touch.rotation_matrix() for touch in touches]
     last, before = attitudes[-1], attitudes[:-1]
     if not before:
         return None
-    angles = [_angle(last, one) for one in before]
+    angles = [_angle_between(last, one) for one in before]
     nearest = int(np.argmin(angles))
 
-    def differs(attitude: Array) -> bool:
-        return min(_angle(attitude, one) for one in before) >= min_turn_rad
+    def is_different(attitude: Array) -> bool:
+        return min(_angle_between(attitude, one) for one in before) >= min_turn_rad
 
-    def tells(attitude: Array) -> bool:
+    def is_informative(attitude: Array) -> bool:
         gain = tip_gain([*before, attitude])
-        known = gain is not None and math.sqrt(float(np.linalg.eigvalsh(gain)[-1])) <= worst_gain
-        return differs(attitude) and (known or len(before) < 2)
+        is_determined = gain is not None and math.sqrt(float(np.linalg.eigvalsh(gain)[-1])) <= worst_gain
+        return is_different(attitude) and (is_determined or len(before) < 2)
 
-    if not differs(last):
-        return Alike(len(before), nearest, angles[nearest], _least_turn(last, tells))
-    return None if tells(last) else Alike(len(before), None, max(angles), _least_turn(last, tells))
+    if not is_different(last):
+        return AlikeTouch(len(before), nearest, angles[nearest], _least_turn(last, is_informative))
+    return (
+        None
+        if is_informative(last)
+        else AlikeTouch(len(before), None, max(angles), _least_turn(last, is_informative))
+    )
 
 
-def next_turn(touches: Sequence[Pose], most_rad: float) -> Turn:
+def next_turn(touches: Sequence[Pose], most_rad: float) -> ToolTurn:
     """Return the turn from the first touch's attitude that makes the tip best known (least trace)."""
-    attitudes = [touch.rotation() for touch in touches]
-    turns = [Turn(about, share * most_rad) for about in TURNS for share in (1.0, 0.5)]
-    asked = [(turn, attitudes[0] @ turn.rotation()) for turn in turns]
-    fresh = [(turn, a) for turn, a in asked if min(_angle(a, one) for one in attitudes) > _FRESH_RAD]
-    return min(fresh or asked, key=lambda pair: _trace([*attitudes, pair[1]]))[0]
+    attitudes = [touch.rotation_matrix() for touch in touches]
+    turns = [ToolTurn(about, share * most_rad) for about in TURNS for share in (1.0, 0.5)]
+    candidates = [(turn, attitudes[0] @ turn.rotation_matrix()) for turn in turns]
+    fresh = [
+        (turn, a) for turn, a in candidates if min(_angle_between(a, one) for one in attitudes) > _FRESH_RAD
+    ]
+    return min(fresh or candidates, key=lambda pair: _covariance_trace([*attitudes, pair[1]]))[0]
 
 
 def planned_attitudes(count: int, most_rad: float) -> list[Array]:
     """Return the attitudes that `next_turn` asks for one after the other, from a first one square to the base."""
     poses = [Pose((0.0, 0.0, 0.0))]
     while len(poses) < count:
-        w = next_turn(poses, most_rad).rotation()
-        poses.append(_attitude(w))
-    return [pose.rotation() for pose in poses]
+        w = next_turn(poses, most_rad).rotation_matrix()
+        poses.append(_attitude_pose(w))
+    return [pose.rotation_matrix() for pose in poses]
 
 
 def cone_attitudes(count: int, tilt_rad: float) -> list[Array]:
@@ -169,34 +175,34 @@ def fixed_plan_touches(
     """
     for count in range(4, most + 1):
         attitudes = cone_attitudes(count, tilt_rad)
-        u_m = foreseen_u_m(attitudes, sigma_m, 3.0 * count - 6.0, arm_sigma_m=arm_sigma_m)
+        u_m = predicted_u_m(attitudes, sigma_m, 3.0 * count - 6.0, arm_sigma_m=arm_sigma_m)
         if u_m is not None and u_m <= limit_m:
             return count
     return None
 
 
-def _least_turn(attitude: Array, good: Callable[[Array], bool]) -> Turn:
+def _least_turn(attitude: Array, good: Callable[[Array], bool]) -> ToolTurn:
     steps = np.arange(_STEP_RAD, _MOST_TURN_RAD, _STEP_RAD)
     for angle in steps.tolist():
         for about in AXES:
-            turn = Turn(about, angle)
-            if good(attitude @ turn.rotation()):
+            turn = ToolTurn(about, angle)
+            if good(attitude @ turn.rotation_matrix()):
                 return turn
-    return Turn("+x", math.radians(60.0))
+    return ToolTurn("+x", math.radians(60.0))
 
 
-def _trace(attitudes: list[Array]) -> float:
+def _covariance_trace(attitudes: list[Array]) -> float:
     """Return the trace of the tip's covariance, also where two touches leave a direction all but open."""
     mean = np.mean(attitudes, axis=0)
     information = len(attitudes) * (np.eye(3) - mean.T @ mean)
     return float(np.sum(1.0 / np.maximum(np.linalg.eigvalsh(information), 1.0 / _NEVER)))
 
 
-def _angle(one: Array, other: Array) -> float:
+def _angle_between(one: Array, other: Array) -> float:
     return float(np.linalg.norm(log_rotation(one.T @ other)))
 
 
-def _attitude(rotation: Array) -> Pose:
+def _attitude_pose(rotation: Array) -> Pose:
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
     return Pose.from_matrix(matrix)

@@ -8,12 +8,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, homogeneous
-from cellcal.calibration.identification.estimator import Fit, Problem, whitened_residuals
-from cellcal.calibration.identification.free_parameters import StartingPoint, values_of
-from cellcal.calibration.identification.identifiability import correlations
+from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, whitened_residuals
+from cellcal.calibration.identification.free_parameters import StartingPoint, parameter_values
+from cellcal.calibration.identification.identifiability import parameter_correlations
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     Observations,
     PointObservations,
@@ -24,12 +24,12 @@ from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.selection import fit_level
 from cellcal.calibration.poses.calibrated_arm import FoundParameter
 from cellcal.calibration.poses.measurement_poses import (
-    Instrument,
-    Outlook,
+    DesignInstrument,
+    MeasurementOutlook,
     TestPoses,
     outlook_after,
     outlook_on,
-    predict,
+    predict_accuracy,
     with_targets,
 )
 from cellcal.calibration.registration import best_fit_transform
@@ -42,7 +42,7 @@ _FEWEST_READINGS = 24  # of one coordinate each: below, a fit tells less than it
 
 
 @cache
-def _drawing(name: str) -> RobotModel:
+def _nominal_model(name: str) -> RobotModel:
     return load_model(name)
 
 
@@ -65,19 +65,19 @@ class ArmTask:
     points_in_flange_m: tuple[Triple, ...] = ()  # further targets, roughly: mountings 1 and on
 
     @property
-    def channels(self) -> int:
+    def channel_count(self) -> int:
         """How many coordinates a reading has."""
         return 1 if self.kind == "length" else 3
 
-    def nominal(self) -> RobotModel:
+    def nominal_model(self) -> RobotModel:
         """Return the arm as its maker draws it."""
-        return _drawing(self.model)
+        return _nominal_model(self.model)
 
-    def instrument(self) -> Instrument:
+    def instrument(self) -> DesignInstrument:
         """Return what the device would say of one posture."""
-        return Instrument(self.kind, self.sigma_m, anchor_in_base_m=self.anchor_in_base_m)
+        return DesignInstrument(self.kind, self.sigma_m, anchor_in_base_m=self.anchor_in_base_m)
 
-    def observations(
+    def to_observations(
         self, joints_rad: Array, values_m: Array, targets: Sequence[int] | None = None
     ) -> Observations:
         """Return readings (N, 1) or (N, 3) [m] at these joints as rows of a fit; without targets, of the first."""
@@ -91,7 +91,7 @@ class ArmTask:
 
     def enough_for_a_fit(self, rows: int) -> bool:
         """Tell whether so many readings tell more than the priors do."""
-        return rows * self.channels >= _FEWEST_READINGS
+        return rows * self.channel_count >= _FEWEST_READINGS
 
 
 def fit_arm(task: ArmTask, observations: Observations, *, level: int | None = None) -> RobustFit:
@@ -108,14 +108,16 @@ def fit_arm(task: ArmTask, observations: Observations, *, level: int | None = No
     """
     if observations.kind != task.kind:
         raise CalibrationError(f"the task is for {task.kind}s, not {observations.kind}s")
-    wanted = task if level is None else replace(task, level=level)
-    model = task.nominal()
-    robust = fit_level(model, observations, _places(task, model, observations), wanted.level, task.priors)
-    covariance = outlook_from(wanted, robust).covariance()
+    level_task = task if level is None else replace(task, level=level)
+    model = task.nominal_model()
+    robust = fit_level(
+        model, observations, _initial_places(task, model, observations), level_task.level, task.priors
+    )
+    covariance = outlook_from(level_task, robust).parameter_covariance()
     return replace(robust, fit=replace(robust.fit, covariance=covariance))
 
 
-def believed_sigma(task: ArmTask, robust: RobustFit) -> float:
+def reading_sigma(task: ArmTask, robust: RobustFit) -> float:
     """Return the standard deviation [m] of one coordinate of a reading: as stated, or as found if that is larger."""
     shown = float(np.median(robust.problem.observations.sigma_m)) / task.sigma_m
     freedom = robust.degrees_of_freedom
@@ -123,56 +125,56 @@ def believed_sigma(task: ArmTask, robust: RobustFit) -> float:
     return task.sigma_m * max(1.0, float(np.sqrt(mixed)))
 
 
-def outlook_of(task: ArmTask, joints_rad: Array) -> Outlook:
+def outlook_of(task: ArmTask, joints_rad: Array) -> MeasurementOutlook:
     """Return what is known before any fit, once these joints are measured."""
     nominal = outlook_on(
-        task.nominal(),
+        task.nominal_model(),
         task.instrument(),
         tool_in_flange_m=task.target_in_flange_m,
         level=task.level,
         priors=task.priors,
     )
     nominal = with_targets(nominal, task.points_in_flange_m, task.priors)
-    joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal().axes)
+    joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal_model().axis_count)
     return nominal.with_measured(joints) if len(joints) else nominal
 
 
-def outlook_from(task: ArmTask, robust: RobustFit) -> Outlook:
+def outlook_from(task: ArmTask, robust: RobustFit) -> MeasurementOutlook:
     """Return what is known after a fit; further readings are expected to be as good as those before."""
-    expected = replace(task, sigma_m=believed_sigma(task, robust))
-    seen = robust.problem.observations
-    observe = expected.instrument().observe
-    known = replace(outlook_of(task, seen.joints_rad[:0]), state=robust.fit.state, observe=observe)
-    kept = np.delete(np.arange(len(seen)), robust.rejected)
-    return with_readings(known, seen.joints_rad[kept], seen.mounting[kept])
+    expected = replace(task, sigma_m=reading_sigma(task, robust))
+    observations = robust.problem.observations
+    observe = expected.instrument().make_observations
+    starting = replace(outlook_of(task, observations.joints_rad[:0]), state=robust.fit.state, observe=observe)
+    kept_rows = np.delete(np.arange(len(observations)), robust.rejected)
+    return with_readings(starting, observations.joints_rad[kept_rows], observations.mounting[kept_rows])
 
 
-def with_readings(outlook: Outlook, joints_rad: Array, targets: Rows) -> Outlook:
+def with_readings(outlook: MeasurementOutlook, joints_rad: Array, targets: Rows) -> MeasurementOutlook:
     """Return the outlook once readings of several targets (N,) at these joints (N, n) are taken, too."""
-    known = outlook
+    updated = outlook
     for target in np.unique(targets):
-        known = known.of_target(int(target)).with_measured(joints_rad[targets == target])
-        known = replace(known, observe=outlook.observe)
-    return known
+        updated = updated.of_target(int(target)).with_measured(joints_rad[targets == target])
+        updated = replace(updated, observe=outlook.observe)
+    return updated
 
 
-def points_found(state: ArmState) -> tuple[Triple, ...]:
+def further_target_points(state: ArmState) -> tuple[Triple, ...]:
     """Return where the further targets are in the flange [m]."""
     places = (target[:3, 3] for target in state.further)
     return tuple((float(x), float(y), float(z)) for x, y, z in places)
 
 
-def point_covariance(outlook: Outlook) -> Array:
+def point_covariance(outlook: MeasurementOutlook) -> Array:
     r"""Return the covariance (3 k, 3 k) [m^2] of the further targets in the flange, as the controller has the flange.
 
     What stands behind the last axis and where that axis has its zero cannot be told from where the targets are: no
     reading is of the flange itself. The controller's last link and zero are what a tool frame is written on top of;
     so they are held, and what they are wrong by is in the tool.
     """
-    layout, last = outlook.layout, outlook.state.nominal.axes - 1
+    layout, last = outlook.layout, outlook.state.nominal.axis_count - 1
     roles = ("offset",) if outlook.state.nominal.dh is None else ("offset", "geometry")
-    held = [i for i, p in enumerate(layout.parameters) if p.joint == last and p.role in roles]
-    free = np.delete(np.arange(len(layout)), held)
+    fixed_parameters = [i for i, p in enumerate(layout.parameters) if p.joint == last and p.role in roles]
+    free = np.delete(np.arange(len(layout)), fixed_parameters)
     covariance = np.linalg.inv(outlook.information[np.ix_(free, free)])
     rows = point_rows(outlook)
     at = np.searchsorted(free, rows)
@@ -181,38 +183,38 @@ def point_covariance(outlook: Outlook) -> Array:
     return found
 
 
-def point_rows(outlook: Outlook) -> Rows:
+def point_rows(outlook: MeasurementOutlook) -> Rows:
     """Return which parameters are the places of the further targets (3 k,)."""
     layout = outlook.layout
-    places = [np.arange(len(layout))[layout.target(k)] for k in range(1, 1 + layout.further)]
+    places = [np.arange(len(layout))[layout.target_slice(k)] for k in range(1, 1 + layout.further)]
     return np.concatenate(places) if places else np.zeros(0, dtype=np.intp)
 
 
-def target_u(outlook: Outlook, tests: TestPoses) -> tuple[float, float]:
+def target_expanded_u(outlook: MeasurementOutlook, tests: TestPoses) -> tuple[float, float]:
     """Return U (k = 2) of the target's place over the test postures: RMS and largest [m]."""
-    found = predict(outlook, tests)
+    found = predict_accuracy(outlook, tests)
     return 2.0 * found.tip_rms_m, 2.0 * found.tip_max_m
 
 
 def errors_at(state: ArmState, observations: Observations) -> Array:
     """Return measured minus predicted (channels, N) [m]."""
-    problem = Problem.of(state, observations)
+    problem = FitProblem.from_observations(state, observations)
     return np.asarray(whitened_residuals(state, problem) * observations.sigma_m)
 
 
-def predicted_sigma(fit: Fit, task: ArmTask, joints_rad: Array, target: int = 0) -> Array:
+def predicted_sigma(fit: ArmFit, task: ArmTask, joints_rad: Array, target: int = 0) -> Array:
     """Return the standard uncertainty (N,) [m] with which a fit predicts readings, RMS of their coordinates."""
-    outlook = outlook_after(fit, task.instrument().observe).of_target(target)
-    rows = outlook.rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
+    outlook = outlook_after(fit, task.instrument().make_observations).of_target(target)
+    rows = outlook.measurement_rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
     scaled = fit.covariance / np.outer(outlook.scales, outlook.scales)
-    variance = np.einsum("pcn,pq,qcn->n", rows, scaled, rows, optimize=True) / task.channels
+    variance = np.einsum("pcn,pq,qcn->n", rows, scaled, rows, optimize=True) / task.channel_count
     sigma: Array = np.sqrt(np.maximum(variance, 0.0))
     return sigma
 
 
-def found_parameters(fit: Fit) -> tuple[FoundParameter, ...]:
+def found_parameters(fit: ArmFit) -> tuple[FoundParameter, ...]:
     """Return the arm's parameters with their standard uncertainties; places of devices and tools are left out."""
-    values, sigma = values_of(fit.layout, fit.state), np.sqrt(np.diag(fit.covariance))
+    values, sigma = parameter_values(fit.layout, fit.state), np.sqrt(np.diag(fit.covariance))
     return tuple(
         FoundParameter(p.name, p.unit, float(values[i]), float(sigma[i]), p.prior, p.role)
         for i, p in enumerate(fit.layout.parameters)
@@ -220,29 +222,31 @@ def found_parameters(fit: Fit) -> tuple[FoundParameter, ...]:
     )
 
 
-def found_correlations(fit: Fit) -> tuple[tuple[float, ...], ...]:
+def found_correlations(fit: ArmFit) -> tuple[tuple[float, ...], ...]:
     """Return the correlations of each of `found_parameters` with those before it, rounded to nine digits."""
     rows = [i for i, p in enumerate(fit.layout.parameters) if p.role in _ARM_ROLES]
-    rho = np.round(np.clip(correlations(fit)[np.ix_(rows, rows)], -1.0, 1.0), 9) + 0.0
+    rho = np.round(np.clip(parameter_correlations(fit)[np.ix_(rows, rows)], -1.0, 1.0), 9) + 0.0
     return tuple(tuple(row[:i]) for i, row in enumerate(rho.tolist()))
 
 
-def placed(task: ArmTask, observations: Observations, values: dict[str, float]) -> Fit:
+def fit_placement(task: ArmTask, observations: Observations, values: dict[str, float]) -> ArmFit:
     """Fit device, target, and zero and scale of a wire to readings of a known arm."""
-    model = task.nominal()
+    model = task.nominal_model()
     start = StartingPoint(values, free=("base", "tool", "wire"))
-    places = _places(task, model, observations)
+    places = _initial_places(task, model, observations)
     return fit_level(model, observations, places, OFFSETS, task.priors, start).fit
 
 
-def _places(task: ArmTask, model: RobotModel, observations: Observations) -> ArmState:
+def _initial_places(task: ArmTask, model: RobotModel, observations: Observations) -> ArmState:
     """Return the nominal arm with device and target where they roughly are."""
-    tool = homogeneous(np.eye(3), np.array(task.target_in_flange_m))
-    further = tuple(homogeneous(np.eye(3), np.array(place)) for place in task.points_in_flange_m)
+    tool = homogeneous_matrix(np.eye(3), np.array(task.target_in_flange_m))
+    further = tuple(homogeneous_matrix(np.eye(3), np.array(place)) for place in task.points_in_flange_m)
     if not isinstance(observations, PointObservations):
-        device = Device(np.eye(4), np.array(task.anchor_in_base_m))
+        device = DevicePlacement(np.eye(4), np.array(task.anchor_in_base_m))
         return replace(nominal_state(model, (device,), tool), further=further)
     first = np.flatnonzero(observations.mounting == 0)
     in_base = model.tip_positions(observations.joints_rad[first], np.array(task.target_in_flange_m))
-    seen = best_fit_transform(in_base.tolist(), observations.positions_m[first].tolist()).target_source
-    return replace(nominal_state(model, (Device(seen.matrix(), np.zeros(3)),), tool), further=further)
+    target_pose = best_fit_transform(in_base.tolist(), observations.positions_m[first].tolist()).target_source
+    return replace(
+        nominal_state(model, (DevicePlacement(target_pose.to_matrix(), np.zeros(3)),), tool), further=further
+    )

@@ -18,7 +18,7 @@ class FoundParameter:
     role: str
 
     @property
-    def known(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether the readings say more than the prior did."""
         return is_learnt(self.sigma, self.prior)
 
@@ -44,6 +44,6 @@ class CalibratedArm:
         correlated = repr(self.correlations) if self.correlations else ""
         return hashlib.sha256((repr(self) + correlated).encode()).hexdigest()
 
-    def values(self) -> dict[str, float]:
+    def parameter_values(self) -> dict[str, float]:
         """Return the deviations by name, SI."""
         return {parameter.name: parameter.value for parameter in self.parameters}

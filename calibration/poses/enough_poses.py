@@ -6,22 +6,22 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.identifiability import correlations
+from cellcal.calibration.identification.identifiability import parameter_correlations
 from cellcal.calibration.poses.measurement_poses import (
-    Criterion,
-    Outlook,
+    AccuracyPrediction,
+    DesignCriterion,
+    MeasurementOutlook,
     PosePlan,
-    Prediction,
     TestPoses,
     choose_poses,
-    predict,
+    predict_accuracy,
 )
 
 _ENDLESS = 1e6  # repetitions of every candidate
 
 
 @dataclass(frozen=True, slots=True)
-class Acceptance:
+class AcceptanceLimits:
     """What must be known how well: standard deviations in SI; ``None`` does not matter.
 
     The margin divides the limits: predictions hold for the sigma that the instrument was said to have, and for
@@ -43,7 +43,7 @@ class Acceptance:
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class AcceptanceGap:
     """One limit that is not kept: what was predicted, and what is allowed with the margin."""
 
     what: str
@@ -57,17 +57,19 @@ class Sufficiency:
     """The smallest plan that meets an acceptance; or ``plan`` None and the reason."""
 
     plan: PosePlan | None
-    prediction: Prediction  # of the plan, or of the most that was tried
+    prediction: AccuracyPrediction  # of the plan, or of the most that was tried
     reason: str
-    after: Outlook  # once they are measured
+    after: MeasurementOutlook  # once they are measured
 
     @property
-    def reachable(self) -> bool:
+    def is_reachable(self) -> bool:
         """Whether some choice of poses is enough."""
         return self.plan is not None
 
 
-def gaps(prediction: Prediction, acceptance: Acceptance) -> tuple[Gap, ...]:
+def acceptance_gaps(
+    prediction: AccuracyPrediction, acceptance: AcceptanceLimits
+) -> tuple[AcceptanceGap, ...]:
     """Return every limit that a prediction does not keep, worst first."""
     found = []
     for what, value, limit in (
@@ -75,25 +77,25 @@ def gaps(prediction: Prediction, acceptance: Acceptance) -> tuple[Gap, ...]:
         ("tool point at the worst test pose", prediction.tip_max_m, acceptance.tip_max_m),
     ):
         if limit is not None and value > limit / acceptance.margin:
-            found.append(Gap(what, "m", value, limit / acceptance.margin))
+            found.append(AcceptanceGap(what, "m", value, limit / acceptance.margin))
     if acceptance.offset_rad is not None:
         allowed = acceptance.offset_rad / acceptance.margin
         found += [
-            Gap(name, "rad", sigma, allowed)
-            for name, sigma in _offsets(prediction, acceptance)
+            AcceptanceGap(name, "rad", sigma, allowed)
+            for name, sigma in _offset_sigmas(prediction, acceptance)
             if sigma > allowed
         ]
     return tuple(sorted(found, key=lambda gap: -gap.predicted / gap.allowed))
 
 
 def enough_poses(
-    outlook: Outlook,
+    outlook: MeasurementOutlook,
     candidates_rad: Array,
-    acceptance: Acceptance,
+    acceptance: AcceptanceLimits,
     tests: TestPoses,
     *,
     most: int = 100,
-    criterion: Criterion | None = None,
+    criterion: DesignCriterion | None = None,
 ) -> Sufficiency:
     """Find the smallest number of poses whose best choice is predicted to meet an acceptance.
 
@@ -117,27 +119,27 @@ def enough_poses(
     The number is found by bisection: a good choice of more poses is not worse.
     """
     candidates = np.asarray(candidates_rad, dtype=float)
-    now = predict(outlook, tests)
-    if not gaps(now, acceptance):
-        plan = PosePlan((), candidates[:0], Criterion.TEST_POSES, now, outlook)
+    now = predict_accuracy(outlook, tests)
+    if not acceptance_gaps(now, acceptance):
+        plan = PosePlan((), candidates[:0], DesignCriterion.TEST_POSES, now, outlook)
         return Sufficiency(plan, now, "what is known already is enough", outlook)
     only_offsets = acceptance.tip_rms_m is None and acceptance.tip_max_m is None
-    chosen_by = criterion or (Criterion.OFFSETS if only_offsets else Criterion.TEST_POSES)
+    chosen_by = criterion or (DesignCriterion.OFFSETS if only_offsets else DesignCriterion.TEST_POSES)
     most = min(most, len(candidates))
 
     def plan_of(k: int, starts: int = 1) -> PosePlan:
         return choose_poses(outlook, candidates, k, tests, criterion=chosen_by, starts=starts)
 
     last = plan_of(most)
-    missing = gaps(last.prediction, acceptance)
+    missing = acceptance_gaps(last.prediction, acceptance)
     if missing:
-        words = why_not(missing[0], outlook, candidates, acceptance, tests)
+        words = explain_shortfall(missing[0], outlook, candidates, acceptance, tests)
         return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}", last.after)
     short, enough = 0, most
     while enough - short > 1:
         k = (short + enough) // 2
         plan = plan_of(k)
-        if gaps(plan.prediction, acceptance):
+        if acceptance_gaps(plan.prediction, acceptance):
             short = k
         else:
             enough, last = k, plan
@@ -146,35 +148,41 @@ def enough_poses(
     return Sufficiency(last, last.prediction, words, last.after)
 
 
-def why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptance, tests: TestPoses) -> str:
+def explain_shortfall(
+    gap: AcceptanceGap,
+    outlook: MeasurementOutlook,
+    candidates: Array,
+    acceptance: AcceptanceLimits,
+    tests: TestPoses,
+) -> str:
     """Say what stands in the way: too few poses, an instrument too coarse, or something that no pose shows."""
     scale, unit = (1e3, "mm") if gap.unit == "m" else (float(np.rad2deg(1.0)), "deg")
     words = f"{gap.what} {gap.predicted * scale:.3g} {unit}, allowed {gap.allowed * scale:.3g} {unit}"
     every = outlook.with_measured(candidates)
-    left = {item.what: item for item in gaps(predict(every, tests), acceptance)}
-    if gap.what not in left:
+    remaining = {item.what: item for item in acceptance_gaps(predict_accuracy(every, tests), acceptance)}
+    if gap.what not in remaining:
         return f"{words}; all candidates together would reach it: measure more poses, or each more than once"
     endless = outlook.with_measured(candidates, times=_ENDLESS)
-    if gap.what in {item.what for item in gaps(predict(endless, tests), acceptance)}:
-        return f"{words}, because {_hidden(gap.what, endless)}"
-    ratio = left[gap.what].predicted / left[gap.what].allowed
+    if gap.what in {item.what for item in acceptance_gaps(predict_accuracy(endless, tests), acceptance)}:
+        return f"{words}, because {_hidden_behind(gap.what, endless)}"
+    ratio = remaining[gap.what].predicted / remaining[gap.what].allowed
     return (
         f"{words}, because the instrument is too coarse or the candidates reach too little: "
         f"even all {len(candidates)} candidates leave {ratio:.2g} times what is allowed"
     )
 
 
-def _hidden(what: str, endless: Outlook) -> str:
+def _hidden_behind(what: str, endless: MeasurementOutlook) -> str:
     """Say what a quantity hides behind that no number of measurements would bring out."""
     fit = endless.as_fit()
-    known = next((item for item in endless.not_identified() if item.parameter == what), None)
-    if known is not None:
-        behind = f"hides behind {known.partner}" if known.partner else "does not show"
-        return f"{what} {behind}: {known.cure}"
+    not_identified = next((item for item in endless.not_identified() if item.parameter == what), None)
+    if not_identified is not None:
+        behind = f"hides behind {not_identified.partner}" if not_identified.partner else "does not show"
+        return f"{what} {behind}: {not_identified.cure}"
     names = [parameter.name for parameter in fit.layout.parameters]
     if what not in names:
         return f"parameters that these measurements cannot see move the {what}: use a better instrument"
-    others = np.abs(correlations(fit)[names.index(what)])
+    others = np.abs(parameter_correlations(fit)[names.index(what)])
     others[names.index(what)] = 0.0
     return (
         f"only what is expected beforehand tells {what} from {names[int(np.argmax(others))]}: "
@@ -182,7 +190,7 @@ def _hidden(what: str, endless: Outlook) -> str:
     )
 
 
-def _offsets(prediction: Prediction, acceptance: Acceptance) -> list[tuple[str, float]]:
+def _offset_sigmas(prediction: AccuracyPrediction, acceptance: AcceptanceLimits) -> list[tuple[str, float]]:
     every = zip(prediction.parameters, prediction.sigma, strict=True)
     offsets = [(name, sigma) for name, sigma in every if name.endswith(" offset")]
     if not acceptance.offsets_of:

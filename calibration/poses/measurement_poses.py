@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.joint_terms import gravity_terms, term_values
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.base_parameters import base_subset
-from cellcal.calibration.identification.estimator import Fit, Problem, place_columns
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, place_columns
 from cellcal.calibration.identification.identifiability import NotIdentified, not_identified
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     Observations,
     PointObservations,
@@ -31,7 +31,7 @@ from cellcal.calibration.identification.parameters import (
     GEOMETRY,
     GRAVITY,
     ArmState,
-    Layout,
+    ParameterLayout,
     Priors,
     make_layout,
     nominal_state,
@@ -39,11 +39,16 @@ from cellcal.calibration.identification.parameters import (
 )
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
-from cellcal.calibration.poses.optimal_design import Choice, DesignTask, choose_blocks, efficiency
+from cellcal.calibration.poses.optimal_design import (
+    DesignChoice,
+    DesignTask,
+    choose_blocks,
+    design_efficiency,
+)
 
 _LARGEST_LENGTH_M = 1e-2  # design scale of a place that is not known beforehand
 _LARGEST_ANGLE_RAD = float(np.deg2rad(0.5))
-_SEEN = 0.5  # of the prior deviation: below, the data speak
+_LEARNT_SHARE = 0.5  # of the prior deviation: below, the data speak
 _LEAST_SHARE = 1e-12
 _STRUCTURE_POSTURES = 200
 
@@ -52,7 +57,7 @@ PostureFilter = Callable[[Array], NDArray[np.bool_]]
 Place = tuple[float, float, float]
 
 
-class Criterion(StrEnum):
+class DesignCriterion(StrEnum):
     """What the chosen poses shall make small."""
 
     DETERMINANT = "determinant"  # volume of the uncertainty of all parameters (D)
@@ -61,7 +66,7 @@ class Criterion(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Instrument:
+class DesignInstrument:
     """What a measuring device would say of one pose; values are one standard deviation."""
 
     kind: str  # point | pose | length
@@ -77,7 +82,7 @@ class Instrument:
         if self.kind == "pose" and not self.sigma_rad > 0:
             raise CalibrationError("an instrument that measures poses has a sigma of attitudes, too")
 
-    def observe(self, joints_rad: Array) -> Observations:
+    def make_observations(self, joints_rad: Array) -> Observations:
         """Return observations at these joints whose sigmas hold and whose values do not matter."""
         count = len(joints_rad)
         mounting, sigma = np.zeros(count, dtype=np.intp), np.full(count, self.sigma_m)
@@ -91,30 +96,30 @@ class Instrument:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class MeasurementOutlook:
     """What would be measured, what is unknown, and the information at hand in units of the design scales."""
 
-    layout: Layout
+    layout: ParameterLayout
     state: ArmState
     observe: Observe
     scales: Array  # (p,)
     information: Array  # (p, p)
 
-    def rows(self, joints_rad: Array) -> Array:
+    def measurement_rows(self, joints_rad: Array) -> Array:
         """Return the whitened rows (p, channels, N) of measurements at these joints, scaled."""
-        problem = Problem.of(self.state, self.observe(joints_rad))
+        problem = FitProblem.from_observations(self.state, self.observe(joints_rad))
         return place_columns(self.layout, self.state, problem)[0] * self.scales[:, None, None]
 
-    def of_target(self, mounting: int) -> "Outlook":
+    def of_target(self, mounting: int) -> "MeasurementOutlook":
         """Return the outlook on readings of another of the targets; 0 is the first."""
-        return replace(self, observe=lambda joints: seen_at(self.observe(joints), mounting))
+        return replace(self, observe=lambda joints: rows_of_mounting(self.observe(joints), mounting))
 
-    def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "Outlook":
+    def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "MeasurementOutlook":
         """Return the outlook once these joints are measured, too, so many times each."""
-        rows = self.rows(joints_rad).reshape(len(self.scales), -1)
+        rows = self.measurement_rows(joints_rad).reshape(len(self.scales), -1)
         return replace(self, information=self.information + times * (rows @ rows.T))
 
-    def covariance(self) -> Array:
+    def parameter_covariance(self) -> Array:
         """Return the covariance (p, p) of the parameters, in their own units."""
         covariance: Array = np.linalg.inv(self.information) * np.outer(self.scales, self.scales)
         return covariance
@@ -123,20 +128,22 @@ class Outlook:
         """Return what stays unknown, with its partner and the cure."""
         return not_identified(self.as_fit())
 
-    def as_fit(self) -> Fit:
+    def as_fit(self) -> ArmFit:
         """Return a fit with this covariance, for everything that judges fits."""
-        return Fit(self.state, self.layout, self.covariance(), np.zeros(len(self.layout)), 0.0, 0)
+        return ArmFit(
+            self.state, self.layout, self.parameter_covariance(), np.zeros(len(self.layout)), 0.0, 0
+        )
 
 
 def outlook_on(
     model: RobotModel,
-    instrument: Instrument,
+    instrument: DesignInstrument,
     *,
     tool_in_flange_m: Place = (0.0, 0.0, 0.0),
     level: int = GEOMETRY,
     priors: Priors | None = None,
     drop_redundant: bool = False,
-) -> Outlook:
+) -> MeasurementOutlook:
     """Return the outlook on a robot of which nothing is known but its nominal model and the priors.
 
     From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for. Parameters
@@ -146,37 +153,37 @@ def outlook_on(
     terms = gravity_terms(model) if level >= GRAVITY else ()
     tool = np.eye(4)
     tool[:3, 3] = tool_in_flange_m
-    device = Device(np.eye(4), np.array(instrument.anchor_in_base_m))
+    device = DevicePlacement(np.eye(4), np.array(instrument.anchor_in_base_m))
     state = replace(nominal_state(model, (device,), tool), terms=terms, coefficients=np.zeros(len(terms)))
     layout = make_layout(model, instrument.kind, 1, level=level, terms=terms, priors=priors)
     if drop_redundant:
         postures = candidate_joints(model, MotionLimits(), _STRUCTURE_POSTURES)
-        layout = base_subset(layout, state, instrument.observe(postures))
-    return _before(layout, state, instrument.observe)
+        layout = base_subset(layout, state, instrument.make_observations(postures))
+    return _prior_outlook(layout, state, instrument.make_observations)
 
 
-def with_targets(outlook: Outlook, places: Sequence[Place], priors: Priors) -> Outlook:
+def with_targets(outlook: MeasurementOutlook, places: Sequence[Place], priors: Priors) -> MeasurementOutlook:
     """Return an outlook before anything is measured with further targets on the flange, seen from the same place."""
-    further = tuple(homogeneous(np.eye(3), np.array(place)) for place in places)
+    further = tuple(homogeneous_matrix(np.eye(3), np.array(place)) for place in places)
     layout = with_further(outlook.layout, len(places), priors)
-    return _before(layout, replace(outlook.state, further=further), outlook.observe)
+    return _prior_outlook(layout, replace(outlook.state, further=further), outlook.observe)
 
 
-def _before(layout: Layout, state: ArmState, observe: Observe) -> Outlook:
+def _prior_outlook(layout: ParameterLayout, state: ArmState, observe: Observe) -> MeasurementOutlook:
     scales = _design_scales(layout)
-    return Outlook(layout, state, observe, scales, np.diag((scales / layout.prior) ** 2))
+    return MeasurementOutlook(layout, state, observe, scales, np.diag((scales / layout.prior_sigmas) ** 2))
 
 
-def seen_at(observations: Observations, mounting: int) -> Observations:
+def rows_of_mounting(observations: Observations, mounting: int) -> Observations:
     """Return the rows as those of one mounting."""
     return with_mounting(observations, np.full(len(observations), mounting))
 
 
-def outlook_after(fit: Fit, observe: Observe) -> Outlook:
+def outlook_after(fit: ArmFit, observe: Observe) -> MeasurementOutlook:
     """Return the outlook after a fit: what more measurements would add to what it knows."""
     scales = _design_scales(fit.layout)
     information = np.linalg.inv(fit.covariance / np.outer(scales, scales))
-    return Outlook(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
+    return MeasurementOutlook(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
 
 
 def measurable_postures(
@@ -220,7 +227,7 @@ class TestPoses:
     joints_rad: Array  # (T, n)
     tip_in_flange_m: Place | None = None  # None: the measured target itself
 
-    def rows(self, outlook: Outlook) -> Array:
+    def tool_point_rows(self, outlook: MeasurementOutlook) -> Array:
         """Return how the tool point follows each parameter (p, 3, T), scaled.
 
         With a tracker, in the tracker's frame. Lengths have no frame: what a user frame set at the test poses
@@ -238,7 +245,7 @@ class TestPoses:
         columns = placement_columns(rotations, origins, tip).reshape(-1, 3, len(joints))
         moved = [columns[6 * term.joint + 5] * value for term, value in zip(state.terms, values, strict=True)]
         every = np.concatenate([columns, np.reshape(moved, (-1, 3, len(joints)))])
-        tangent = outlook.layout.tangent(state, mounting)[:, : len(every)]
+        tangent = outlook.layout.tangent_rows(state, mounting)[:, : len(every)]
         rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * outlook.scales[:, None, None]
         for row, parameter in enumerate(outlook.layout.parameters):
             if self.tip_in_flange_m is not None and parameter.role == "tool":
@@ -247,7 +254,7 @@ class TestPoses:
 
 
 @dataclass(frozen=True, slots=True)
-class Prediction:
+class AccuracyPrediction:
     """How well everything will be known; standard deviations in SI."""
 
     parameters: tuple[str, ...]
@@ -264,24 +271,24 @@ class PosePlan:
 
     indices: tuple[int, ...]
     joints_rad: Array  # (k, n)
-    criterion: Criterion
-    prediction: Prediction
-    after: Outlook  # once they are measured
+    criterion: DesignCriterion
+    prediction: AccuracyPrediction
+    after: MeasurementOutlook  # once they are measured
 
 
-def predict(outlook: Outlook, tests: TestPoses) -> Prediction:
+def predict_accuracy(outlook: MeasurementOutlook, tests: TestPoses) -> AccuracyPrediction:
     """Predict parameter and tool point uncertainty from the information of an outlook."""
     covariance = np.linalg.inv(outlook.information)
-    rows = tests.rows(outlook)
+    rows = tests.tool_point_rows(outlook)
     variance = np.einsum("pcn,pq,qcn->n", rows, covariance, rows, optimize=True)
     sigma = np.sqrt(np.diag(covariance)) * outlook.scales
     parameters = outlook.layout.parameters
     offsets = tuple(
         (parameter.name, float(deviation))
         for parameter, deviation in zip(parameters, sigma, strict=True)
-        if parameter.role == "offset" and deviation < _SEEN * parameter.prior
+        if parameter.role == "offset" and deviation < _LEARNT_SHARE * parameter.prior
     )
-    return Prediction(
+    return AccuracyPrediction(
         tuple(parameter.name for parameter in parameters),
         tuple(parameter.unit for parameter in parameters),
         tuple(float(deviation) for deviation in sigma),
@@ -292,12 +299,12 @@ def predict(outlook: Outlook, tests: TestPoses) -> Prediction:
 
 
 def choose_poses(
-    outlook: Outlook,
+    outlook: MeasurementOutlook,
     candidates_rad: Array,
     k: int,
     tests: TestPoses,
     *,
-    criterion: Criterion = Criterion.TEST_POSES,
+    criterion: DesignCriterion = DesignCriterion.TEST_POSES,
     starts: int = 3,
 ) -> PosePlan:
     """Choose the k candidates to measure next.
@@ -322,39 +329,43 @@ def choose_poses(
     choice = choose_blocks(task, k, starts=starts)
     indices = list(choice.indices)
     after = replace(outlook, information=task.information_of(np.array(indices, dtype=np.intp)))
-    return PosePlan(choice.indices, candidates[indices], criterion, predict(after, tests), after)
+    return PosePlan(choice.indices, candidates[indices], criterion, predict_accuracy(after, tests), after)
 
 
-def plan_efficiency(outlook: Outlook, candidates_rad: Array, plan: PosePlan, tests: TestPoses) -> float:
+def plan_efficiency(
+    outlook: MeasurementOutlook, candidates_rad: Array, plan: PosePlan, tests: TestPoses
+) -> float:
     """Return how near a plan from these candidates comes to what no choice can exceed, at most 1.
 
     The bound is that of a relaxation to fractions of poses; with few poses nothing real comes near it.
     """
     task = design_task(outlook, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
-    value = task.value(task.information_of(np.array(plan.indices, dtype=np.intp)))
-    return efficiency(task, Choice(plan.indices, value), rank=_learnable(task))
+    value = task.criterion_value(task.information_of(np.array(plan.indices, dtype=np.intp)))
+    return design_efficiency(task, DesignChoice(plan.indices, value), rank=_learnable_directions(task))
 
 
 def design_task(
-    outlook: Outlook, candidates_rad: Array, criterion: Criterion, tests: TestPoses
+    outlook: MeasurementOutlook, candidates_rad: Array, criterion: DesignCriterion, tests: TestPoses
 ) -> DesignTask:
     """Return the rows of all candidates and what to make small, for `optimal_design`."""
-    task = DesignTask(np.ascontiguousarray(outlook.rows(candidates_rad)), outlook.information)
-    if criterion is Criterion.DETERMINANT:
+    task = DesignTask(np.ascontiguousarray(outlook.measurement_rows(candidates_rad)), outlook.information)
+    if criterion is DesignCriterion.DETERMINANT:
         return task
-    if criterion is Criterion.TEST_POSES:
-        rows = tests.rows(outlook)
+    if criterion is DesignCriterion.TEST_POSES:
+        rows = tests.tool_point_rows(outlook)
         square = np.einsum("pcn,qcn->pq", rows, rows, optimize=True) / rows.shape[2]
-        return replace(task, interest=_root(square))
-    every = np.linalg.inv(task.information_of(np.arange(task.count)))
-    seen = np.sqrt(np.diag(every)) * outlook.scales < _SEEN * outlook.layout.prior
-    wanted = [i for i, item in enumerate(outlook.layout.parameters) if item.role == "offset" and seen[i]]
-    if not wanted:
+        return replace(task, interest=_square_root(square))
+    every = np.linalg.inv(task.information_of(np.arange(task.candidate_count)))
+    is_known = np.sqrt(np.diag(every)) * outlook.scales < _LEARNT_SHARE * outlook.layout.prior_sigmas
+    offset_indices = [
+        i for i, item in enumerate(outlook.layout.parameters) if item.role == "offset" and is_known[i]
+    ]
+    if not offset_indices:
         raise DegenerateDataError("no candidate tells anything about a joint offset")
-    return replace(task, interest=np.eye(len(outlook.layout))[:, wanted])
+    return replace(task, interest=np.eye(len(outlook.layout))[:, offset_indices])
 
 
-def _design_scales(layout: Layout) -> Array:
+def _design_scales(layout: ParameterLayout) -> Array:
     largest = {"m": _LARGEST_LENGTH_M, "rad": _LARGEST_ANGLE_RAD}
     return np.array([min(item.prior, largest.get(item.unit, item.prior)) for item in layout.parameters])
 
@@ -370,15 +381,15 @@ def _without_rigid_motion(rows: Array, tip: Array) -> Array:
     return np.asarray((flat - (flat @ motions) @ motions.T).reshape(rows.shape), dtype=np.float64)
 
 
-def _root(square: Array) -> Array:
+def _square_root(square: Array) -> Array:
     """Return (p, r) with ``root @ root.T == square``."""
     values, vectors = np.linalg.eigh(square)
-    kept = values > _LEAST_SHARE * values[-1]
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]), dtype=np.float64)
+    is_significant = values > _LEAST_SHARE * values[-1]
+    return np.asarray(vectors[:, is_significant] * np.sqrt(values[is_significant]), dtype=np.float64)
 
 
-def _learnable(task: DesignTask) -> int:
+def _learnable_directions(task: DesignTask) -> int:
     """Return in how many directions all candidates together say more than what is known."""
     half = np.linalg.inv(np.linalg.cholesky(task.information))
-    gained = half @ (task.information_of(np.arange(task.count)) - task.information) @ half.T
+    gained = half @ (task.information_of(np.arange(task.candidate_count)) - task.information) @ half.T
     return max(int((np.linalg.eigvalsh(gained) > 1.0).sum()), 1)

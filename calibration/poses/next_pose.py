@@ -7,29 +7,34 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
-from cellcal.calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, design_task
+from cellcal.calibration.poses.measurement_poses import (
+    DesignCriterion,
+    MeasurementOutlook,
+    TestPoses,
+    design_task,
+)
 from cellcal.calibration.poses.optimal_design import DesignTask
 
 _LARGEST_TURN_RAD = np.pi  # the scale on which turns of joints are compared with ways of the target
 
 
 @dataclass(frozen=True, eq=False)
-class Turn:
+class NextPoses:
     """Poses in the order in which they were chosen, and what will be known once they are measured."""
 
     order: tuple[int, ...]
-    after: Outlook
+    after: MeasurementOutlook
 
 
-def best_in_turn(
-    outlook: Outlook,
+def choose_in_turn(
+    outlook: MeasurementOutlook,
     candidates_rad: Array,
     tests: TestPoses,
-    enough: Callable[[int, Outlook], bool],
+    enough: Callable[[int, MeasurementOutlook], bool],
     *,
     most: int,
-    criterion: Criterion = Criterion.TEST_POSES,
-) -> Turn:
+    criterion: DesignCriterion = DesignCriterion.TEST_POSES,
+) -> NextPoses:
     r"""Choose one candidate after the other, each the one that tells most once those before it are measured.
 
     With covariance S, rows B of a candidate and the root L of what counts, measuring it shrinks ``trace(L' S L)``
@@ -55,35 +60,40 @@ def best_in_turn(
     V. V. Fedorov, Theory of optimal experiments, 1972.
     """
     task = design_task(outlook, np.asarray(candidates_rad, dtype=float), criterion, tests)
-    return _in_turn(task, outlook, enough, most)
+    return _choose_by_gain(task, outlook, enough, most)
 
 
-def best_for(
-    outlook: Outlook,
+def choose_for_unknowns(
+    outlook: MeasurementOutlook,
     candidates_rad: Array,
     unknowns: Rows,
-    enough: Callable[[int, Outlook], bool],
+    enough: Callable[[int, MeasurementOutlook], bool],
     *,
     most: int,
-) -> Turn:
+) -> NextPoses:
     """Choose one candidate after the other as `best_in_turn`, for what is told of some unknowns (their numbers)."""
-    columns = np.ascontiguousarray(outlook.rows(np.asarray(candidates_rad, dtype=float)))
+    columns = np.ascontiguousarray(outlook.measurement_rows(np.asarray(candidates_rad, dtype=float)))
     interest = np.eye(len(outlook.layout))[:, unknowns]
-    return _in_turn(DesignTask(columns, outlook.information, interest), outlook, enough, most)
+    return _choose_by_gain(DesignTask(columns, outlook.information, interest), outlook, enough, most)
 
 
-def _in_turn(task: DesignTask, outlook: Outlook, enough: Callable[[int, Outlook], bool], most: int) -> Turn:
+def _choose_by_gain(
+    task: DesignTask,
+    outlook: MeasurementOutlook,
+    enough: Callable[[int, MeasurementOutlook], bool],
+    most: int,
+) -> NextPoses:
     order: list[int] = []
-    while len(order) < min(most, task.count) and not enough(len(order), outlook):
-        worth = _gains(task, outlook.information)
+    while len(order) < min(most, task.candidate_count) and not enough(len(order), outlook):
+        worth = _information_gains(task, outlook.information)
         worth[order] = -np.inf
         order.append(int(np.argmax(worth)))
         rows = task.columns[:, :, order[-1]]
         outlook = replace(outlook, information=outlook.information + rows @ rows.T)
-    return Turn(tuple(order), outlook)
+    return NextPoses(tuple(order), outlook)
 
 
-def _gains(task: DesignTask, information: Array) -> Array:
+def _information_gains(task: DesignTask, information: Array) -> Array:
     covariance = np.linalg.inv(information)
     interest = np.eye(len(covariance)) if task.interest is None else task.interest
     spread = np.tensordot(covariance, task.columns, axes=1)
@@ -94,8 +104,12 @@ def _gains(task: DesignTask, information: Array) -> Array:
     return found
 
 
-def drawn_need(
-    outlook: Outlook, pool_rad: Array, reached: Callable[[Outlook], bool], *, draws: int = 5
+def random_poses_needed(
+    outlook: MeasurementOutlook,
+    pool_rad: Array,
+    reached: Callable[[MeasurementOutlook], bool],
+    *,
+    draws: int = 5,
 ) -> int | None:
     """Return how many evenly drawn postures reach the same as a choice, median of several draws; None if too many.
 

@@ -41,7 +41,7 @@ class DesignTask:
             raise CalibrationError("the rows of a design must be finite")
 
     @property
-    def count(self) -> int:
+    def candidate_count(self) -> int:
         """How many candidates there are."""
         return int(self.columns.shape[2])
 
@@ -51,23 +51,23 @@ class DesignTask:
         total: Array = self.information + rows @ rows.T
         return total
 
-    def value(self, information: Array) -> float:
+    def criterion_value(self, information: Array) -> float:
         """Return the criterion, larger is better: log det, or minus the trace."""
-        factor = _cholesky(information)
+        factor = _cholesky_factor(information)
         if self.interest is None:
             return 2.0 * float(np.log(np.diag(factor)).sum())
         return -float(np.sum(np.linalg.solve(factor, self.interest) ** 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class DesignChoice:
     """Chosen candidates in the order in which each tells most, and the criterion they reach."""
 
     indices: tuple[int, ...]
     value: float
 
 
-def choose_blocks(task: DesignTask, k: int, *, starts: int = 3, seed: int = 1) -> Choice:
+def choose_blocks(task: DesignTask, k: int, *, starts: int = 3, seed: int = 1) -> DesignChoice:
     r"""Choose k different candidates by block exchange from several starts.
 
     From a greedy choice, and from random ones, one block after another is taken out and replaced by the best
@@ -92,20 +92,24 @@ def choose_blocks(task: DesignTask, k: int, *, starts: int = 3, seed: int = 1) -
     """
     if k < 1 or starts < 1:
         raise CalibrationError("a design chooses at least one candidate, from at least one start")
-    if k >= task.count:
-        return _ordered(task, np.arange(task.count))
+    if k >= task.candidate_count:
+        return _order_choice(task, np.arange(task.candidate_count))
     generator = np.random.default_rng(seed)
     best: NDArray[np.intp] | None = None
     best_value = -np.inf
     for start in range(starts):
-        first = _greedy(task, k) if start == 0 else generator.choice(task.count, k, replace=False)
-        chosen = _exchange(task, first)
-        value = task.value(task.information_of(chosen))
+        first = (
+            _choose_greedily(task, k)
+            if start == 0
+            else generator.choice(task.candidate_count, k, replace=False)
+        )
+        chosen = _exchange_blocks(task, first)
+        value = task.criterion_value(task.information_of(chosen))
         if value > best_value:
             best, best_value = chosen, value
     if best is None:
         raise DegenerateDataError("no choice of candidates has a finite criterion")
-    return _ordered(task, best)
+    return _order_choice(task, best)
 
 
 def upper_bound(task: DesignTask, k: int, *, iterations: int = 400) -> float:
@@ -120,25 +124,25 @@ def upper_bound(task: DesignTask, k: int, *, iterations: int = 400) -> float:
     S. D. Silvey, D. M. Titterington and B. Torsney, An algorithm for optimal designs on a finite design
     space, Communications in Statistics A 7 (1978).
     """
-    weights = np.full(task.count, min(k, task.count) / task.count)
+    weights = np.full(task.candidate_count, min(k, task.candidate_count) / task.candidate_count)
     flat = task.columns.reshape(len(task.columns), -1)
     power = 1.0 if task.interest is None else 0.5
     bound = np.inf
     for _ in range(iterations):
         repeated = np.tile(weights, task.columns.shape[1])
         information = task.information + (flat * repeated) @ flat.T
-        gradient = _gradient(task, information)
-        value = task.value(information)
+        gradient = _criterion_gradient(task, information)
+        value = task.criterion_value(information)
         top = float(np.sort(gradient)[-k:].sum())
         gap = top - float(weights @ gradient)
         bound = min(bound, value + gap)
         if gap < _BOUND_GAP * (1.0 if task.interest is None else abs(value)):
             break
-        weights = _capped(weights * np.maximum(gradient, 1e-300) ** power, k)
+        weights = _cap_weights(weights * np.maximum(gradient, 1e-300) ** power, k)
     return bound
 
 
-def efficiency(task: DesignTask, choice: Choice, *, rank: int) -> float:
+def design_efficiency(task: DesignTask, choice: DesignChoice, *, rank: int) -> float:
     """Return how good a choice is against the bound, at most 1: ratio of det^(1/rank), or of traces."""
     bound = upper_bound(task, len(choice.indices))
     if task.interest is None:
@@ -147,7 +151,7 @@ def efficiency(task: DesignTask, choice: Choice, *, rank: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Standing:
+class _DesignState:
     """The covariance of a choice, and its products with every candidate's block."""
 
     covariance: Array  # (p, p)
@@ -155,9 +159,9 @@ class _Standing:
     reach: Array | None  # (r, m, C): interest' Sigma B'
 
     @classmethod
-    def of(cls, task: DesignTask, information: Array) -> "_Standing":
+    def from_information(cls, task: DesignTask, information: Array) -> "_DesignState":
         p, m, count = task.columns.shape
-        half = np.linalg.inv(_cholesky(information))
+        half = np.linalg.inv(_cholesky_factor(information))
         rows = (half @ task.columns.reshape(p, -1)).reshape(p, m, count)
         gram = np.empty((m, m, count))
         for a in range(m):
@@ -168,26 +172,26 @@ class _Standing:
             reach = ((half @ task.interest).T @ rows.reshape(p, -1)).reshape(-1, m, count)
         return cls(half.T @ half, gram, reach)
 
-    def changed(self, task: DesignTask, block: int, sign: int) -> "_Standing":
+    def change_block(self, task: DesignTask, block: int, sign: int) -> "_DesignState":
         """Return the standing with a block added (+1) or removed (-1)."""
         p, m, count = task.columns.shape
         rows = task.columns[:, :, block].T
         spread = rows @ self.covariance
-        inner = _cholesky(np.eye(m) + sign * (spread @ rows.T))
+        inner = _cholesky_factor(np.eye(m) + sign * (spread @ rows.T))
         root = np.linalg.solve(inner, spread)
-        seen = (root @ task.columns.reshape(p, -1)).reshape(m, m, count)
+        products = (root @ task.columns.reshape(p, -1)).reshape(m, m, count)
         gram = np.empty_like(self.gram)
         for a in range(m):
             for b in range(a + 1):
-                change = np.einsum("kc,kc->c", seen[:, a], seen[:, b])
+                change = np.einsum("kc,kc->c", products[:, a], products[:, b])
                 gram[a, b] = gram[b, a] = self.gram[a, b] - sign * change
         reach = self.reach
         if reach is not None and task.interest is not None:
             turned = sign * (task.interest.T @ root.T)
-            reach = reach - (turned @ seen.reshape(m, -1)).reshape(reach.shape)
-        return _Standing(self.covariance - sign * (root.T @ root), gram, reach)
+            reach = reach - (turned @ products.reshape(m, -1)).reshape(reach.shape)
+        return _DesignState(self.covariance - sign * (root.T @ root), gram, reach)
 
-    def gains(self) -> Array:
+    def candidate_gains(self) -> Array:
         """Return by how much adding each candidate would improve the criterion (C,).
 
         The rows of a block are taken one after another, each given the rows before it: one step of Gaussian
@@ -210,32 +214,32 @@ class _Standing:
         return gain
 
 
-def _greedy(task: DesignTask, k: int) -> NDArray[np.intp]:
-    standing = _Standing.of(task, task.information)
+def _choose_greedily(task: DesignTask, k: int) -> NDArray[np.intp]:
+    standing = _DesignState.from_information(task, task.information)
     chosen: list[int] = []
     for _ in range(k):
-        gains = standing.gains()
+        gains = standing.candidate_gains()
         gains[chosen] = -np.inf
         chosen.append(int(np.argmax(gains)))
-        standing = standing.changed(task, chosen[-1], +1)
+        standing = standing.change_block(task, chosen[-1], +1)
     return np.array(chosen, dtype=np.intp)
 
 
-def _exchange(task: DesignTask, first: NDArray[np.intp]) -> NDArray[np.intp]:
+def _exchange_blocks(task: DesignTask, first: NDArray[np.intp]) -> NDArray[np.intp]:
     chosen = first.copy()
     unchanged = 0
     for step in range(_MOST_ROUNDS * len(chosen)):
         place = step % len(chosen)
         if place == 0:  # afresh once a round: thousands of rank-m changes would add up their rounding
-            standing = _Standing.of(task, task.information_of(chosen))
-        without = _without(task, standing, chosen, place)
-        gains = without.gains()
+            standing = _DesignState.from_information(task, task.information_of(chosen))
+        without = _remove_block(task, standing, chosen, place)
+        gains = without.candidate_gains()
         own = gains[chosen[place]]
         gains[chosen] = -np.inf
         candidate = int(np.argmax(gains))
         if gains[candidate] > own + _WORTHWHILE * max(abs(own), 1e-300):
             chosen[place] = candidate
-            standing, unchanged = without.changed(task, candidate, +1), 0
+            standing, unchanged = without.change_block(task, candidate, +1), 0
         else:
             unchanged += 1
         if unchanged == len(chosen):
@@ -243,39 +247,41 @@ def _exchange(task: DesignTask, first: NDArray[np.intp]) -> NDArray[np.intp]:
     return chosen
 
 
-def _without(task: DesignTask, standing: _Standing, chosen: NDArray[np.intp], place: int) -> _Standing:
+def _remove_block(
+    task: DesignTask, standing: _DesignState, chosen: NDArray[np.intp], place: int
+) -> _DesignState:
     """Return the standing without one of the chosen; afresh where its removal would cancel all digits."""
     rows = task.columns[:, :, chosen[place]]
-    left = 1.0 - float(np.linalg.eigvalsh(rows.T @ standing.covariance @ rows)[-1])
-    if left < _LEAST_LEFT:
-        return _Standing.of(task, task.information_of(np.delete(chosen, place)))
-    return standing.changed(task, int(chosen[place]), -1)
+    remaining = 1.0 - float(np.linalg.eigvalsh(rows.T @ standing.covariance @ rows)[-1])
+    if remaining < _LEAST_LEFT:
+        return _DesignState.from_information(task, task.information_of(np.delete(chosen, place)))
+    return standing.change_block(task, int(chosen[place]), -1)
 
 
-def _ordered(task: DesignTask, chosen: NDArray[np.intp]) -> Choice:
+def _order_choice(task: DesignTask, chosen: NDArray[np.intp]) -> DesignChoice:
     """Put the chosen in the order in which each tells most, given those before it."""
     few = DesignTask(np.ascontiguousarray(task.columns[:, :, chosen]), task.information, task.interest)
-    order = chosen[_greedy(few, len(chosen))]
-    return Choice(tuple(int(i) for i in order), task.value(task.information_of(order)))
+    order = chosen[_choose_greedily(few, len(chosen))]
+    return DesignChoice(tuple(int(i) for i in order), task.criterion_value(task.information_of(order)))
 
 
-def _gradient(task: DesignTask, information: Array) -> Array:
+def _criterion_gradient(task: DesignTask, information: Array) -> Array:
     """Return d criterion / d weight of every candidate (C,)."""
-    half = np.linalg.inv(_cholesky(information))
+    half = np.linalg.inv(_cholesky_factor(information))
     flat = task.columns.reshape(len(task.columns), -1)
     product = half @ flat if task.interest is None else (half @ task.interest).T @ (half @ flat)
     by_candidate: Array = np.einsum("pj,pj->j", product, product).reshape(task.columns.shape[1:]).sum(axis=0)
     return by_candidate
 
 
-def _capped(weights: Array, k: int) -> Array:
+def _cap_weights(weights: Array, k: int) -> Array:
     """Scale weights to the sum k with none above 1."""
     capped = np.zeros(len(weights), dtype=bool)
     result = weights
     for _ in range(len(weights)):
         free = ~capped
-        left = k - float(capped.sum())
-        result = np.where(capped, 1.0, weights * (left / max(float(weights[free].sum()), _LEAST_WEIGHT)))
+        remaining = k - float(capped.sum())
+        result = np.where(capped, 1.0, weights * (remaining / max(float(weights[free].sum()), _LEAST_WEIGHT)))
         over = free & (result > 1.0)
         if not over.any():
             break
@@ -283,7 +289,7 @@ def _capped(weights: Array, k: int) -> Array:
     return result
 
 
-def _cholesky(matrix: Array) -> Array:
+def _cholesky_factor(matrix: Array) -> Array:
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
     except np.linalg.LinAlgError as error:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.poses.enough_poses import Acceptance, Gap, gaps
-from cellcal.calibration.poses.measurement_poses import Outlook, TestPoses, predict
+from cellcal.calibration.poses.enough_poses import AcceptanceGap, AcceptanceLimits, acceptance_gaps
+from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses, predict_accuracy
 
 _ENDLESS = 1e6  # repetitions of every candidate
 _CURES = {
@@ -31,7 +31,7 @@ class Shortfall:
     cure: str
 
     @property
-    def sentence(self) -> str:
+    def shortfall_text(self) -> str:
         """Say it."""
         scale, unit = (1e3, "mm") if self.unit == "m" else (float(np.degrees(1.0)), "deg")
         return (
@@ -41,8 +41,8 @@ class Shortfall:
         )
 
 
-def shortfall(
-    outlook: Outlook, candidates_rad: Array, acceptance: Acceptance, tests: TestPoses
+def find_shortfall(
+    outlook: MeasurementOutlook, candidates_rad: Array, acceptance: AcceptanceLimits, tests: TestPoses
 ) -> Shortfall | None:
     """Return what no number of readings at these candidates would bring, worst first; None if all is reachable.
 
@@ -58,7 +58,7 @@ def shortfall(
         Where the target's place counts.
     """
     endless = outlook.with_measured(candidates_rad, times=_ENDLESS)
-    missing = gaps(predict(endless, tests), acceptance)
+    missing = acceptance_gaps(predict_accuracy(endless, tests), acceptance)
     if not missing:
         return None
     gap = missing[0]
@@ -66,7 +66,7 @@ def shortfall(
     return Shortfall(gap.what, gap.unit, gap.predicted, gap.allowed, behind, _CURES.get(role, _OTHER))
 
 
-def _hidden_behind(endless: Outlook, gap: Gap, tests: TestPoses) -> tuple[str, str]:
+def _hidden_behind(endless: MeasurementOutlook, gap: AcceptanceGap, tests: TestPoses) -> tuple[str, str]:
     """Return the parameter, other than the one in question, whose knowledge would take away most of the variance."""
     covariance = np.linalg.inv(endless.information)
     parameters = endless.layout.parameters
@@ -76,7 +76,7 @@ def _hidden_behind(endless: Outlook, gap: Gap, tests: TestPoses) -> tuple[str, s
         shares = covariance[own] ** 2 / np.diag(covariance)
         shares[own] = 0.0
     else:
-        rows = tests.rows(endless).reshape(len(names), -1)
+        rows = tests.tool_point_rows(endless).reshape(len(names), -1)
         shares = ((covariance @ rows) ** 2).sum(axis=1) / np.diag(covariance)
     worst = int(np.argmax(shares))
     return names[worst], parameters[worst].role

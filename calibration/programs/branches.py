@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import RobotModel, turned_frames
+from cellcal.calibration.arm.kinematics import RobotModel, frames_of_placements
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
 
@@ -40,7 +40,7 @@ class AxesAtZero:
     parallel_wrist: bool  # joint 4 is parallel to 2 and 3
 
     @classmethod
-    def of(cls, model: RobotModel) -> Self:
+    def from_model(cls, model: RobotModel) -> Self:
         """Find the axes of a nominal arm, and the family it is of.
 
         Raises
@@ -48,23 +48,23 @@ class AxesAtZero:
         CalibrationError
             An arm of neither family.
         """
-        if model.axes != 6:
+        if model.axis_count != 6:
             raise CalibrationError(
-                f"{model.name} has {model.axes} joints: postures are told apart for six only"
+                f"{model.name} has {model.axis_count} joints: postures are told apart for six only"
             )
-        rotations, origins = turned_frames(model.placements, np.zeros((6, 1)))
+        rotations, origins = frames_of_placements(model.placements, np.zeros((6, 1)))
         axes, points = rotations[:-1, :, 2, 0], origins[:-1, :, 0]
         base_flange = np.eye(4)
         base_flange[:3, :3], base_flange[:3, 3] = rotations[-1, :, :, 0], origins[-1, :, 0]
         square = [abs(axes[i] @ axes[j]) for i, j in ((0, 1), (3, 4), (4, 5))]
         in_line = [float(np.linalg.norm(np.cross(axes[1], axes[j]))) for j in (2, 3)]
         if max(*square, in_line[0]) > _PARALLEL:
-            raise _neither(model)
+            raise _unknown_family_error(model)
         parallel_wrist = in_line[1] <= _PARALLEL
-        centre, apart = _meeting(points[4], axes[4], points[5], axes[5])
+        centre, apart = _nearest_point(points[4], axes[4], points[5], axes[5])
         off_fourth = float(np.linalg.norm(np.cross(centre - points[3], axes[3])))
         if apart > _MEET_M or (not parallel_wrist and off_fourth > _MEET_M):
-            raise _neither(model)
+            raise _unknown_family_error(model)
         return cls(model, axes, points, base_flange, centre, parallel_wrist)
 
 
@@ -84,27 +84,27 @@ def all_branches(zero: AxesAtZero, base_flange: Array) -> Array:
         What the controller shows, each DH angle within half a turn of its zero; NaN where a branch does not reach.
         In a singularity one posture of the many.
     """
-    wanted = base_flange @ inverse_transform(zero.base_flange)
-    centre = wanted[:, :3, :3] @ zero.centre_m + wanted[:, :3, 3]
+    target_poses = base_flange @ inverse_transform(zero.base_flange)
+    centre = target_poses[:, :3, :3] @ zero.centre_m + target_poses[:, :3, 3]
     angles = np.empty((BRANCHES, 6, len(base_flange)))
     with np.errstate(invalid="ignore"):
         for i, first in enumerate(_first_angles(zero, centre)):
             block = angles[4 * i : 4 * i + 4]
             block[:, 0] = first
             solve = _parallel_arm if zero.parallel_wrist else _wristed_arm
-            solve(zero, wanted, _Left(zero.axes[0], first), centre, block)
+            solve(zero, target_poses, _RemainingMotion(zero.axes[0], first), centre, block)
     centred = np.remainder(angles - zero.model.theta0_rad[:, None] + np.pi, 2 * np.pi) - np.pi
     back = np.linalg.inv(zero.model.joint_coupling)
     return np.ascontiguousarray((back @ centred).swapaxes(1, 2))
 
 
-class _Left:
+class _RemainingMotion:
     """What is left of a motion when a turn before it is taken back."""
 
     def __init__(self, axis: Array, angle: Array) -> None:
         self._axis, self._cos, self._sin = axis, np.cos(angle)[:, None], np.sin(angle)[:, None]
 
-    def of(self, vectors: Array) -> Array:
+    def rotate_back(self, vectors: Array) -> Array:
         """Return directions (N, 3) turned back, by Rodrigues' formula."""
         x, y, z = self._axis
         across = vectors @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # axis x vector, turned back
@@ -112,32 +112,38 @@ class _Left:
         turned: Array = self._cos * vectors + self._sin * across + along * self._axis
         return turned
 
-    def place(self, point: Array, places: Array) -> Array:
+    def move_back(self, point: Array, places: Array) -> Array:
         """Return places (N, 3) turned back about a line through a point."""
-        turned: Array = self.of(places - point) + point
+        turned: Array = self.rotate_back(places - point) + point
         return turned
 
 
-def _wristed_arm(zero: AxesAtZero, wanted: Array, first: _Left, centre: Array, out: Array) -> None:
+def _wristed_arm(
+    zero: AxesAtZero, target_poses: Array, first: _RemainingMotion, centre: Array, out: Array
+) -> None:
     """Solve joints 2 to 6 of an arm with a wrist; ``out`` is (4, 6, N)."""
-    fifth, sixth = (first.of(wanted[:, :3, :3] @ zero.axes[k]) for k in (4, 5))
-    end = first.place(zero.origins_m[0], centre)
+    fifth, sixth = (first.rotate_back(target_poses[:, :3, :3] @ zero.axes[k]) for k in (4, 5))
+    end = first.move_back(zero.origins_m[0], centre)
     for i, (second, third) in enumerate(_two_links(zero, end, zero.centre_m)):
-        before = _Left(zero.axes[1], second + third * (zero.axes[1] @ zero.axes[2]))
-        for j, wrist in enumerate(_wrist_angles(zero.axes[3], zero, before.of(fifth), before.of(sixth))):
+        before = _RemainingMotion(zero.axes[1], second + third * (zero.axes[1] @ zero.axes[2]))
+        for j, wrist in enumerate(
+            _wrist_angles(zero.axes[3], zero, before.rotate_back(fifth), before.rotate_back(sixth))
+        ):
             out[2 * i + j, 1], out[2 * i + j, 2] = second, third
             out[2 * i + j, 3:] = wrist
 
 
-def _parallel_arm(zero: AxesAtZero, wanted: Array, first: _Left, centre: Array, out: Array) -> None:
+def _parallel_arm(
+    zero: AxesAtZero, target_poses: Array, first: _RemainingMotion, centre: Array, out: Array
+) -> None:
     """Solve joints 2 to 6 of an arm with three parallel joints; ``out`` is (4, 6, N)."""
     e, signs = zero.axes[1], zero.axes[1:4] @ zero.axes[1]
-    seen = [first.of(wanted[:, :3, :3] @ zero.axes[k]) for k in (4, 5)]
-    for i, (whole, fifth, sixth) in enumerate(_wrist_angles(e, zero, *seen)):
+    axis_directions = [first.rotate_back(target_poses[:, :3, :3] @ zero.axes[k]) for k in (4, 5)]
+    for i, (whole, fifth, sixth) in enumerate(_wrist_angles(e, zero, *axis_directions)):
         # The elbow's end follows from the flange when joints 6 and 5 are turned back.
         inner = _back_through_wrist(zero, fifth, sixth)
-        end = first.place(
-            zero.origins_m[0], (wanted[:, :3, :3] @ inner[:, :, None])[:, :, 0] + wanted[:, :3, 3]
+        end = first.move_back(
+            zero.origins_m[0], (target_poses[:, :3, :3] @ inner[:, :, None])[:, :, 0] + target_poses[:, :3, 3]
         )
         for j, (second, third) in enumerate(_two_links(zero, end, zero.origins_m[3])):
             row = out[2 * i + j]
@@ -148,8 +154,8 @@ def _parallel_arm(zero: AxesAtZero, wanted: Array, first: _Left, centre: Array, 
 def _back_through_wrist(zero: AxesAtZero, fifth: Array, sixth: Array) -> Array:
     """Return where the origin of joint 4 is before joints 5 and 6 turned: (E5 E6)^-1 o4, (N, 3)."""
     start = np.broadcast_to(zero.origins_m[3], (len(fifth), 3))
-    point = _Left(zero.axes[4], fifth).place(zero.origins_m[4], start)
-    return _Left(zero.axes[5], sixth).place(zero.origins_m[5], point)
+    point = _RemainingMotion(zero.axes[4], fifth).move_back(zero.origins_m[4], start)
+    return _RemainingMotion(zero.axes[5], sixth).move_back(zero.origins_m[5], point)
 
 
 def _first_angles(zero: AxesAtZero, centre: Array) -> tuple[Array, Array]:
@@ -199,7 +205,7 @@ def _wrist_angles(first: Array, zero: AxesAtZero, seen_5: Array, seen_6: Array) 
     for angle, sign in ((opening, 1.0), (-opening, -1.0)):
         fourth = np.arctan2(sign * (seen_6 @ z5), sign * (seen_6 @ side))
         fifth = angle - at_zero
-        rest = _Left(z5, fifth).of(_Left(first, fourth).of(seen_5))
+        rest = _RemainingMotion(z5, fifth).rotate_back(_RemainingMotion(first, fourth).rotate_back(seen_5))
         found.append(np.stack([fourth, fifth, np.arctan2(rest @ np.cross(z6, z5), rest @ z5)]))
     return found[0], found[1]
 
@@ -209,13 +215,13 @@ def _arc_cosine(value: Array) -> Array:
     return np.arccos(np.where(np.abs(value) <= 1 + _TOUCHES, np.clip(value, -1.0, 1.0), np.nan))
 
 
-def _meeting(p: Array, a: Array, q: Array, b: Array) -> tuple[Array, float]:
+def _nearest_point(p: Array, a: Array, q: Array, b: Array) -> tuple[Array, float]:
     """Return the point of line (p, a) nearest to line (q, b), and their distance; the lines are square."""
     point = p + a * (a @ (q - p))
     return point, float(np.linalg.norm(np.cross(point - q, b)))
 
 
-def _neither(model: RobotModel) -> CalibrationError:
+def _unknown_family_error(model: RobotModel) -> CalibrationError:
     return CalibrationError(
         f"{model.name}: its postures cannot be told apart in closed form: joints 2 and 3 are not parallel, or the "
         "wrist is of neither family.",

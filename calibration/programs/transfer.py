@@ -12,7 +12,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.compensate import Compensation, CompensationLimits, reach_poses
-from cellcal.calibration.compensation.pose_gap import Arm, Flags
+from cellcal.calibration.compensation.pose_gap import Flags, TipArm
 from cellcal.calibration.geometry import Array, inverse_transform
 
 EXACTLY = CompensationLimits()
@@ -22,7 +22,7 @@ _ANY_TURN_RAD = (
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class TransferFrames:
     """From where to where: all frames of points that share their tools.
 
     For a clone ``source`` is the master's real arm, ``target`` the clone's, and ``written`` the clone's controller;
@@ -30,31 +30,31 @@ class Way:
     real arm; for a download the other way round.
     """
 
-    source: Arm
+    source: TipArm
     change: Array  # (4, 4): the source's base seen from the target's; E of Eq. 9
-    target: Arm
-    written: Arm
+    target: TipArm
+    written: TipArm
 
 
 @dataclass(frozen=True, eq=False)
-class Transferred:
+class TransferResult:
     """Where points go, the pose first."""
 
     joints_rad: Array  # (N, n) of the other controller
     base_tip: Array  # (N, 4, 4) that the other controller computes there, with its tool as entered
-    wanted: Array  # (N, 4, 4) real tip in the other base
+    target_tip: Array  # (N, 4, 4) real tip in the other base
     reached: Flags  # (N,)
     left_m: Array  # (N,) distance that the nearest posture leaves
 
 
-def transfer(
-    way: Way,
+def transfer_points(
+    way: TransferFrames,
     joints_rad: Array,
     *,
     start_rad: Array | None = None,
     limits: CompensationLimits = EXACTLY,
     careful: bool = True,
-) -> Transferred:
+) -> TransferResult:
     """Find the joints with which the target's real tip is where the source's is.
 
     Parameters
@@ -79,17 +79,21 @@ def transfer(
     ----------
     F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, Eq. 9 to 12.
     """
-    wanted = way.change @ tips(way.source, joints_rad)
+    target_tips = way.change @ tip_poses(way.source, joints_rad)
     start = joints_rad if start_rad is None else start_rad
-    found = reach_poses(_unlimited(way.target), wanted, start, limits=limits, careful=careful)
-    return Transferred(
-        found.joints_rad, tips(way.written, found.joints_rad), wanted, found.converged, found.position_error_m
+    found = reach_poses(_without_limits(way.target), target_tips, start, limits=limits, careful=careful)
+    return TransferResult(
+        found.joints_rad,
+        tip_poses(way.written, found.joints_rad),
+        target_tips,
+        found.has_converged,
+        found.position_error_m,
     )
 
 
-def tips(arm: Arm, joints_rad: Array) -> Array:
+def tip_poses(arm: TipArm, joints_rad: Array) -> Array:
     """Return the tip (N, 4, 4) of an arm at joints (N, n), sag and ripple included."""
-    rotations, origins = arm.frames(joints_rad.T)
+    rotations, origins = arm.compute_frames(joints_rad.T)
     poses = np.zeros((len(joints_rad), 4, 4))
     poses[:, :3, :3] = rotations[-1].transpose(2, 0, 1)
     poses[:, :3, 3] = origins[-1].T
@@ -97,9 +101,9 @@ def tips(arm: Arm, joints_rad: Array) -> Array:
     return poses
 
 
-def joints_near(arm: Arm, base_tip: Array, start_rad: Array, limits: CompensationLimits) -> Compensation:
+def joints_near(arm: TipArm, base_tip: Array, start_rad: Array, limits: CompensationLimits) -> Compensation:
     """Return joints for poses (N, 4, 4) near given ones, whatever the joint limits."""
-    return reach_poses(_unlimited(arm), base_tip, start_rad, limits=limits)
+    return reach_poses(_without_limits(arm), base_tip, start_rad, limits=limits)
 
 
 def same_place(base_tip: Array, other: Array) -> tuple[Array, Array]:
@@ -139,6 +143,6 @@ def smallest_sigma(model: RobotModel, joints_rad: Array, enough: float = np.inf)
     return np.asarray(found, dtype=np.float64)
 
 
-def _unlimited(arm: Arm) -> Arm:
-    wide = np.full(arm.model.axes, _ANY_TURN_RAD)
+def _without_limits(arm: TipArm) -> TipArm:
+    wide = np.full(arm.model.axis_count, _ANY_TURN_RAD)
     return replace(arm, model=replace(arm.model, lower_rad=-wide, upper_rad=wide))

@@ -9,7 +9,7 @@ from cellcal.calibration.geometry import Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Leaving:
+class WireExit:
     """Wires of one mounting as they leave the exit: directions (N, 3), where the mouth looks (3,), angles (N,)."""
 
     direction: Array
@@ -17,7 +17,7 @@ class Leaving:
     phi: Array
 
     @classmethod
-    def of(
+    def from_wires(
         cls, towards: Array, lengths: Array, exit_m: Array, mouth_at_m: tuple[float, float, float] | None
     ) -> Self:
         """Describe wires from an exit; without a place where its mouth looks, that is taken to be the mean hook.
@@ -39,13 +39,13 @@ class Leaving:
         ahead = ahead / np.linalg.norm(ahead)
         return cls(direction, ahead, np.arccos(np.clip(direction @ ahead, -1.0, 1.0)))
 
-    def bend(self) -> Array:
+    def lip_bend(self) -> Array:
         """Return (N,) ``phi - sin phi``: how much longer the wire is for every metre of the lip's radius."""
         bend: Array = self.phi - np.sin(self.phi)
         return bend
 
     def by_mouth(self) -> Array:
-        """Return (N, 2) [1/rad]: change of ``bend`` when the mouth turns either way, ``-tan(phi / 2) d e``."""
+        """Return (N, 2) [1/rad]: change of ``lip_bend`` when the mouth turns either way, ``-tan(phi / 2) d e``."""
         across = np.linalg.svd(self.ahead[None])[2][1:]
         by_mouth: Array = -np.tan(self.phi / 2.0)[:, None] * (self.direction @ across.T)
         return by_mouth

@@ -47,7 +47,7 @@ class WirePrior:
         if min(sigmas) < 0 or min(sigmas[:6]) == 0:
             raise CalibrationError("the deviations of a wire must be above zero")
 
-    def scaled(self, factor: float) -> "WirePrior":
+    def scale_disturbances(self, factor: float) -> "WirePrior":
         """Return the prior with all that no parameter describes larger by a factor; noise stays."""
         return replace(
             self,
@@ -79,7 +79,7 @@ _FLEX_RANGE_RAD, _RIPPLE_RANGE_RAD, _LOCAL_RANGE_RAD, _LINEARITY_RANGE_M = 0.6, 
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class WireSeen:
+class WirePoses:
     """Poses at which lengths are or will be taken: joints (N, n) [rad], sensor noise (N,) [m], flank (N,)."""
 
     joints_rad: Array
@@ -87,7 +87,7 @@ class WireSeen:
     either_flank: Array  # (N,) 1.0 where the joints may rest on either tooth flank, else 0.0
 
     @classmethod
-    def of(cls, joints_rad: Array, sigma_m: float | Array) -> "WireSeen":
+    def from_record_side(cls, joints_rad: Array, sigma_m: float | Array) -> "WirePoses":
         """Build for captures that all come to rest from the record's side."""
         joints = np.asarray(joints_rad, dtype=float)
         return cls(
@@ -99,19 +99,19 @@ class WireSeen:
 class WireTerms:
     """Modelled lengths (N,) [m] with their derivatives by joint (N, n) and by parameter (N, p)."""
 
-    seen: WireSeen
+    poses: WirePoses
     lengths: Array
     by_joint: Array
     by_parameter: Array
 
-    def noise(self, prior: WirePrior) -> Array:
+    def noise_variance(self, prior: WirePrior) -> Array:
         """Return (N,): the variance of what is drawn anew at every capture [m^2]."""
-        flank = prior.sigma_repeat_rad**2 + self.seen.either_flank * prior.sigma_backlash_rad**2
-        variance: Array = self.seen.sigma_m**2 + np.sum(self.by_joint**2, axis=1) * flank
+        flank = prior.sigma_repeat_rad**2 + self.poses.either_flank * prior.sigma_backlash_rad**2
+        variance: Array = self.poses.sigma_m**2 + np.sum(self.by_joint**2, axis=1) * flank
         return variance
 
 
-def wire_terms(model: RobotModel, parameters: Array, seen: WireSeen) -> WireTerms:
+def wire_terms(model: RobotModel, parameters: Array, poses: WirePoses) -> WireTerms:
     r"""Compute ``z + s |a - T(q, g) h|`` and its derivatives.
 
     Parameters
@@ -135,19 +135,19 @@ def wire_terms(model: RobotModel, parameters: Array, seen: WireSeen) -> WireTerm
     """
     hook, zero, scale = parameters[3:6], parameters[6], parameters[7]
     real = with_geometry(model, parameters[FRAME_PARAMETERS:])
-    tips, jacobian = real.tip_jacobian(seen.joints_rad, hook)
+    tips, jacobian = real.tip_jacobian(poses.joints_rad, hook)
     away = tips - parameters[:3]
     distance = np.linalg.norm(away, axis=1)
     if not (distance > 1e-3).all():
         raise CalibrationError("the hook is at the anchor of the wire: no direction")
     direction = away / distance[:, None]
     ones = np.ones((len(distance), 1))
-    rotations = real.base_flange(seen.joints_rad)[:, :3, :3]
+    rotations = real.base_flange(poses.joints_rad)[:, :3, :3]
     by_hook = np.einsum("ni,nij->nj", direction, rotations)
-    by_geometry = np.einsum("ni,nip->np", direction, _regressor(real, seen.joints_rad, hook))
+    by_geometry = np.einsum("ni,nip->np", direction, _hook_regressor(real, poses.joints_rad, hook))
     frames = [-scale * direction, scale * by_hook, ones, distance[:, None]]
     by_joint = scale * np.einsum("ni,nij->nj", direction, jacobian)
-    return WireTerms(seen, zero + scale * distance, by_joint, np.hstack([*frames, scale * by_geometry]))
+    return WireTerms(poses, zero + scale * distance, by_joint, np.hstack([*frames, scale * by_geometry]))
 
 
 def with_geometry(model: RobotModel, errors: Array) -> RobotModel:
@@ -157,7 +157,7 @@ def with_geometry(model: RobotModel, errors: Array) -> RobotModel:
     return model.with_dh_errors(errors.reshape(-1, 5))
 
 
-def _regressor(model: RobotModel, joints_rad: Array, hook: Array) -> Array:
+def _hook_regressor(model: RobotModel, joints_rad: Array, hook: Array) -> Array:
     table = model.placement_regressor if model.dh is None else model.dh_regressor
     regressor = table(joints_rad, hook)[1]
     postures, axes, *columns = regressor.shape
@@ -171,21 +171,21 @@ def disturbance_covariance(prior: WirePrior, a: WireTerms, b: WireTerms) -> Arra
     the Jacobians, the linearity of the sensor over 0.25 m of length, and a local rest over 0.05 rad. Captures
     at the poses of the record therefore share their disturbances with it, and captures elsewhere do not.
     """
-    gaps = a.seen.joints_rad[:, None, :] - b.seen.joints_rad[None, :, :]
+    gaps = a.poses.joints_rad[:, None, :] - b.poses.joints_rad[None, :, :]
     apart = a.lengths[:, None] - b.lengths[None, :]
-    return _disturbance(prior, gaps, apart, a.by_joint @ b.by_joint.T)
+    return _disturbance_covariance(prior, gaps, apart, a.by_joint @ b.by_joint.T)
 
 
 def disturbance_of_sets(prior: WirePrior, terms: WireTerms, size: int) -> Array:
     """Return (B, K, K) [m^2]: the same inside B sets of K = ``size`` lengths each."""
-    joints = terms.seen.joints_rad.reshape(-1, size, terms.seen.joints_rad.shape[1])
+    joints = terms.poses.joints_rad.reshape(-1, size, terms.poses.joints_rad.shape[1])
     lengths, by_joint = terms.lengths.reshape(-1, size), terms.by_joint.reshape(joints.shape)
     gaps = joints[:, :, None, :] - joints[:, None, :, :]
     apart = lengths[:, :, None] - lengths[:, None, :]
-    return _disturbance(prior, gaps, apart, by_joint @ np.swapaxes(by_joint, 1, 2))
+    return _disturbance_covariance(prior, gaps, apart, by_joint @ np.swapaxes(by_joint, 1, 2))
 
 
-def _disturbance(prior: WirePrior, gaps: Array, apart: Array, lever: Array) -> Array:
+def _disturbance_covariance(prior: WirePrior, gaps: Array, apart: Array, lever: Array) -> Array:
     square = np.einsum("...j,...j->...", gaps, gaps)
     joint_part = prior.sigma_flex_rad**2 * np.exp(-square / (2 * _FLEX_RANGE_RAD**2))
     joint_part = joint_part + prior.sigma_ripple_rad**2 * np.exp(-square / (2 * _RIPPLE_RANGE_RAD**2))

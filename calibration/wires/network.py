@@ -16,8 +16,14 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.wires.arm import flank_values, free_geometry
-from cellcal.calibration.wires.lip import Leaving
-from cellcal.calibration.wires.model import WirePrior, WireSeen, WireTerms, disturbance_covariance, wire_terms
+from cellcal.calibration.wires.lip import WireExit
+from cellcal.calibration.wires.model import (
+    WirePoses,
+    WirePrior,
+    WireTerms,
+    disturbance_covariance,
+    wire_terms,
+)
 
 Triple = tuple[float, float, float]
 Joints = tuple[float, ...]
@@ -26,7 +32,7 @@ WIRE_PARAMETERS = 5  # zero, scale, lip, slow linearity
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WirePlace:
     """An exit (base frame) or a hook (flange frame) as far as a tape measure or a drawing tells."""
 
     at_m: Triple
@@ -41,12 +47,12 @@ class Place:
 class WireBelief:
     """What is known of wire and arm before measuring; ``wire`` gives zero, scale, geometry and disturbances.
 
-    With the sag of the joints among the parameters, what is left of flexing is small: the defaults of ``tight``.
+    With the sag of the joints among the parameters, what is left of flexing is small: the defaults of ``with_certified_scale``.
     """
 
     wire: WirePrior
-    exits: tuple[Place, ...]
-    hooks: tuple[Place, ...]
+    exits: tuple[WirePlace, ...]
+    hooks: tuple[WirePlace, ...]
     exit_radius_m: float = 0.0015  # of the lip over which the wire bends
     sigma_exit_radius_m: float = 0.0003
     range_m: float = 3.0  # of the wire
@@ -65,8 +71,8 @@ class WireBelief:
         return (self.wire.sigma_scale, self.sigma_exit_radius_m, self.sigma_slow_m, self.sigma_slow_m)
 
     @classmethod
-    def tight(
-        cls, wire: WirePrior, exits: tuple[Place, ...], hooks: tuple[Place, ...], sigma_scale: float
+    def with_certified_scale(
+        cls, wire: WirePrior, exits: tuple[WirePlace, ...], hooks: tuple[WirePlace, ...], sigma_scale: float
     ) -> "WireBelief":
         """Return the belief for a wire whose scale is certified, with sag told apart from other disturbances."""
         disturbed = replace(
@@ -81,7 +87,7 @@ class WireBelief:
 
 
 @dataclass(frozen=True, slots=True)
-class Mounting:
+class WireMounting:
     """Lengths taken with the wire in one place: which exit, which hook, and where the wire's mouth looks."""
 
     exit: int
@@ -93,29 +99,29 @@ class Mounting:
     another_day: bool = False  # hung in again: hook and zero may differ by the session's deviation
 
 
-class Network:
+class WireEquations:
     """The linear algebra that a fit and a design share: parameters, priors, lengths and their covariance."""
 
-    def __init__(self, model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]) -> None:
+    def __init__(self, model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> None:
         self.model, self.belief, self.mountings = model, belief, mountings
         self.free = free_geometry(model)
         self.sag = gravity_terms(model)
-        joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axes) for m in mountings]
+        joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axis_count) for m in mountings]
         sigmas = [np.array(m.sigma_m, dtype=float) for m in mountings]
         self.rows = np.cumsum([0, *map(len, joints)])
-        self._mouths = self._looks()
-        self.seen = WireSeen.of(np.concatenate(joints), np.concatenate(sigmas))
-        loaded, flanks = flank_values(model, self.seen.joints_rad)
+        self._mouths = self._mouth_directions()
+        self.poses = WirePoses.from_record_side(np.concatenate(joints), np.concatenate(sigmas))
+        loaded, flanks = flank_values(model, self.poses.joints_rad)
         moved = np.array([*(term.joint for term in self.sag), *loaded], dtype=np.intp)
         self._sagging = np.linalg.inv(model.joint_coupling).T[moved]
-        self._sag_values = np.vstack([term_values(model, self.seen.joints_rad, self.sag), flanks])
+        self._sag_values = np.vstack([term_values(model, self.poses.joints_rad, self.sag), flanks])
         wire, places = belief.wire, (*belief.exits, *belief.hooks)
         self.first = 3 * len(places)  # zero, scale, lip, slow linearity; then geometry, sag, flanks
         angle, length = wire.sigma_angle_rad, wire.sigma_length_m
         sizes = (
-            np.tile([angle, length, length, angle, angle], model.axes)
+            np.tile([angle, length, length, angle, angle], model.axis_count)
             if model.dh is not None
-            else np.tile([length] * 3 + [angle] * 3, model.axes + 1)
+            else np.tile([length] * 3 + [angle] * 3, model.axis_count + 1)
         )
         self.nominal = np.concatenate(
             [
@@ -134,7 +140,7 @@ class Network:
             ]
         )
 
-    def _looks(self) -> list[tuple[int, Triple | None, NDArray[np.intp]]]:
+    def _mouth_directions(self) -> list[tuple[int, Triple | None, NDArray[np.intp]]]:
         """Return every way a mouth looks: its exit, the place in front of it, and the rows of all its mountings."""
         ways: dict[tuple[int, Triple | None], list[NDArray[np.intp]]] = {}
         for m, mounting in enumerate(self.mountings):
@@ -142,9 +148,9 @@ class Network:
             ways.setdefault((mounting.exit, mounting.mouth_at_m), []).append(rows)
         return [(exit_, mouth, np.concatenate(rows)) for (exit_, mouth), rows in ways.items()]
 
-    def terms(self, x: Array) -> WireTerms:
+    def wire_terms(self, x: Array) -> WireTerms:
         """Return lengths (N,), and derivatives by joint (N, n) and by parameter (N, p)."""
-        lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axes))
+        lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axis_count))
         by_x = np.zeros((self.rows[-1], len(x)))
         geometry = np.zeros(len(self.free))
         geometry[self.free] = x[
@@ -152,24 +158,27 @@ class Network:
         ]
         for m, mounting in enumerate(self.mountings):
             rows = slice(self.rows[m], self.rows[m + 1])
-            lengths[rows], by_joint[rows] = self._mounted(x, geometry, mounting, rows, by_x)
-        for exit_, mouth, seen in self._mouths:
+            lengths[rows], by_joint[rows] = self._mounted_lengths(x, geometry, mounting, rows, by_x)
+        for exit_, mouth, mouth_rows in self._mouths:
             at = slice(3 * exit_, 3 * exit_ + 3)
-            bend = Leaving.of(-by_x[seen, at], lengths[seen], x[at], mouth).bend()
-            by_x[seen, self.first + 2] = bend
-            lengths[seen] += bend * x[self.first + 2]
-        return WireTerms(self.seen, lengths, by_joint, by_x)
+            bend = WireExit.from_wires(-by_x[mouth_rows, at], lengths[mouth_rows], x[at], mouth).lip_bend()
+            by_x[mouth_rows, self.first + 2] = bend
+            lengths[mouth_rows] += bend * x[self.first + 2]
+        return WireTerms(self.poses, lengths, by_joint, by_x)
 
-    def _mounted(
-        self, x: Array, geometry: Array, mounting: Mounting, rows: slice, by_x: Array
+    def _mounted_lengths(
+        self, x: Array, geometry: Array, mounting: WireMounting, rows: slice, by_x: Array
     ) -> tuple[Array, Array]:
         """Return lengths and derivatives by joint of one mounting; fill its rows of ``by_x``."""
-        first, seen = self.first, WireSeen.of(self.seen.joints_rad[rows], self.seen.sigma_m[rows])
+        first, poses = (
+            self.first,
+            WirePoses.from_record_side(self.poses.joints_rad[rows], self.poses.sigma_m[rows]),
+        )
         exit_at = slice(3 * mounting.exit, 3 * mounting.exit + 3)
         hook = len(self.belief.exits) + mounting.hook
         hook_at = slice(3 * hook, 3 * hook + 3)
         inner = np.concatenate([x[exit_at], x[hook_at], x[first : first + 2], geometry])
-        terms = wire_terms(self.model, inner, seen)
+        terms = wire_terms(self.model, inner, poses)
         by_inner = terms.by_parameter
         by_x[rows, exit_at], by_x[rows, hook_at] = by_inner[:, :3], by_inner[:, 3:6]
         by_x[rows, first : first + 2] = by_inner[:, 6:8]
@@ -184,27 +193,27 @@ class Network:
         )
         return terms.lengths + bent, terms.by_joint
 
-    def scatter(self, terms: WireTerms, factor: float = 1.0) -> Array:
+    def length_covariance(self, terms: WireTerms, factor: float = 1.0) -> Array:
         """Return (N, N) [m^2]: noise, disturbances and what differs from day to day."""
-        return self.disturbance(terms, factor) + self._noise(terms)
+        return self.disturbance_covariance(terms, factor) + self._noise_covariance(terms)
 
-    def disturbance(self, terms: WireTerms, factor: float = 1.0) -> Array:
+    def disturbance_covariance(self, terms: WireTerms, factor: float = 1.0) -> Array:
         """Return (N, N) [m^2]: what no parameter describes, larger by a factor than believed."""
-        return disturbance_covariance(self.belief.wire.scaled(factor), terms, terms)
+        return disturbance_covariance(self.belief.wire.scale_disturbances(factor), terms, terms)
 
-    def _noise(self, terms: WireTerms) -> Array:
-        noise = np.diag(terms.noise(self.belief.wire))
+    def _noise_covariance(self, terms: WireTerms) -> Array:
+        noise = np.diag(terms.noise_variance(self.belief.wire))
         for m, mounting in enumerate(self.mountings):
             rows = slice(self.rows[m], self.rows[m + 1])
             if mounting.another_day:
                 hook = 3 * (len(self.belief.exits) + mounting.hook)
                 hung = terms.by_parameter[rows][:, [hook, hook + 1, hook + 2, self.first]]
                 noise[rows, rows] += hung @ hung.T * self.belief.wire.sigma_session_m**2
-        for exit_, mouth, seen in self._mouths:
+        for exit_, mouth, mouth_rows in self._mouths:
             exit_m = np.array(self.belief.exits[exit_].at_m)
-            towards = -terms.by_parameter[seen, 3 * exit_ : 3 * exit_ + 3]
-            wire = Leaving.of(towards, terms.lengths[seen], exit_m, mouth)
+            towards = -terms.by_parameter[mouth_rows, 3 * exit_ : 3 * exit_ + 3]
+            wire = WireExit.from_wires(towards, terms.lengths[mouth_rows], exit_m, mouth)
             sigma = self.belief.sigma_unseen_mouth_rad if mouth is None else self.belief.sigma_mouth_rad
             turned = sigma * self.belief.exit_radius_m * wire.by_mouth()
-            noise[np.ix_(seen, seen)] += turned @ turned.T
+            noise[np.ix_(mouth_rows, mouth_rows)] += turned @ turned.T
         return np.asarray(noise, dtype=np.float64)

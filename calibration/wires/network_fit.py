@@ -10,7 +10,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import WireTerms
-from cellcal.calibration.wires.network import WIRE_PARAMETERS, Mounting, Network, Triple, WireBelief
+from cellcal.calibration.wires.network import WIRE_PARAMETERS, Triple, WireBelief, WireEquations, WireMounting
 
 _MAX_ITERATIONS = 15
 _SETTLED = 1e-4  # of a parameter's deviation
@@ -41,13 +41,13 @@ class WireNetwork:
     worst_capture: int
     worst_deviation: float  # … and by how many deviations
 
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Tell whether the lengths fit their model at 99.9 % and none stands out."""
         return self.chi_square <= chi_square_limit(self.n) and self.worst_deviation < _STANDS_OUT
 
     def exit_covariance(self, exits: Sequence[int]) -> Array:
         """Return (3 k, 3 k) of these exits [m^2]."""
-        return _block(np.array(self.covariance), exits)
+        return _covariance_block(np.array(self.covariance), exits)
 
     def exit_and_wire_covariance(self, exits: Sequence[int]) -> Array:
         """Return (3 k + 4, 3 k + 4) of these exits [m^2], then of the scale [1], lip and slow linearity [m]."""
@@ -61,10 +61,10 @@ class WireNetwork:
 
     def hook_covariance(self, hooks: Sequence[int]) -> Array:
         """Return (3 k, 3 k) of these hooks [m^2]."""
-        return _block(np.array(self.covariance), [len(self.exits_m) + h for h in hooks])
+        return _covariance_block(np.array(self.covariance), [len(self.exits_m) + h for h in hooks])
 
 
-def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]) -> WireNetwork:
+def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> WireNetwork:
     r"""Fit all exits, hooks, the wire and the arm's errors to lengths from several mountings.
 
     ``y = z + s |a_e - T(q + sag(q), g) h_k| + r (phi - sin phi) + d + e``: zero z, scale s, exit a, hook h,
@@ -102,20 +102,20 @@ def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[Mount
     ----------
     Derived in calibration/README.md, section 6. Lip: a wire bent by phi around radius r is r (phi - sin phi) longer.
     """
-    return _result(*_fitted(model, belief, mountings))
+    return _make_result(*_fit_network(model, belief, mountings))
 
 
-def misses(model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]) -> Array:
+def length_misses(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> Array:
     """Return what every length misses the same fit by, measured minus computed, one mounting after the other [m].
 
     A length whose deviation is a metre weighs nothing in the fit, and its miss is told all the same.
     """
-    _, solved, lengths, _ = _fitted(model, belief, mountings)
+    _, solved, lengths, _ = _fit_network(model, belief, mountings)
     return np.asarray(lengths - solved.terms.lengths, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Solved:
+class _NetworkEstimate:
     """A maximum a posteriori estimate, and what the lengths are from the nominal ones, linearised."""
 
     x: Array
@@ -124,55 +124,59 @@ class _Solved:
     innovation: Array
 
 
-def _fitted(
-    model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]
-) -> tuple[Network, _Solved, Array, float]:
+def _fit_network(
+    model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]
+) -> tuple[WireEquations, _NetworkEstimate, Array, float]:
     """Return the fit with the lengths it is of, and how much larger the disturbances are than believed."""
-    _check(model, belief, mountings)
-    network = Network(model, belief, mountings)
+    _check_mountings(model, belief, mountings)
+    network = WireEquations(model, belief, mountings)
     lengths = np.concatenate([m.lengths_m for m in mountings])
-    solved = _solve(network, lengths, 1.0)
+    solved = _solve_network(network, lengths, 1.0)
     factor = _disturbance_factor(network, solved)
-    return network, _solve(network, lengths, factor, solved.x), lengths, factor
+    return network, _solve_network(network, lengths, factor, solved.x), lengths, factor
 
 
-def _solve(network: Network, lengths: Array, factor: float, start: Array | None = None) -> _Solved:
+def _solve_network(
+    network: WireEquations, lengths: Array, factor: float, start: Array | None = None
+) -> _NetworkEstimate:
     nominal, sigma = network.nominal, network.sigma
     x = nominal.copy() if start is None else start
     for _ in range(_MAX_ITERATIONS):
-        terms = network.terms(x)
+        terms = network.wire_terms(x)
         by_x = terms.by_parameter * sigma
-        weighted = np.linalg.solve(network.scatter(terms, factor), by_x)
+        weighted = np.linalg.solve(network.length_covariance(terms, factor), by_x)
         information = by_x.T @ weighted + np.eye(len(x))
         pull = weighted.T @ (lengths - terms.lengths) - (x - nominal) / sigma
         step = np.linalg.solve(information, pull)
         x = x + sigma * step
         if float(np.abs(step).max()) < _SETTLED:
             break
-    terms = network.terms(x)
+    terms = network.wire_terms(x)
     covariance = np.linalg.inv(information) * np.outer(sigma, sigma)
     innovation = lengths - terms.lengths + terms.by_parameter @ (x - nominal)
-    return _Solved(x, np.asarray(covariance, dtype=np.float64), terms, innovation)
+    return _NetworkEstimate(x, np.asarray(covariance, dtype=np.float64), terms, innovation)
 
 
-def _disturbance_factor(network: Network, solved: _Solved) -> float:
+def _disturbance_factor(network: WireEquations, solved: _NetworkEstimate) -> float:
     """Return by what factor the disturbances are most likely larger than believed (marginal likelihood)."""
     weighted = solved.terms.by_parameter * network.sigma
-    disturbance = network.disturbance(solved.terms)
-    known = weighted @ weighted.T + network.scatter(solved.terms) - disturbance
+    disturbance = network.disturbance_covariance(solved.terms)
+    scatter = weighted @ weighted.T + network.length_covariance(solved.terms) - disturbance
     factors = np.exp(np.linspace(-_MOST_LOG_FACTOR, _MOST_LOG_FACTOR, _FACTOR_STEPS))
     misfits = []
     for factor in factors:
-        lower = np.linalg.cholesky(known + factor**2 * disturbance)
+        lower = np.linalg.cholesky(scatter + factor**2 * disturbance)
         white = np.linalg.solve(lower, solved.innovation)
         misfits.append(float(white @ white) + 2.0 * float(np.log(np.diag(lower)).sum()))
     surprise = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
     return float(factors[np.argmin(np.array(misfits) + surprise)])
 
 
-def _result(network: Network, solved: _Solved, lengths: Array, factor: float) -> WireNetwork:
+def _make_result(
+    network: WireEquations, solved: _NetworkEstimate, lengths: Array, factor: float
+) -> WireNetwork:
     weighted = solved.terms.by_parameter * network.sigma
-    precision = np.linalg.inv(network.scatter(solved.terms, factor) + weighted @ weighted.T)
+    precision = np.linalg.inv(network.length_covariance(solved.terms, factor) + weighted @ weighted.T)
     deviations = np.abs(precision @ solved.innovation) / np.sqrt(np.diag(precision))
     worst = int(np.argmax(deviations))
     mounting = int(np.searchsorted(network.rows, worst, side="right")) - 1
@@ -180,8 +184,8 @@ def _result(network: Network, solved: _Solved, lengths: Array, factor: float) ->
     exits = len(network.belief.exits)
     residuals = lengths - solved.terms.lengths
     return WireNetwork(
-        exits_m=tuple(_triple(p) for p in places[:exits]),
-        hooks_m=tuple(_triple(p) for p in places[exits:]),
+        exits_m=tuple(_to_triple(p) for p in places[:exits]),
+        hooks_m=tuple(_to_triple(p) for p in places[exits:]),
         covariance=tuple(
             tuple(float(v) for v in row)
             for row in solved.covariance[: first + WIRE_PARAMETERS, : first + WIRE_PARAMETERS]
@@ -200,7 +204,7 @@ def _result(network: Network, solved: _Solved, lengths: Array, factor: float) ->
     )
 
 
-def _check(model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]) -> None:
+def _check_mountings(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> None:
     if not mountings:
         raise DegenerateDataError("no length was taken.", remedy="Mount the wire and capture some poses.")
     for m, mounting in enumerate(mountings, 1):
@@ -212,14 +216,14 @@ def _check(model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting])
             )
         if {len(mounting.joints_rad), len(mounting.sigma_m)} != {count}:
             raise CalibrationError(f"mounting {m}: every length needs its joints and its deviation")
-        if any(len(joints) != model.axes for joints in mounting.joints_rad):
-            raise CalibrationError(f"mounting {m}: every length needs {model.axes} joint angles")
+        if any(len(joints) != model.axis_count for joints in mounting.joints_rad):
+            raise CalibrationError(f"mounting {m}: every length needs {model.axis_count} joint angles")
         if not (0 <= mounting.exit < len(belief.exits) and 0 <= mounting.hook < len(belief.hooks)):
             raise CalibrationError(f"mounting {m} names an exit or a hook that nobody described")
         _check_numbers(mounting, m)
 
 
-def _check_numbers(mounting: Mounting, number: int) -> None:
+def _check_numbers(mounting: WireMounting, number: int) -> None:
     values = [*mounting.lengths_m, *mounting.sigma_m, *(q for joints in mounting.joints_rad for q in joints)]
     if not np.isfinite([*values, *(mounting.mouth_at_m or ())]).all():
         raise CalibrationError(f"mounting {number}: joints, lengths and deviations must be finite")
@@ -227,12 +231,12 @@ def _check_numbers(mounting: Mounting, number: int) -> None:
         raise CalibrationError(f"mounting {number}: the sensor's deviation must be above zero")
 
 
-def _block(covariance: Array, places: Sequence[int]) -> Array:
+def _covariance_block(covariance: Array, places: Sequence[int]) -> Array:
     index = [3 * p + axis for p in places for axis in range(3)]
     block: Array = covariance[np.ix_(index, index)]
     return block
 
 
-def _triple(values: Array) -> Triple:
+def _to_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return (x, y, z)

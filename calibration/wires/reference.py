@@ -10,8 +10,8 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import (
+    WirePoses,
     WirePrior,
-    WireSeen,
     WireTerms,
     disturbance_covariance,
     disturbance_of_sets,
@@ -51,12 +51,12 @@ class WireReference:
     lengths_m: tuple[float, ...]
     sigma_m: tuple[float, ...]
 
-    def parameters(self) -> Array:
+    def parameter_vector(self) -> Array:
         """Return the parameter vector in the order of the covariance."""
         first = (*self.anchor_in_base_m, *self.hook_in_flange_m, self.zero_m, self.scale)
         return np.array([*first, *self.geometry_errors])
 
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Tell whether the record fits its model at 99.9 % and no capture stands out at 4.5 deviations."""
         return self.chi_square <= chi_square_limit(self.degrees_of_freedom) and self.worst_deviation < 4.5
 
@@ -66,8 +66,8 @@ def parameter_sigmas(model: RobotModel, prior: WirePrior) -> Array:
     length, angle = prior.sigma_length_m, prior.sigma_angle_rad
     frames = [prior.sigma_anchor_m] * 3 + [prior.sigma_hook_m] * 3 + [prior.sigma_zero_m, prior.sigma_scale]
     if model.dh is None:
-        return np.array(frames + ([length] * 3 + [angle] * 3) * (model.axes + 1))
-    return np.array(frames + [angle, length, length, angle, angle] * model.axes)
+        return np.array(frames + ([length] * 3 + [angle] * 3) * (model.axis_count + 1))
+    return np.array(frames + [angle, length, length, angle, angle] * model.axis_count)
 
 
 def fit_wire_reference(
@@ -117,14 +117,14 @@ def fit_wire_reference(
     joints, lengths = np.asarray(joints_rad, dtype=float), np.asarray(lengths_m, dtype=float)
     sigmas = np.broadcast_to(np.asarray(sigma_m, dtype=float), lengths.shape)
     _check_record(model, joints, lengths, sigmas)
-    fit = _solve(model, WireSeen.of(joints, sigmas), lengths, prior)
+    fit = _solve_record(model, WirePoses.from_record_side(joints, sigmas), lengths, prior)
     factor = _disturbance_factor(fit, prior)
-    fitted = prior.scaled(factor)
-    return _reference(_solve(model, fit.terms.seen, lengths, fitted), fitted, factor)
+    fitted = prior.scale_disturbances(factor)
+    return _make_reference(_solve_record(model, fit.terms.poses, lengths, fitted), fitted, factor)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Fit:
+class _ReferenceFit:
     """A solved record: terms at the estimate, measured minus modelled, and against the prior."""
 
     terms: WireTerms
@@ -135,15 +135,15 @@ class _Fit:
     innovation: Array  # measured minus what the nominal parameters predict, linearised
 
 
-def _solve(model: RobotModel, seen: WireSeen, lengths: Array, prior: WirePrior) -> _Fit:
+def _solve_record(model: RobotModel, poses: WirePoses, lengths: Array, prior: WirePrior) -> _ReferenceFit:
     sigma_x = parameter_sigmas(model, prior)
     nominal: Array = np.zeros(len(sigma_x))
     nominal[:8] = [*prior.anchor_in_base_m, *prior.hook_in_flange_m, prior.zero_m, 1.0]
     x = nominal.copy()
     for _ in range(_MAX_ITERATIONS):
-        terms = wire_terms(model, x, seen)
+        terms = wire_terms(model, x, poses)
         by_x = terms.by_parameter
-        weight = np.linalg.inv(_scatter(prior, terms))
+        weight = np.linalg.inv(_length_covariance(prior, terms))
         information = by_x.T @ weight @ by_x + np.diag(sigma_x**-2.0)
         step = np.linalg.solve(
             information, by_x.T @ weight @ (lengths - terms.lengths) - (x - nominal) / sigma_x**2
@@ -151,22 +151,22 @@ def _solve(model: RobotModel, seen: WireSeen, lengths: Array, prior: WirePrior) 
         x = x + step
         if float(np.max(np.abs(step) / sigma_x)) < _SETTLED:
             break
-    terms = wire_terms(model, x, seen)
+    terms = wire_terms(model, x, poses)
     residuals = lengths - terms.lengths
     innovation = residuals + terms.by_parameter @ (x - nominal)
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    return _Fit(terms, x, covariance, sigma_x, residuals, innovation)
+    return _ReferenceFit(terms, x, covariance, sigma_x, residuals, innovation)
 
 
-def _scatter(prior: WirePrior, terms: WireTerms) -> Array:
-    scatter: Array = disturbance_covariance(prior, terms, terms) + np.diag(terms.noise(prior))
+def _length_covariance(prior: WirePrior, terms: WireTerms) -> Array:
+    scatter: Array = disturbance_covariance(prior, terms, terms) + np.diag(terms.noise_variance(prior))
     return scatter
 
 
-def _disturbance_factor(fit: _Fit, prior: WirePrior) -> float:
+def _disturbance_factor(fit: _ReferenceFit, prior: WirePrior) -> float:
     """Return by what factor the disturbances are most likely larger than believed (marginal likelihood)."""
     weighted = fit.terms.by_parameter * fit.sigma_x
-    frame = weighted @ weighted.T + np.diag(fit.terms.noise(prior))
+    frame = weighted @ weighted.T + np.diag(fit.terms.noise_variance(prior))
     disturbance = disturbance_covariance(prior, fit.terms, fit.terms)
     factors = np.exp(np.linspace(-_MOST_LOG_FACTOR, _MOST_LOG_FACTOR, _FACTOR_STEPS))
     totals = frame + factors[:, None, None] ** 2 * disturbance
@@ -179,35 +179,37 @@ def _disturbance_factor(fit: _Fit, prior: WirePrior) -> float:
 
 
 def _check_record(model: RobotModel, joints: Array, lengths: Array, sigmas: Array) -> None:
-    if joints.ndim != 2 or joints.shape != (len(lengths), model.axes):
-        raise CalibrationError(f"{len(lengths)} lengths need ({len(lengths)}, {model.axes}) joint angles")
+    if joints.ndim != 2 or joints.shape != (len(lengths), model.axis_count):
+        raise CalibrationError(
+            f"{len(lengths)} lengths need ({len(lengths)}, {model.axis_count}) joint angles"
+        )
     if not (np.isfinite(joints).all() and np.isfinite(lengths).all() and np.isfinite(sigmas).all()):
         raise CalibrationError("a record must be finite")
     if (sigmas <= 0).any():
         raise CalibrationError("the sensor's deviation must be above zero")
-    if len(lengths) < model.axes + 2:
+    if len(lengths) < model.axis_count + 2:
         raise DegenerateDataError(
-            f"{len(lengths)} captures cannot describe a wire on {model.axes} joints",
+            f"{len(lengths)} captures cannot describe a wire on {model.axis_count} joints",
             remedy="Take at least 24 captures over the whole reach.",
         )
 
 
-def _reference(fit: _Fit, prior: WirePrior, factor: float) -> WireReference:
+def _make_reference(fit: _ReferenceFit, prior: WirePrior, factor: float) -> WireReference:
     terms, x = fit.terms, fit.x
     # Before the fit the lengths scatter by this much around the nominal prediction: chi square, and the
     # deviation of each capture from what all others predict, follow from this one matrix.
     weighted = terms.by_parameter * fit.sigma_x
-    precision = np.linalg.inv(_scatter(prior, terms) + weighted @ weighted.T)
+    precision = np.linalg.inv(_length_covariance(prior, terms) + weighted @ weighted.T)
     deviations = np.abs(precision @ fit.innovation) / np.sqrt(np.diag(precision))
     worst = int(np.argmax(deviations))
     count = len(fit.residuals)
     return WireReference(
-        anchor_in_base_m=_triple(x[:3]),
-        hook_in_flange_m=_triple(x[3:6]),
+        anchor_in_base_m=_to_triple(x[:3]),
+        hook_in_flange_m=_to_triple(x[3:6]),
         zero_m=float(x[6]),
         scale=float(x[7]),
-        geometry_errors=_floats(x[8:]),
-        covariance=tuple(_floats(row) for row in fit.covariance),
+        geometry_errors=_to_floats(x[8:]),
+        covariance=tuple(_to_floats(row) for row in fit.covariance),
         residual_rms_m=float(np.sqrt(np.mean(fit.residuals**2))),
         chi_square=float(fit.innovation @ precision @ fit.innovation),
         degrees_of_freedom=count,
@@ -215,17 +217,17 @@ def _reference(fit: _Fit, prior: WirePrior, factor: float) -> WireReference:
         disturbance_factor=factor,
         worst_capture=worst,
         worst_deviation=float(deviations[worst]),
-        joints_rad=tuple(_floats(row) for row in terms.seen.joints_rad),
-        lengths_m=_floats(terms.lengths + fit.residuals),
-        sigma_m=_floats(terms.seen.sigma_m),
+        joints_rad=tuple(_to_floats(row) for row in terms.poses.joints_rad),
+        lengths_m=_to_floats(terms.lengths + fit.residuals),
+        sigma_m=_to_floats(terms.poses.sigma_m),
     )
 
 
-def _floats(values: Array) -> tuple[float, ...]:
+def _to_floats(values: Array) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
 
 
-def _triple(values: Array) -> tuple[float, float, float]:
+def _to_triple(values: Array) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
@@ -239,22 +241,22 @@ class WirePredictor:
     """
 
     def __init__(self, model: RobotModel, reference: WireReference, prior: WirePrior) -> None:
-        self._model, self._prior = model, prior.scaled(reference.disturbance_factor)
-        self._parameters = reference.parameters()
+        self._model, self._prior = model, prior.scale_disturbances(reference.disturbance_factor)
+        self._parameters = reference.parameter_vector()
         self._posterior = np.array(reference.covariance)
         if len(self._parameters) != len(parameter_sigmas(model, prior)):
             raise CalibrationError(f"the reference was not fitted with the model {model.name}")
-        seen = WireSeen.of(np.array(reference.joints_rad), np.array(reference.sigma_m))
-        self._record = self.terms(seen)
-        self._weight = np.linalg.inv(_scatter(self._prior, self._record))
+        poses = WirePoses.from_record_side(np.array(reference.joints_rad), np.array(reference.sigma_m))
+        self._record = self.wire_terms(poses)
+        self._weight = np.linalg.inv(_length_covariance(self._prior, self._record))
         self._weighted_residuals = self._weight @ (np.array(reference.lengths_m) - self._record.lengths)
         self.sigma_m = float(np.median(reference.sigma_m))  # of a typical capture
 
-    def terms(self, seen: WireSeen) -> WireTerms:
+    def wire_terms(self, poses: WirePoses) -> WireTerms:
         """Return the fitted model's lengths and derivatives."""
-        return wire_terms(self._model, self._parameters, seen)
+        return wire_terms(self._model, self._parameters, poses)
 
-    def expect(self, terms: WireTerms) -> tuple[Array, Array]:
+    def expected_lengths(self, terms: WireTerms) -> tuple[Array, Array]:
         """Return expected lengths (N,) [m] and their covariance (N, N) [m^2], the captures' noise in it."""
         prior, by_x = self._prior, terms.by_parameter
         shared = disturbance_covariance(prior, terms, self._record)
@@ -263,11 +265,11 @@ class WirePredictor:
         hung_in_again = by_x[:, 3:7] * prior.sigma_session_m
         covariance = disturbance_covariance(prior, terms, terms) - gain @ shared.T
         covariance += free @ self._posterior @ free.T + hung_in_again @ hung_in_again.T
-        covariance += np.diag(terms.noise(prior))
+        covariance += np.diag(terms.noise_variance(prior))
         return terms.lengths + shared @ self._weighted_residuals, (covariance + covariance.T) / 2.0
 
     def scatter_of_sets(self, terms: WireTerms, size: int) -> Array:
-        """Return (B, K, K) [m^2]: the covariances of ``expect`` inside B sets of K = ``size`` captures each.
+        """Return (B, K, K) [m^2]: the covariances of ``expected_lengths`` inside B sets of K = ``size`` captures each.
 
         What captures of different sets share is not computed: many sets are compared in little time.
         """
@@ -276,17 +278,19 @@ class WirePredictor:
         gain = shared @ self._weight
         free = by_x - gain @ self._record.by_parameter
         hung_in_again = by_x[:, 3:7] * prior.sigma_session_m
-        sets: Array = disturbance_of_sets(prior, terms, size) - _within(gain, shared, size)
-        sets += _within(free @ self._posterior, free, size) + _within(hung_in_again, hung_in_again, size)
+        sets: Array = disturbance_of_sets(prior, terms, size) - _group_products(gain, shared, size)
+        sets += _group_products(free @ self._posterior, free, size) + _group_products(
+            hung_in_again, hung_in_again, size
+        )
         each = np.arange(size)
-        sets[:, each, each] += terms.noise(prior).reshape(-1, size)
+        sets[:, each, each] += terms.noise_variance(prior).reshape(-1, size)
         symmetric: Array = (sets + np.swapaxes(sets, 1, 2)) / 2.0
         return symmetric
 
 
-def _within(left: Array, right: Array, size: int) -> Array:
+def _group_products(first_factor: Array, right: Array, size: int) -> Array:
     """Return (B, K, K): the blocks of left @ right' for B groups of K = ``size`` rows."""
-    blocks: Array = left.reshape(-1, size, left.shape[1]) @ np.swapaxes(
+    blocks: Array = first_factor.reshape(-1, size, first_factor.shape[1]) @ np.swapaxes(
         right.reshape(-1, size, right.shape[1]), 1, 2
     )
     return blocks

@@ -23,7 +23,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.service.cli.run_end import tell
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import Door
 from cellcal.service.runs.launch import Where, start
 
 TIP_M = (0.03, -0.02, 0.15)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _TELEGRAM_SHARE = 0.5  # of the deadline: connecting takes two telegrams
 
 
-class _AnyBus(BaseModel):
+class _DrawWireOptions(BaseModel):
     """How good a draw-wire is."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -27,7 +27,7 @@ class _AnyBus(BaseModel):
     deadline_s: float = Field(default=1.0, gt=0, le=60)
 
 
-class ModbusDrawWireConfig(_AnyBus):
+class ModbusDrawWireConfig(_DrawWireOptions):
     """How to reach a draw-wire on Modbus TCP."""
 
     interface: Literal["modbus"]
@@ -54,7 +54,7 @@ class ModbusDrawWireConfig(_AnyBus):
             await gauge.close()
 
 
-class DrawWireConfig(_AnyBus):
+class DrawWireConfig(_DrawWireOptions):
     """How to reach a draw-wire on CANopen."""
 
     interface: Literal["socketcand", "socketcan"]

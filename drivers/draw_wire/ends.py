@@ -3,7 +3,7 @@
 from cellcal.drivers.errors import RefusedError
 
 
-def refuse_ends(device: str, value_m: float, range_m: float, margin_m: float) -> None:
+def refuse_near_ends(device: str, value_m: float, range_m: float, margin_m: float) -> None:
     """Raise RefusedError for a length within ``margin_m`` of either end of the range."""
     if value_m <= margin_m:
         raise RefusedError(
@@ -19,7 +19,7 @@ def refuse_ends(device: str, value_m: float, range_m: float, margin_m: float) ->
         )
 
 
-def moved_zero(device: str, moved_m: float) -> RefusedError:
+def moved_zero_error(device: str, moved_m: float) -> RefusedError:
     """Return the error for a zero that is not where it was when the gauge was connected."""
     return RefusedError(
         device,

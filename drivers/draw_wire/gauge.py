@@ -5,13 +5,13 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from cellcal.drivers.draw_wire.ends import moved_zero, refuse_ends
-from cellcal.drivers.draw_wire.objects import ObjectTable, decode
+from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
+from cellcal.drivers.draw_wire.objects import ObjectTable, decode_entry
 from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
-from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
+from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, LengthReading, Readiness
 from cellcal.drivers.wire.can_session import Emergency
 from cellcal.drivers.wire.canopen import CanopenLink
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _LOG = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class DrawWire:
         self._link, self._table, self._options = link, table, options
         self._step_m = 0.0
         self._offset: int | None = None
-        link.greet = self._greet
+        link.greet = self._check_device
 
     @property
     def name(self) -> str:
@@ -51,7 +51,7 @@ class DrawWire:
 
     async def connect(self) -> None:
         """Connect, check who answers, and note a device nobody has tried yet."""
-        async with deadline(self.name, self._options.deadline_s, "connecting"):
+        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
             await self._link.open()
         identity = await self.identify()
         if not f"{identity.vendor}:{identity.model}:{identity.firmware}".startswith(VERIFIED_ON):
@@ -64,57 +64,59 @@ class DrawWire:
         await self._link.close()
 
     async def identify(self) -> Identity:
-        async with deadline(self.name, self._options.deadline_s, "asking who it is"):
-            vendor = await self._value("vendor", self._link.read)
-            product = await self._value("product", self._link.read)
-            revision = await self._value("revision", self._link.read)
-            serial = await self._value("serial", self._link.read)
+        async with answer_deadline(self.name, self._options.deadline_s, "asking who it is"):
+            vendor = await self._read_value("vendor", self._link.read)
+            product = await self._read_value("product", self._link.read)
+            revision = await self._read_value("revision", self._link.read)
+            serial = await self._read_value("serial", self._link.read)
         return Identity(f"{vendor:#x}", f"{product:#x}", str(serial), f"{revision >> 16}.{revision & 0xFFFF}")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         try:
-            async with deadline(self.name, self._options.deadline_s, "asking its condition"):
-                await self._value("error_register", self._link.read)
+            async with answer_deadline(self.name, self._options.deadline_s, "asking its condition"):
+                await self._read_value("error_register", self._link.read)
         except DeviceError as error:
             return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
         emergency = self._link.emergency
         if emergency is not None:
-            meaning = _meaning(emergency)
+            meaning = _find_meaning(emergency)
             alarm = Alarm(f"EMCY-{emergency.code:04X}", meaning.text)
             return Condition(Readiness.NOT_READY, f"{alarm.code}: {meaning.text}", meaning.remedy, (alarm,))
-        if self._link.foreign_master:
-            refusal = self._foreign()
+        if self._link.has_foreign_master:
+            refusal = self._foreign_control_error()
             return Condition(Readiness.NOT_READY, refusal.message, refusal.remedy)
         return Condition(Readiness.READY)
 
-    async def distance(self) -> Reading:
-        async with deadline(self.name, self._options.deadline_s, "reading the length"):
-            raw = await self._value("position", self._link.read)
+    async def read_distance(self) -> LengthReading:
+        async with answer_deadline(self.name, self._options.deadline_s, "reading the length"):
+            raw = await self._read_value("position", self._link.read)
             taken_at_s = time.monotonic()
             # a second question lets a late answer to an earlier one show itself as one too many
-            register = await self._value("error_register", self._link.read)
-        self._require_trust(register)
+            register = await self._read_value("error_register", self._link.read)
+        self._raise_on_emergency(register)
         value_m = raw * self._step_m
-        refuse_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
-        return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
+        refuse_near_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
+        return LengthReading(value_m, self._options.sigma_m, taken_at_s, raw)
 
-    async def _greet(self, link: CanopenLink) -> None:
+    async def _check_device(self, link: CanopenLink) -> None:
         read = link.read_during_greeting
-        device_type = await self._value("device_type", read)
+        device_type = await self._read_value("device_type", read)
         if device_type & 0xFFFF != self._table.device_profile:
-            raise self._wrong(f"a device of profile {device_type & 0xFFFF}, not an encoder (406)")
-        serial = await self._value("serial", read)
+            raise self._wrong_device_error(
+                f"a device of profile {device_type & 0xFFFF}, not an encoder (406)"
+            )
+        serial = await self._read_value("serial", read)
         if serial != self._options.serial:
-            raise self._wrong(f"serial number {serial}, cell.toml says {self._options.serial}")
-        self._step_m = await self._value("step", read) * self._table.objects["step"].scale
+            raise self._wrong_device_error(f"serial number {serial}, cell.toml says {self._options.serial}")
+        self._step_m = await self._read_value("step", read) * self._table.objects["step"].scale
         await self._check_offset(read)
-        if await self._value("error_register", read) == 0:
+        if await self._read_value("error_register", read) == 0:
             link.forget_emergency()
 
     async def _check_offset(self, read: _Read) -> None:
         """Refuse to go on when a preset, lost or new, has moved the zero under readings already taken."""
         try:
-            offset = await self._value("offset", read)
+            offset = await self._read_value("offset", read)
         except RefusedError as error:
             if error.vendor_code in _OBJECT_MISSING:
                 return
@@ -122,13 +124,13 @@ class DrawWire:
         if self._offset is None:
             self._offset = offset
         if self._offset != offset:
-            raise moved_zero(self.name, (offset - self._offset) * self._step_m)
+            raise moved_zero_error(self.name, (offset - self._offset) * self._step_m)
 
-    async def _value(self, name: str, read: _Read) -> int:
+    async def _read_value(self, name: str, read: _Read) -> int:
         entry = self._table.objects[name]
         data = await read(entry.index, entry.sub)
         try:
-            return decode(entry, data)
+            return decode_entry(entry, data)
         except ValueError as error:
             raise WireProtocolError(
                 self.name,
@@ -137,12 +139,12 @@ class DrawWire:
                 frame=data.hex(),
             ) from error
 
-    def _require_trust(self, register: int) -> None:
+    def _raise_on_emergency(self, register: int) -> None:
         emergency = self._link.emergency
         if emergency is None and register:
             emergency = Emergency(_GENERIC, register, "")
         if emergency is not None:
-            meaning = _meaning(emergency)
+            meaning = _find_meaning(emergency)
             raise RefusedError(
                 self.name,
                 f"the gauge reports error {emergency.code:04X}h: {meaning.text}.",
@@ -150,17 +152,17 @@ class DrawWire:
                 vendor_code=emergency.code,
                 vendor_text=meaning.text,
             )
-        if self._link.foreign_master:
-            raise self._foreign()
+        if self._link.has_foreign_master:
+            raise self._foreign_control_error()
 
-    def _foreign(self) -> RefusedError:
+    def _foreign_control_error(self) -> RefusedError:
         return RefusedError(
             self.name,
             "another program controls this gauge.",
             remedy="End the other program on the CAN bus, wait two seconds, then try again.",
         )
 
-    def _wrong(self, found: str) -> WrongDeviceError:
+    def _wrong_device_error(self, found: str) -> WrongDeviceError:
         return WrongDeviceError(
             self.name,
             f"at this node is {found}.",
@@ -168,7 +170,7 @@ class DrawWire:
         )
 
 
-def _meaning(emergency: Emergency) -> CodeEntry:
+def _find_meaning(emergency: Emergency) -> CodeEntry:
     """Return the most exact entry of the table for this code."""
     table = code_table("cellcal.drivers.draw_wire", "emergencies.tsv")
     code = emergency.code

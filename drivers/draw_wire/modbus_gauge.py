@@ -7,11 +7,11 @@ import logging
 import time
 from dataclasses import dataclass
 
-from cellcal.drivers.draw_wire.ends import moved_zero, refuse_ends
+from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.modbus_registers import EncoderMap
 from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
-from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, LengthReading, Readiness
+from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.modbus import ModbusLink, Words
 
 _LOG = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ class ModbusDrawWire:
     def __init__(self, link: ModbusLink, table: EncoderMap, options: EncoderOptions) -> None:
         self._link, self._table, self._options = link, table, options
         self._offset: int | None = None
-        link.greet = self._greet
+        link.greet = self._check_device
 
     @property
     def name(self) -> str:
@@ -49,7 +49,7 @@ class ModbusDrawWire:
 
     async def connect(self) -> None:
         """Connect, check who answers, and note a device nobody has tried yet."""
-        async with deadline(self.name, self._options.deadline_s, "connecting"):
+        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
             await self._link.open()
         identity = await self.identify()
         if not f"{identity.vendor} {identity.firmware}".startswith(VERIFIED_ON):
@@ -60,52 +60,52 @@ class ModbusDrawWire:
         await self._link.close()
 
     async def identify(self) -> Identity:
-        block = await self._block("asking who it is")
-        value = self._table.value
+        block = await self._read_block("asking who it is")
+        value = self._table.decode_value
         return Identity(
             self._table.vendor,
-            f"{self._table.name} hardware {_version(value('hardware', block))}",
+            f"{self._table.name} hardware {_version_text(value('hardware', block))}",
             str(value("serial", block)),
-            _version(value("firmware", block)),
+            _version_text(value("firmware", block)),
         )
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         try:
-            block = await self._block("asking its condition")
+            block = await self._read_block("asking its condition")
             self._require_same(block)
         except RefusedError as error:
             return Condition(Readiness.NOT_READY, error.message, error.remedy)
         except DeviceError as error:
             return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
-        alarm = self._alarm(block)
+        alarm = self._find_alarm(block)
         if alarm is not None:
-            told = (Alarm(f"alarm {alarm.vendor_code}", alarm.vendor_text),)
-            return Condition(Readiness.NOT_READY, alarm.message, alarm.remedy, told)
+            alarms = (Alarm(f"alarm {alarm.vendor_code}", alarm.vendor_text),)
+            return Condition(Readiness.NOT_READY, alarm.message, alarm.remedy, alarms)
         return Condition(Readiness.READY)
 
-    async def distance(self) -> Reading:
-        block = await self._block("reading the length")
+    async def read_distance(self) -> LengthReading:
+        block = await self._read_block("reading the length")
         taken_at_s = time.monotonic()
         self._require_same(block)
-        alarm = self._alarm(block)
+        alarm = self._find_alarm(block)
         if alarm is not None:
             raise alarm
-        raw = self._table.value("position", block)
+        raw = self._table.decode_value("position", block)
         value_m = raw * self._options.step_m
-        refuse_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
-        return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
+        refuse_near_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
+        return LengthReading(value_m, self._options.sigma_m, taken_at_s, raw)
 
-    async def _block(self, doing: str) -> Words:
-        async with deadline(self.name, self._options.deadline_s, doing):
+    async def _read_block(self, doing: str) -> Words:
+        async with answer_deadline(self.name, self._options.deadline_s, doing):
             return await self._link.read(self._table.first + 1, self._table.words)
 
-    async def _greet(self, link: ModbusLink) -> None:
+    async def _check_device(self, link: ModbusLink) -> None:
         block = await link.read_during_greeting(self._table.first + 1, self._table.words)
         self._require_same(block)
 
     def _require_same(self, block: Words) -> None:
         """Refuse a stranger's block, and one whose zero is another than at first."""
-        serial = self._table.value("serial", block)
+        serial = self._table.decode_value("serial", block)
         if serial != self._options.serial:
             raise WrongDeviceError(
                 self.name,
@@ -113,25 +113,27 @@ class ModbusDrawWire:
                 remedy="Check address and cables, and the order of words; change cell.toml only if the gauge "
                 "was exchanged.",
             )
-        offset = self._table.value("offset", block)
+        offset = self._table.decode_value("offset", block)
         if self._offset is None:
             self._offset = offset
         if offset != self._offset:
-            raise moved_zero(self.name, (offset - self._offset) * self._options.step_m)
+            raise moved_zero_error(self.name, (offset - self._offset) * self._options.step_m)
 
-    def _alarm(self, block: Words) -> RefusedError | None:
-        bits = self._table.value("status", block) >> _ALARM_BITS & 0xFF
+    def _find_alarm(self, block: Words) -> RefusedError | None:
+        bits = self._table.decode_value("status", block) >> _ALARM_BITS & 0xFF
         if not bits:
             return None
-        told = [text for bit, text in self._table.alarms.items() if bits & bit] or [f"bits {bits:#04x}"]
+        alarm_texts = [text for bit, text in self._table.alarms.items() if bits & bit] or [
+            f"bits {bits:#04x}"
+        ]
         return RefusedError(
             self.name,
-            f"the encoder reports an alarm: {', '.join(told)}.",
+            f"the encoder reports an alarm: {', '.join(alarm_texts)}.",
             remedy="Switch the encoder off and on; if it stays, exchange it.",
             vendor_code=bits,
-            vendor_text=", ".join(told),
+            vendor_text=", ".join(alarm_texts),
         )
 
 
-def _version(value: int) -> str:
+def _version_text(value: int) -> str:
     return f"{value >> 16}.{value & 0xFFFF}"

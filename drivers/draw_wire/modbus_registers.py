@@ -13,11 +13,11 @@ from cellcal.drivers.wire.modbus import Words
 _FORMS = {"u32": ">I", "i32": ">i"}
 
 
-class _Table(BaseModel):
+class _EncoderTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class EncoderRegister(_Table):
+class EncoderRegister(_EncoderTable):
     """Two words, high word first."""
 
     at: int = Field(ge=0, le=0xFFFE)
@@ -25,7 +25,7 @@ class EncoderRegister(_Table):
     source: str
 
 
-class EncoderMap(_Table):
+class EncoderMap(_EncoderTable):
     """One kind of encoder: a block that is read in one telegram, and what lies in it."""
 
     name: str
@@ -42,7 +42,7 @@ class EncoderMap(_Table):
                 raise ValueError(f"register {name} lies outside the block")
         return self
 
-    def value(self, name: str, block: Words) -> int:
+    def decode_value(self, name: str, block: Words) -> int:
         """Return one whole number out of the block."""
         register = self.registers[name]
         start = register.at - self.first

@@ -33,7 +33,7 @@ class ObjectTable(BaseModel):
     objects: dict[str, ObjectEntry]
 
 
-def decode(entry: ObjectEntry, data: bytes) -> int:
+def decode_entry(entry: ObjectEntry, data: bytes) -> int:
     """Return the whole number in ``data``; ValueError for a wrong length."""
     form = _FORMS[entry.type]
     if len(data) != struct.calcsize(form):

@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.drivers.file_import.devices import FileGauge, FileTracker, FrameOptions, InstrumentOptions
-from cellcal.drivers.file_import.rows import FileOptions, GrowingFile, Rows, TypedRows, WholeFile
-from cellcal.drivers.file_import.text import Layout
+from cellcal.drivers.file_import.number_text import ColumnLayout
+from cellcal.drivers.file_import.rows import FileOptions, GrowingFile, RowSource, TypedRows, WholeFile
 from cellcal.drivers.interfaces import Identity, Operator, TrackerCapabilities
 
 _SEPARATORS = {"": "", ";": ";", ",": ",", "tab": "\t", "blank": " "}
@@ -40,7 +40,7 @@ class _InstrumentConfig(BaseModel):
 
     @field_validator("path")
     @classmethod
-    def _whole(cls, path: Path | None) -> Path | None:
+    def _check_path(cls, path: Path | None) -> Path | None:
         if path is None:
             return None
         if not path.expanduser().is_absolute():
@@ -53,28 +53,28 @@ class _InstrumentConfig(BaseModel):
             return self
         if self.path is None:
             raise ValueError(f"source = {self.source!r} needs a path")
-        if len(self.columns) != self.numbers:
-            raise ValueError(f"columns must name {self.numbers} columns, it names {len(self.columns)}")
+        if len(self.columns) != self.number_count:
+            raise ValueError(f"columns must name {self.number_count} columns, it names {len(self.columns)}")
         if any(isinstance(column, int) and column < 1 for column in self.columns):
             raise ValueError("columns are counted from 1")
         return self
 
     @property
-    def numbers(self) -> int:
+    def number_count(self) -> int:
         """How many numbers a reading has."""
         return 1
 
-    def _rows(self, operator: Operator | None, question: str) -> Rows:
+    def _make_rows(self, operator: Operator | None, question: str) -> RowSource:
         if self.source == "typed":
-            return TypedRows(self.name, operator, question, self.unit, self.numbers)
+            return TypedRows(self.name, operator, question, self.unit, self.number_count)
         assert self.path is not None
-        layout = Layout(self.columns, self.unit, _SEPARATORS[self.separator], self.heading_lines)
+        layout = ColumnLayout(self.columns, self.unit, _SEPARATORS[self.separator], self.heading_lines)
         options = FileOptions(self.path, layout, self.wait_s, self.deadline_s, self.first_row)
         if self.source == "growing_file":
             return GrowingFile(self.name, options)
         return WholeFile(self.name, options, operator)
 
-    def _instrument(self) -> InstrumentOptions:
+    def _instrument_options(self) -> InstrumentOptions:
         identity = Identity("as cell.toml says", self.instrument, self.serial, f"read as {self.source}")
         return InstrumentOptions(
             self.name, identity, self.unit, self.range_m, self.sigma_m, typed=self.source == "typed"
@@ -88,7 +88,7 @@ class FileGaugeConfig(_InstrumentConfig):
     async def open(self, operator: Operator | None = None) -> AsyncIterator[FileGauge]:
         """Open it; ``operator`` is who is asked for readings, or for the first row of a file."""
         question = f"Read {self.instrument} and type its length in {self.unit}."
-        gauge = FileGauge(self._rows(operator, question), self._instrument())
+        gauge = FileGauge(self._make_rows(operator, question), self._instrument_options())
         try:
             yield gauge
         finally:
@@ -105,13 +105,13 @@ class FileTrackerConfig(_InstrumentConfig):
 
     @field_validator("orientation")
     @classmethod
-    def _known(cls, name: str) -> str:
+    def _check_orientation(cls, name: str) -> str:
         if name and name not in CONVENTIONS:
             raise ValueError(f"no orientation is called {name!r}; there are {', '.join(CONVENTIONS)}")
         return name
 
     @property
-    def numbers(self) -> int:
+    def number_count(self) -> int:
         """How many numbers a reading has: three, and those of the turn."""
         return 3 + (len(CONVENTIONS[self.orientation].fields) if self.orientation else 0)
 
@@ -131,13 +131,15 @@ class FileTrackerConfig(_InstrumentConfig):
         """Open it; ``operator`` is who is asked for readings, or for the first row of a file."""
         radians = math.pi / 180.0 if self.angle_unit == "deg" else 1.0
         frame = FrameOptions(self.station, self.orientation, radians, self.sigma_rad)
-        tracker = FileTracker(self._rows(operator, self._question()), self._instrument(), frame)
+        tracker = FileTracker(
+            self._make_rows(operator, self._question_text()), self._instrument_options(), frame
+        )
         try:
             yield tracker
         finally:
             tracker.close()
 
-    def _question(self) -> str:
+    def _question_text(self) -> str:
         turn = ""
         if self.orientation:
             fields = " ".join(CONVENTIONS[self.orientation].fields)

@@ -9,19 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.drivers.errors import BusyError, DeviceError, RefusedError
-from cellcal.drivers.file_import.rows import Rows
-from cellcal.drivers.file_import.text import Row, metres_per
+from cellcal.drivers.file_import.number_text import TextRow, metres_per
+from cellcal.drivers.file_import.rows import RowSource
 from cellcal.drivers.interfaces import (
     Condition,
     GaugeCapabilities,
     Identity,
+    LengthReading,
     PointReading,
     PoseReading,
     Readiness,
-    Reading,
     TrackerCapabilities,
 )
 
@@ -54,7 +54,7 @@ class FrameOptions:
 class _Instrument:
     """What all readings from a file or a person have in common."""
 
-    def __init__(self, rows: Rows, options: InstrumentOptions) -> None:
+    def __init__(self, rows: RowSource, options: InstrumentOptions) -> None:
         self._rows, self._options = rows, options
         self._busy = False
 
@@ -70,23 +70,23 @@ class _Instrument:
         """Return what the cell file says: nothing can be asked."""
         return self._options.identity
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         if self._busy:
             return Condition(Readiness.READY, "It waits for a reading.")
         try:
-            await self._rows.look()
+            await self._rows.check_source()
         except RefusedError as error:
             return Condition(Readiness.NOT_READY, error.message, error.remedy)
         except DeviceError as error:
             return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
         return Condition(Readiness.READY)
 
-    async def _row(self) -> Row:
-        with self._alone():
+    async def _next_row(self) -> TextRow:
+        with self._exclusive_use():
             return await self._rows.next_row()
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _exclusive_use(self) -> Iterator[None]:
         if self._busy:
             raise BusyError(self.name, "a reading is asked for while another one is awaited.")
         self._busy = True
@@ -95,7 +95,7 @@ class _Instrument:
         finally:
             self._busy = False
 
-    def _refused(self, row: Row, message: str) -> RefusedError:
+    def _refused_error(self, row: TextRow, message: str) -> RefusedError:
         where = f"line {row.line}: " if row.line else ""
         return RefusedError(self.name, f"{where}{message} ({row.text[:60]}).", remedy=_AGAIN)
 
@@ -110,21 +110,21 @@ class FileGauge(_Instrument):
             options.range_m, _STEP_M, options.sigma_m, answers_alone=False, typed=options.typed
         )
 
-    async def distance(self) -> Reading:
-        row = await self._row()
+    async def read_distance(self) -> LengthReading:
+        row = await self._next_row()
         raw = round(row.values[0] * metres_per(self._options.unit) / _STEP_M)
         value_m = raw * _STEP_M
         if not 0.0 <= value_m <= self._options.range_m:
-            raise self._refused(
+            raise self._refused_error(
                 row, f"{value_m * 1e3:.3f} mm is outside 0 to {self._options.range_m * 1e3:g} mm"
             )
-        return Reading(value_m, self._options.sigma_m, time.monotonic(), raw)
+        return LengthReading(value_m, self._options.sigma_m, time.monotonic(), raw)
 
 
 class FileTracker(_Instrument):
     """Tracker from a person or a file."""
 
-    def __init__(self, rows: Rows, options: InstrumentOptions, frame: FrameOptions) -> None:
+    def __init__(self, rows: RowSource, options: InstrumentOptions, frame: FrameOptions) -> None:
         super().__init__(rows, options)
         self._frame = frame
 
@@ -139,28 +139,28 @@ class FileTracker(_Instrument):
             typed=options.typed,
         )
 
-    async def point(self) -> PointReading:
-        row = await self._row()
+    async def measure_point(self) -> PointReading:
+        row = await self._next_row()
         sigma = self._options.sigma_m
         place = self._place_m(row)
         return PointReading(place, (sigma, sigma, sigma), time.monotonic(), self._frame.station, raw=row.text)
 
-    async def pose(self) -> PoseReading:
+    async def measure_pose(self) -> PoseReading:
         if not self._frame.orientation:
             raise RefusedError(
                 self.name,
                 "it gives points only.",
                 remedy="Name the convention of its angles as `orientation` in cell.toml.",
             )
-        row = await self._row()
+        row = await self._next_row()
         place = self._place_m(row)
         try:
-            rotation = rotation_from(self._frame.orientation, self._turn(row))
+            rotation = rotation_from(self._frame.orientation, self._turn_numbers(row))
         except CalibrationError as error:
-            raise self._refused(row, error.message) from error
+            raise self._refused_error(row, error.message) from error
         sigma, turn = self._options.sigma_m, self._frame.sigma_rad
         return PoseReading(
-            Pose.from_matrix(homogeneous(rotation, np.array(place))),
+            Pose.from_matrix(homogeneous_matrix(rotation, np.array(place))),
             (sigma, sigma, sigma),
             (turn, turn, turn),
             time.monotonic(),
@@ -168,17 +168,17 @@ class FileTracker(_Instrument):
             raw=row.text,
         )
 
-    def _place_m(self, row: Row) -> tuple[float, float, float]:
+    def _place_m(self, row: TextRow) -> tuple[float, float, float]:
         per_unit = metres_per(self._options.unit)
         x, y, z = (value * per_unit for value in row.values[:3])
         distance_m = math.hypot(x, y, z)
         if distance_m > self._options.range_m:
-            raise self._refused(
+            raise self._refused_error(
                 row, f"the point is {distance_m:.3f} m away, the range is {self._options.range_m:g} m"
             )
         return x, y, z
 
-    def _turn(self, row: Row) -> Array:
+    def _turn_numbers(self, row: TextRow) -> Array:
         """Return the numbers of the turn in radians; a quaternion has none."""
         numbers = np.array(row.values[3:])
         is_quaternion = CONVENTIONS[self._frame.orientation].formula == "quaternion"

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Protocol
 
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
-from cellcal.drivers.file_import.text import Layout, Row, TextError, rows_of, typed
+from cellcal.drivers.file_import.number_text import ColumnLayout, TextError, TextRow, parse_typed, rows_of
 from cellcal.drivers.interfaces import Operator, Question
-from cellcal.drivers.wire.deadline import deadline
-from cellcal.drivers.wire.worker import Worker
+from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.worker import CallWorker
 
 MOST_BYTES = 20_000_000
 _POLL_S = 0.1
@@ -19,11 +19,11 @@ _TRIES = 3
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
-class Rows(Protocol):
+class RowSource(Protocol):
     """Gives one reading for each call."""
 
-    async def next_row(self) -> Row: ...
-    async def look(self) -> None:
+    async def next_row(self) -> TextRow: ...
+    async def check_source(self) -> None:
         """Raise a DeviceError when no reading can be had."""
         ...
 
@@ -42,7 +42,7 @@ class TypedRows:
             count,
         )
 
-    async def next_row(self) -> Row:
+    async def next_row(self) -> TextRow:
         """Ask until the answer is a reading, three times at most."""
         if self._operator is None:
             raise RefusedError(
@@ -50,17 +50,19 @@ class TypedRows:
             )
         text = self._text
         for _ in range(_TRIES):
-            asked = Question(f"reading:{self._device}", text, self._unit, self._count)
-            answer = await self._operator.enter(asked)
+            question = Question(f"reading:{self._device}", text, self._unit, self._count)
+            answer = await self._operator.ask_question(question)
             try:
-                return Row(typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})")
+                return TextRow(
+                    parse_typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})"
+                )
             except TextError as fault:
                 text = f"{fault}. {self._text}"
         raise RefusedError(
             self._device, f"no reading was given: {text}", remedy="Read the instrument again, then resume."
         )
 
-    async def look(self) -> None:
+    async def check_source(self) -> None:
         return
 
     def close(self) -> None:
@@ -72,21 +74,21 @@ class FileOptions:
     """Which file, how it is laid out, and how long to wait for its next row."""
 
     path: Path
-    layout: Layout
+    layout: ColumnLayout
     wait_s: float
     deadline_s: float
     first_row: int | None = None
 
 
-class _File:
+class _ReadingFile:
     """Reads a file that another program may be writing, and holds that it only ever grows."""
 
     def __init__(self, device: str, options: FileOptions) -> None:
         self.device, self.options = device, options
-        self._worker: Worker | None = None
+        self._worker: CallWorker | None = None
         self._before = b""
 
-    async def content(self) -> bytes:
+    async def read_content(self) -> bytes:
         """Return the whole file; nothing where there is none yet.
 
         Raises
@@ -95,10 +97,10 @@ class _File:
             The file is no plain text, too large, or no longer begins with what was read before.
         """
         if self._worker is None:
-            self._worker = Worker(f"file {self.device}")
+            self._worker = CallWorker(f"file {self.device}")
         try:
-            async with deadline(self.device, self.options.deadline_s, f"reading {self.options.path}"):
-                found = await self._worker.run(lambda: _read(self.options.path))
+            async with answer_deadline(self.device, self.options.deadline_s, f"reading {self.options.path}"):
+                found = await self._worker.run_call(lambda: _read_file(self.options.path))
         except DeviceTimeoutError:
             self.close()
             raise
@@ -109,26 +111,26 @@ class _File:
                 remedy="Check the path in cell.toml, the share and its permissions.",
             ) from error
         except ValueError as error:
-            raise self.refused(str(error), "Save readings as a text file (CSV, UTF-8).") from error
+            raise self.file_error(str(error), "Save readings as a text file (CSV, UTF-8).") from error
         if not found.startswith(self._before):
-            raise self.refused(
+            raise self.file_error(
                 _first_change(self._before, found),
                 "Readings already used have changed: restore the file, or begin the measurement anew.",
             )
         self._before = found
         return found
 
-    def rows(self, content: bytes) -> list[Row]:
+    def parse_rows(self, content: bytes) -> list[TextRow]:
         """Return the readings of the lines that have ended."""
         complete = content[: content.rfind(b"\n") + 1]
         try:
-            return rows_of(_decoded(complete), self.options.layout)
+            return rows_of(_decode_text(complete), self.options.layout)
         except TextError as fault:
-            raise self.refused(
+            raise self.file_error(
                 f"{fault}", "Correct the row in the instrument's program, or its layout."
             ) from fault
 
-    def refused(self, message: str, remedy: str) -> RefusedError:
+    def file_error(self, message: str, remedy: str) -> RefusedError:
         return RefusedError(self.device, f"{self.options.path.name}: {message}.", remedy=remedy)
 
     def close(self) -> None:
@@ -141,64 +143,64 @@ class GrowingFile:
     """Takes the row that was written after the question; the instrument's program appends one for each shot."""
 
     def __init__(self, device: str, options: FileOptions) -> None:
-        self._file = _File(device, options)
+        self._file = _ReadingFile(device, options)
 
-    async def look(self) -> None:
+    async def check_source(self) -> None:
         """See that the file can be read, or that its folder is there to write it to."""
         if not self._file.options.path.parent.is_dir():
             folder = self._file.options.path.parent
             raise UnreachableError(
                 self._file.device, f"there is no folder {folder}.", remedy="Check the path in cell.toml."
             )
-        self._file.rows(await self._file.content())
+        self._file.parse_rows(await self._file.read_content())
 
-    async def next_row(self) -> Row:
+    async def next_row(self) -> TextRow:
         """Wait for one new row; what stood there before, also without its line end, is not new."""
-        content = await self._file.content()
-        known = len(self._file.rows(content)) + bool(_tail(content).strip())
+        content = await self._file.read_content()
+        earlier_rows = len(self._file.parse_rows(content)) + bool(_last_line(content).strip())
         ends_s = time.monotonic() + self._file.options.wait_s
         while time.monotonic() < ends_s:
             await asyncio.sleep(_POLL_S)
-            content = await self._file.content()
-            new = self._file.rows(content)[known:]
+            content = await self._file.read_content()
+            new = self._file.parse_rows(content)[earlier_rows:]
             if len(new) == 1:
                 return new[0]
             if new:
-                raise self._file.refused(
+                raise self._file.file_error(
                     f"{len(new)} rows were written for one reading (lines {new[0].line} to {new[-1].line})",
                     "One shot for each question: resume, and shoot once when asked.",
                 )
-        raise self._late(content, known)
+        raise self._late_row_error(content, earlier_rows)
 
     def close(self) -> None:
         self._file.close()
 
-    def _late(self, content: bytes, known: int) -> DeviceTimeoutError:
+    def _late_row_error(self, content: bytes, earlier_rows: int) -> DeviceTimeoutError:
         wait_s = self._file.options.wait_s
-        told = f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {known} older ones."
-        if _tail(content).strip():
-            told += " Its last line has no line end yet, so it may be half written."
-        return DeviceTimeoutError(self._file.device, told, remedy="Resume, and shoot after the question.")
+        message = f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {earlier_rows} older ones."
+        if _last_line(content).strip():
+            message += " Its last line has no line end yet, so it may be half written."
+        return DeviceTimeoutError(self._file.device, message, remedy="Resume, and shoot after the question.")
 
 
 class WholeFile:
     """Takes row after row of a file that was measured before; somebody says which row is the first."""
 
     def __init__(self, device: str, options: FileOptions, operator: Operator | None) -> None:
-        self._file, self._operator = _File(device, options), operator
+        self._file, self._operator = _ReadingFile(device, options), operator
         self._next: int | None = options.first_row
 
-    async def look(self) -> None:
-        if not self._file.rows(await self._content()):
-            raise self._file.refused("it holds no readings", "Check the file and its layout in cell.toml.")
+    async def check_source(self) -> None:
+        if not self._file.parse_rows(await self._read_whole()):
+            raise self._file.file_error("it holds no readings", "Check the file and its layout in cell.toml.")
 
-    async def next_row(self) -> Row:
+    async def next_row(self) -> TextRow:
         """Return the next row. Raises RefusedError behind the last one."""
-        rows = self._file.rows(await self._content())
+        rows = self._file.parse_rows(await self._read_whole())
         if self._next is None:
-            self._next = await self._first(len(rows))
+            self._next = await self._ask_first_row(len(rows))
         if not 1 <= self._next <= len(rows):
-            raise self._file.refused(
+            raise self._file.file_error(
                 f"row {self._next} is asked for, it has {len(rows)}",
                 "See that the file holds a row for every pose, in their order.",
             )
@@ -209,27 +211,27 @@ class WholeFile:
     def close(self) -> None:
         self._file.close()
 
-    async def _content(self) -> bytes:
+    async def _read_whole(self) -> bytes:
         """Return the file with its last line ended: nobody is writing it any more."""
-        content = await self._file.content()
+        content = await self._file.read_content()
         return content if content.endswith(b"\n") or not content else content + b"\n"
 
-    async def _first(self, count: int) -> int:
+    async def _ask_first_row(self, count: int) -> int:
         """Ask which row is next: a run that was resumed does not begin with the first one."""
         if self._operator is None:
-            raise self._file.refused("nobody can say which row is next", "Give first_row in cell.toml.")
+            raise self._file.file_error("nobody can say which row is next", "Give first_row in cell.toml.")
         name = self._file.options.path.name
         text = f"{name} has {count} rows. Which one belongs to the next pose? (1 unless the run was resumed)"
-        answer = await self._operator.enter(Question(f"first_row:{self._file.device}", text))
+        answer = await self._operator.ask_question(Question(f"first_row:{self._file.device}", text))
         try:
             return int(answer.value)
         except ValueError:
-            raise self._file.refused(
+            raise self._file.file_error(
                 f"{answer.value!r} is no row", "Resume, and give a whole number."
             ) from None
 
 
-def _read(path: Path) -> bytes:
+def _read_file(path: Path) -> bytes:
     """Read a plain file; blocking, for the worker."""
     try:
         found = path.stat()
@@ -248,12 +250,12 @@ def _read(path: Path) -> bytes:
     return content
 
 
-def _decoded(content: bytes) -> str:
+def _decode_text(content: bytes) -> str:
     """Return the text; words that are not UTF-8 may stand in it, numbers are ASCII."""
     return content.decode("utf-8-sig", errors="replace")
 
 
-def _tail(content: bytes) -> bytes:
+def _last_line(content: bytes) -> bytes:
     return content[content.rfind(b"\n") + 1 :]
 
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cellcal.drivers.interfaces import TrackerCapabilities
 from cellcal.drivers.laser_tracker.link import EmsconLink
-from cellcal.drivers.laser_tracker.readings import Limits
+from cellcal.drivers.laser_tracker.readings import TrackerLimits
 from cellcal.drivers.laser_tracker.tracker import LaserTracker, TrackerOptions
 
 
@@ -47,15 +47,15 @@ class LaserTrackerConfig(BaseModel):
     async def open(self) -> AsyncIterator[LaserTracker]:
         """Connect, check the serial number, and disconnect at the end."""
         link = EmsconLink(self.name, self.address, self.port, self.deadline_s)
-        tracker = LaserTracker(link, self._options())
+        tracker = LaserTracker(link, self._tracker_options())
         try:
             await tracker.connect()
             yield tracker
         finally:
             await tracker.close()
 
-    def _options(self) -> TrackerOptions:
-        limits = Limits(self.range_m, self.sigma_m, self.sigma_per_m, self.sigma_rad, self.steady_m)
+    def _tracker_options(self) -> TrackerOptions:
+        limits = TrackerLimits(self.range_m, self.sigma_m, self.sigma_per_m, self.sigma_rad, self.steady_m)
         return TrackerOptions(
             self.serial,
             self.station,

@@ -23,16 +23,16 @@ from cellcal.drivers.laser_tracker.packets import (
     RESULTS,
     SIZES,
     WORD,
-    Change,
-    Command,
-    Kind,
-    Result,
-    command,
-    result,
+    PacketKind,
+    StationaryResult,
+    StatusChange,
+    TrackerCommand,
+    decode_result,
+    encode_command,
 )
-from cellcal.drivers.supervision import start_link_task, words_of
+from cellcal.drivers.supervision import message_and_remedy_of, start_link_task
 from cellcal.drivers.wire.backoff import Backoff
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -42,7 +42,7 @@ _CABLE = "Check the network cable and that the tracker's controller is on."
 _BYTES = "The reading was not used. Try again; if it comes back, report it with the trace of the link."
 
 
-def meaning(status: int) -> CodeEntry:
+def status_meaning(status: int) -> CodeEntry:
     """Return what a status of the tracker means, in its maker's name for it."""
     unknown = CodeEntry(status, "fault", f"status {status}", "Look at the tracker's own display.")
     return code_table("cellcal.drivers.laser_tracker", "statuses.tsv").get(status, unknown)
@@ -58,42 +58,47 @@ class EmsconLink:
         self.on_change: Callable[[int], None] = lambda _code: None
         self._backoff = Backoff()
         self._writer: asyncio.StreamWriter | None = None
-        self._left: asyncio.StreamWriter | None = None
+        self._closing_writer: asyncio.StreamWriter | None = None
         self._listener: asyncio.Task[None] | None = None
-        self._asked: tuple[Command, asyncio.Future[tuple[int, bytes]]] | None = None
-        self._measuring: asyncio.Future[Result] | None = None
+        self._pending_command: tuple[TrackerCommand, asyncio.Future[tuple[int, bytes]]] | None = None
+        self._measuring: asyncio.Future[StationaryResult] | None = None
         self._accepted = False
         self._sizes_asked: tuple[int, ...] = ()
-        self._why: DeviceError = self._gone("there is no connection.")
+        self._why: DeviceError = self._connection_lost_error("there is no connection.")
 
     @property
-    def connected(self) -> bool:
+    def is_connected(self) -> bool:
         """Whether there is a connection that nothing has gone wrong with."""
         return self._writer is not None
 
-    async def ensure(self) -> None:
+    async def ensure_connected(self) -> None:
         """Connect and greet, unless that has been done."""
         if self._writer is not None:
             return
-        await self._reap()
+        await self._await_closing()
         await self._backoff.wait()
         try:
-            await self._connect()
+            await self._open_connection()
             if self.greet is not None:
                 await self.greet()
         except BaseException:
-            self._backoff.failed()
-            self._drop(self._gone("the connection was given up."))
+            self._backoff.note_failure()
+            self._drop_connection(self._connection_lost_error("the connection was given up."))
             raise
-        self._backoff.succeeded()
+        self._backoff.note_success()
 
     async def close(self) -> None:
         """Disconnect. May be called twice."""
-        self._drop(self._gone("the connection was closed."))
-        await self._reap()
+        self._drop_connection(self._connection_lost_error("the connection was closed."))
+        await self._await_closing()
 
-    async def ask(
-        self, number: Command, parameters: bytes = b"", *, layout: str = "<", deadline_s: float | None = None
+    async def send_command(
+        self,
+        number: TrackerCommand,
+        parameters: bytes = b"",
+        *,
+        layout: str = "<",
+        deadline_s: float | None = None,
     ) -> tuple[float, ...]:
         """Send a command and return the values of its answer; a busy tracker is asked again until the deadline.
 
@@ -110,21 +115,23 @@ class EmsconLink:
         give_up_s = time.monotonic() + seconds - _POLL_S
         while True:
             try:
-                async with deadline(self.device, seconds, f"answering {number.name}"):
-                    status, values = await self._exchange(number, parameters)
+                async with answer_deadline(self.device, seconds, f"answering {number.name}"):
+                    status, values = await self._exchange_packets(number, parameters)
             except (TimeoutError, asyncio.CancelledError):
-                self._drop(self._gone("the connection was dropped with its late answer."))
+                self._drop_connection(
+                    self._connection_lost_error("the connection was dropped with its late answer.")
+                )
                 raise
             if status != BUSY or time.monotonic() > give_up_s:
                 break
             await asyncio.sleep(_POLL_S)
         if status:
-            raise self.refusal(number.name, status)
+            raise self.refused_error(number.name, status)
         if len(values) != struct.calcsize(layout):
-            raise self._damaged(f"the answer to {number.name} has {len(values)} bytes", values)
+            raise self._damaged_packet_error(f"the answer to {number.name} has {len(values)} bytes", values)
         return struct.unpack(layout, values)
 
-    async def measure(self) -> Result:
+    async def measure_stationary(self) -> StationaryResult:
         """Start a stationary measurement and return its result; the caller sets the deadline.
 
         Cancelled, it tells the tracker to stop and drops the connection.
@@ -132,21 +139,23 @@ class EmsconLink:
         self._measuring = asyncio.get_running_loop().create_future()
         self._accepted = False
         try:
-            await self.ask(Command.START_MEASUREMENT)
+            await self.send_command(TrackerCommand.START_MEASUREMENT)
             return await self._measuring
         except asyncio.CancelledError:
             if self._writer is not None:
-                self._send(self._writer, command(Command.STOP_MEASUREMENT))
-            self._drop(self._gone("the connection was dropped with its late result."))
+                self._send_bytes(self._writer, encode_command(TrackerCommand.STOP_MEASUREMENT))
+            self._drop_connection(
+                self._connection_lost_error("the connection was dropped with its late result.")
+            )
             raise
         finally:
             waiting, self._measuring = self._measuring, None
             if waiting is not None and waiting.done() and not waiting.cancelled():
                 waiting.exception()  # seen, also where the start was refused as well
 
-    def refusal(self, doing: str, status: int) -> RefusedError:
+    def refused_error(self, doing: str, status: int) -> RefusedError:
         """Return the error for a status that is not zero."""
-        entry = meaning(status)
+        entry = status_meaning(status)
         return RefusedError(
             self.device,
             f"the tracker said no to {doing}: {entry.text}.",
@@ -157,41 +166,41 @@ class EmsconLink:
 
     # inside
 
-    async def _connect(self) -> None:
+    async def _open_connection(self) -> None:
         try:
-            async with deadline(self.device, self._deadline_s, "connecting"):
+            async with answer_deadline(self.device, self._deadline_s, "connecting"):
                 reader, writer = await asyncio.open_connection(self._address, self._port)
         except TimeoutError:
             raise
         except OSError as error:
-            raise self._gone(f"nothing answers at {self._address}:{self._port}.") from error
+            raise self._connection_lost_error(f"nothing answers at {self._address}:{self._port}.") from error
         self._writer = writer
         self._listener = start_link_task(
-            f"answers of {self.device}", partial(self._listen, reader, writer), self._drop_broken
+            f"answers of {self.device}", partial(self._read_packets, reader, writer), self._drop_broken
         )
 
-    async def _exchange(self, number: Command, parameters: bytes) -> tuple[int, bytes]:
+    async def _exchange_packets(self, number: TrackerCommand, parameters: bytes) -> tuple[int, bytes]:
         if self._writer is None:
             raise self._why
         answer: asyncio.Future[tuple[int, bytes]] = asyncio.get_running_loop().create_future()
-        self._asked = (number, answer)
+        self._pending_command = (number, answer)
         try:
-            self._send(self._writer, command(number, parameters))
+            self._send_bytes(self._writer, encode_command(number, parameters))
             return await answer
         finally:
-            self._asked = None
+            self._pending_command = None
 
-    def _send(self, writer: asyncio.StreamWriter, data: bytes) -> None:
-        self.trace.add(">", data.hex())
+    def _send_bytes(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        self.trace.add_frame(">", data.hex())
         writer.write(data)
 
-    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        error: DeviceError = self._gone("the tracker closed the connection.")
+    async def _read_packets(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        error: DeviceError = self._connection_lost_error("the tracker closed the connection.")
         try:
             while True:
                 size, number = HEADER.unpack(await reader.readexactly(HEADER.size))
-                kind = self._kind(size, number)
-                self._take(kind, await reader.readexactly(size - HEADER.size))
+                kind = self._packet_kind(size, number)
+                self._take_packet(kind, await reader.readexactly(size - HEADER.size))
         except WireProtocolError as found:
             error = found
         except (asyncio.IncompleteReadError, OSError) as found:
@@ -202,93 +211,105 @@ class EmsconLink:
             LookupError,
             TypeError,
         ) as found:  # of a packet that no document has
-            error = self._damaged(f"a packet that cannot be read ({type(found).__name__})", b"")
+            error = self._damaged_packet_error(f"a packet that cannot be read ({type(found).__name__})", b"")
             error.__cause__ = found
         finally:
             if self._writer is writer:
-                self._drop(error)
+                self._drop_connection(error)
             writer.close()
 
     def _drop_broken(self, error: Exception) -> None:
         """Leave a connection whose answers are not heard any more; the next question makes a new one."""
-        self._drop(self._gone(f"the program failed while it listened: {words_of(error)[0]}."))
+        self._drop_connection(
+            self._connection_lost_error(
+                f"the program failed while it listened: {message_and_remedy_of(error)[0]}."
+            )
+        )
 
-    def _kind(self, size: int, number: int) -> Kind:
+    def _packet_kind(self, size: int, number: int) -> PacketKind:
         header = HEADER.pack(size, number)
         try:
-            kind = Kind(number)
+            kind = PacketKind(number)
         except ValueError:
-            raise self._damaged(f"a packet of type {number}", header) from None
+            raise self._damaged_packet_error(f"a packet of type {number}", header) from None
         fits = size == SIZES.get(kind, size) and HEADER.size + WORD.size <= size <= MOST_BYTES
-        if not fits or (kind is Kind.COMMAND and size not in self._sizes_asked):
-            raise self._damaged(f"a packet {kind.name} of {size} bytes", header)
+        if not fits or (kind is PacketKind.COMMAND and size not in self._sizes_asked):
+            raise self._damaged_packet_error(f"a packet {kind.name} of {size} bytes", header)
         return kind
 
-    def _take(self, kind: Kind, body: bytes) -> None:
-        self.trace.add("<", (HEADER.pack(HEADER.size + len(body), kind) + body).hex())
-        if kind is Kind.COMMAND:
+    def _take_packet(self, kind: PacketKind, body: bytes) -> None:
+        self.trace.add_frame("<", (HEADER.pack(HEADER.size + len(body), kind) + body).hex())
+        if kind is PacketKind.COMMAND:
             self._take_answer(body)
-        elif kind is Kind.ERROR:
+        elif kind is PacketKind.ERROR:
             self._take_error(*ANSWER.unpack(body))
-        elif kind is Kind.STATUS_CHANGE:
+        elif kind is PacketKind.STATUS_CHANGE:
             self._take_change(*WORD.unpack(body))
         elif (
             kind in RESULTS and self._accepted and self._measuring is not None and not self._measuring.done()
         ):
-            self._measuring.set_result(result(kind, body))
+            self._measuring.set_result(decode_result(kind, body))
 
     def _take_answer(self, body: bytes) -> None:
         if len(body) < ANSWER.size:
-            raise self._damaged("an answer without a status", body)
+            raise self._damaged_packet_error("an answer without a status", body)
         number, status = ANSWER.unpack_from(body)
-        if self._asked is None or self._asked[0] != number or self._asked[1].done():
-            raise self._damaged(f"an answer to command {number}, which was not asked", body)
-        self._accepted = self._accepted or (number == Command.START_MEASUREMENT and status == 0)
-        self._asked[1].set_result((status, body[ANSWER.size :]))
+        if (
+            self._pending_command is None
+            or self._pending_command[0] != number
+            or self._pending_command[1].done()
+        ):
+            raise self._damaged_packet_error(f"an answer to command {number}, which was not asked", body)
+        self._accepted = self._accepted or (number == TrackerCommand.START_MEASUREMENT and status == 0)
+        self._pending_command[1].set_result((status, body[ANSWER.size :]))
 
     def _take_error(self, number: int, status: int) -> None:
         """Give an error to whom it belongs; a broken beam comes unasked and belongs to the measurement."""
-        if self._asked is not None and self._asked[0] == number and not self._asked[1].done():
-            self._asked[1].set_result((status, b""))
-        elif number in (Command.START_MEASUREMENT, Command.UNKNOWN):
-            self._interrupt(self.refusal("measuring", status))
-            self.on_change(Change.NOT_READY)
+        if (
+            self._pending_command is not None
+            and self._pending_command[0] == number
+            and not self._pending_command[1].done()
+        ):
+            self._pending_command[1].set_result((status, b""))
+        elif number in (TrackerCommand.START_MEASUREMENT, TrackerCommand.UNKNOWN):
+            self._interrupt_measurement(self.refused_error("measuring", status))
+            self.on_change(StatusChange.NOT_READY)
 
     def _take_change(self, code: int) -> None:
-        if code == Change.NOT_READY:
-            self._interrupt(self.refusal("measuring", 10004))
+        if code == StatusChange.NOT_READY:
+            self._interrupt_measurement(self.refused_error("measuring", 10004))
         self.on_change(code)
 
-    def _interrupt(self, error: DeviceError) -> None:
+    def _interrupt_measurement(self, error: DeviceError) -> None:
         if self._accepted and self._measuring is not None and not self._measuring.done():
             self._measuring.set_exception(error)
 
-    def _drop(self, error: DeviceError) -> None:
+    def _drop_connection(self, error: DeviceError) -> None:
         """Leave the connection; whoever waits for it is told why."""
         writer, self._writer = self._writer, None
         if writer is not None:
-            self._left, self._why = writer, error
+            self._closing_writer, self._why = writer, error
             writer.close()
-        if self._asked is not None and not self._asked[1].done():
-            self._asked[1].set_exception(error)
+        if self._pending_command is not None and not self._pending_command[1].done():
+            self._pending_command[1].set_exception(error)
         if self._measuring is not None and not self._measuring.done():
             self._measuring.set_exception(error)
 
-    async def _reap(self) -> None:
+    async def _await_closing(self) -> None:
         """See a connection that was left to its end."""
         listener, self._listener = self._listener, None
-        left, self._left = self._left, None
+        closing, self._closing_writer = self._closing_writer, None
         if listener is not None:
             listener.cancel()
             await asyncio.wait({listener})
-        if left is not None:
-            left.transport.abort()
+        if closing is not None:
+            closing.transport.abort()
             with suppress(OSError):
-                await left.wait_closed()
+                await closing.wait_closed()
 
-    def _gone(self, message: str) -> UnreachableError:
+    def _connection_lost_error(self, message: str) -> UnreachableError:
         return UnreachableError(self.device, message, remedy=_CABLE)
 
-    def _damaged(self, found: str, data: bytes) -> WireProtocolError:
+    def _damaged_packet_error(self, found: str, data: bytes) -> WireProtocolError:
         message = f"the tracker sent {found}, which its document does not allow."
         return WireProtocolError(self.device, message, remedy=_BYTES, frame=data.hex())

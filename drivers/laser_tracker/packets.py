@@ -16,7 +16,7 @@ MOST_BYTES = 65_536
 Triple = tuple[float, float, float]
 
 
-class Kind(IntEnum):
+class PacketKind(IntEnum):
     """ES_DataType."""
 
     COMMAND = 0
@@ -33,7 +33,7 @@ class Kind(IntEnum):
     PROBE_PLACE = 11
 
 
-class Command(IntEnum):
+class TrackerCommand(IntEnum):
     """ES_Command, as far as it is used here."""
 
     GET_SYSTEM_STATUS = 1
@@ -59,14 +59,14 @@ class Command(IntEnum):
     GET_TRACKER_INFO = 132
 
 
-class Mode(IntEnum):
+class MeasurementMode(IntEnum):
     """ES_MeasMode, as far as it is used here."""
 
     POINT = 0
     PROBE = 6
 
 
-class Change(IntEnum):
+class StatusChange(IntEnum):
     """ES_SystemStatusChange, as far as it means something here."""
 
     UNITS = 6
@@ -86,16 +86,16 @@ class Change(IntEnum):
 
 
 SIZES = {
-    Kind.ERROR: 16,
-    Kind.POINT: 156,
-    Kind.PROBE: 376,
-    Kind.LEVEL: 40,
-    Kind.TARGET_PLACE: 36,
-    Kind.STATUS_CHANGE: 12,
-    Kind.POINT_WITH_COVARIANCE: 204,
-    Kind.PROBE_PLACE: 108,
+    PacketKind.ERROR: 16,
+    PacketKind.POINT: 156,
+    PacketKind.PROBE: 376,
+    PacketKind.LEVEL: 40,
+    PacketKind.TARGET_PLACE: 36,
+    PacketKind.STATUS_CHANGE: 12,
+    PacketKind.POINT_WITH_COVARIANCE: 204,
+    PacketKind.PROBE_PLACE: 108,
 }
-RESULTS = frozenset({Kind.POINT, Kind.POINT_WITH_COVARIANCE, Kind.PROBE})
+RESULTS = frozenset({PacketKind.POINT, PacketKind.POINT_WITH_COVARIANCE, PacketKind.PROBE})
 
 _POINT = struct.Struct("<IIi17d")  # status, mode, try, values
 _POINT_WITH_COVARIANCE = struct.Struct("<IIi23d")
@@ -107,10 +107,10 @@ _PROBE_FIELDS = {"value": 0, "scatter": 3, "expected": 10, "covariance": 14, "qu
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class StationaryResult:
     """One stationary result as the wire has it, in the units that were set."""
 
-    kind: Kind
+    kind: PacketKind
     status: int
     mode: int
     is_try: bool
@@ -127,39 +127,39 @@ class Result:
     raw: str = ""
 
 
-def packet(kind: Kind, body: bytes) -> bytes:
+def encode_packet(kind: PacketKind, body: bytes) -> bytes:
     """Return a whole packet."""
     return HEADER.pack(HEADER.size + len(body), kind) + body
 
 
-def command(number: Command, parameters: bytes = b"") -> bytes:
+def encode_command(number: TrackerCommand, parameters: bytes = b"") -> bytes:
     """Return a command with its parameters."""
-    return packet(Kind.COMMAND, WORD.pack(number) + parameters)
+    return encode_packet(PacketKind.COMMAND, WORD.pack(number) + parameters)
 
 
-def result(kind: Kind, body: bytes) -> Result:
+def decode_result(kind: PacketKind, body: bytes) -> StationaryResult:
     """Decode a stationary result of a type in ``RESULTS``; the size has been checked."""
     layout, fields = {
-        Kind.POINT: (_POINT, _POINT_FIELDS),
-        Kind.POINT_WITH_COVARIANCE: (_POINT_WITH_COVARIANCE, _COVARIANCE_FIELDS),
-        Kind.PROBE: (_PROBE, _PROBE_FIELDS),
+        PacketKind.POINT: (_POINT, _POINT_FIELDS),
+        PacketKind.POINT_WITH_COVARIANCE: (_POINT_WITH_COVARIANCE, _COVARIANCE_FIELDS),
+        PacketKind.PROBE: (_PROBE, _PROBE_FIELDS),
     }[kind]
     status, mode, is_try, *rest = layout.unpack(body)
-    words = rest[: 7 if kind is Kind.PROBE else 0]
+    words = rest[: 7 if kind is PacketKind.PROBE else 0]
     values = rest[len(words) :]
 
-    def three(name: str) -> Triple:
+    def triple_of(name: str) -> Triple:
         at = fields.get(name)
         return (0.0, 0.0, 0.0) if at is None else (values[at], values[at + 1], values[at + 2])
 
-    plain = Result(
-        kind, status, mode, bool(is_try), three("value"), three("scatter"), three("expected"), three("covariance"),
-        three("air"), raw=packet(kind, body).hex(),
+    plain = StationaryResult(
+        kind, status, mode, bool(is_try), triple_of("value"), triple_of("scatter"), triple_of("expected"), triple_of("covariance"),
+        triple_of("air"), raw=encode_packet(kind, body).hex(),
     )  # fmt: skip
-    return plain if kind is not Kind.PROBE else _with_turn(plain, words, values)
+    return plain if kind is not PacketKind.PROBE else _with_turn(plain, words, values)
 
 
-def _with_turn(plain: Result, words: list[int], values: list[float]) -> Result:
+def _with_turn(plain: StationaryResult, words: list[int], values: list[float]) -> StationaryResult:
     """Add what only a probe's result has: of the words, the second is its rotation and the fifth its tip."""
     q, s, e = (_PROBE_FIELDS[name] for name in ("quaternion", "turn_scatter", "turn_expected"))
     return replace(

@@ -8,8 +8,8 @@ import numpy as np
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Air, PointReading, PoseReading
-from cellcal.drivers.laser_tracker.link import meaning
-from cellcal.drivers.laser_tracker.packets import Kind, Mode, Result, Triple
+from cellcal.drivers.laser_tracker.link import status_meaning
+from cellcal.drivers.laser_tracker.packets import MeasurementMode, PacketKind, StationaryResult, Triple
 
 _AIR = ((-20.0, 60.0), (500.0, 1200.0), (0.0, 100.0))  # degree Celsius, millibar, per cent
 _PA_PER_MILLIBAR = 100.0
@@ -19,7 +19,7 @@ _AGAIN = "Let the arm come to rest, clear the line of sight, then measure again.
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class TrackerLimits:
     """What is known of this tracker, and what is believed of it."""
 
     range_m: float
@@ -29,73 +29,77 @@ class Limits:
     steady_m: float
 
 
-class Judge:
+class ResultChecker:
     """Turns results into readings of one device."""
 
-    def __init__(self, device: str, limits: Limits) -> None:
+    def __init__(self, device: str, limits: TrackerLimits) -> None:
         self._device, self._limits = device, limits
 
-    def point(self, found: Result, taken_at_s: float, station: int) -> PointReading:
+    def point_reading(self, found: StationaryResult, taken_at_s: float, station: int) -> PointReading:
         """Return a point [m], refusing what is not one."""
-        self._hold(found, Mode.POINT, (Kind.POINT, Kind.POINT_WITH_COVARIANCE))
+        self._check_result(found, MeasurementMode.POINT, (PacketKind.POINT, PacketKind.POINT_WITH_COVARIANCE))
         sigma_m = self._sigma_m(found)
-        self._hold_covariance(found, sigma_m)
+        self._check_covariance(found, sigma_m)
         return PointReading(
-            found.value, sigma_m, taken_at_s, station, self._air(found), found.covariance, found.raw
+            found.value, sigma_m, taken_at_s, station, self._check_air(found), found.covariance, found.raw
         )
 
-    def pose(self, found: Result, taken_at_s: float, station: int) -> PoseReading:
+    def pose_reading(self, found: StationaryResult, taken_at_s: float, station: int) -> PoseReading:
         """Return a pose, refusing one whose turn the tracker does not vouch for."""
-        self._hold(found, Mode.PROBE, (Kind.PROBE,))
+        self._check_result(found, MeasurementMode.PROBE, (PacketKind.PROBE,))
         bits = found.rotation_status
         if not bits & _VALID or bits & (_WRONG | _FROZEN | _TOO_FAR):
-            raise self._refused(f"the turn of the probe is not valid (status {bits:#x})", _AGAIN)
+            raise self._refused_error(f"the turn of the probe is not valid (status {bits:#x})", _AGAIN)
         if found.tip_status:
-            raise self._refused("the probe has another tip than expected", "Mount one tip, and choose it.")
+            raise self._refused_error(
+                "the probe has another tip than expected", "Mount one tip, and choose it."
+            )
         length = math.hypot(*found.quaternion)
         if not abs(length - 1.0) < 1e-3:
-            raise self._damaged("a quaternion that is not of unit length", found)
+            raise self._damaged_result_error("a quaternion that is not of unit length", found)
         w, x, y, z = (value / length for value in found.quaternion)
-        told = zip(found.turn_scatter, found.turn_expected, strict=True)
-        a, b, c = (max(pair) or self._limits.sigma_rad for pair in told)
+        scatter_pairs = zip(found.turn_scatter, found.turn_expected, strict=True)
+        a, b, c = (max(pair) or self._limits.sigma_rad for pair in scatter_pairs)
         pose = Pose(found.value, (w, x, y, z))
         sigma_m = self._sigma_m(found)
-        return PoseReading(pose, sigma_m, (a, b, c), taken_at_s, station, self._air(found), found.raw)
+        return PoseReading(pose, sigma_m, (a, b, c), taken_at_s, station, self._check_air(found), found.raw)
 
-    def _hold(self, found: Result, mode: Mode, kinds: tuple[Kind, ...]) -> None:
+    def _check_result(
+        self, found: StationaryResult, mode: MeasurementMode, kinds: tuple[PacketKind, ...]
+    ) -> None:
         if found.status:
-            entry = meaning(found.status)
-            raise self._refused(f"the result has the status {entry.text}", entry.remedy, found.status)
+            entry = status_meaning(found.status)
+            raise self._refused_error(f"the result has the status {entry.text}", entry.remedy, found.status)
         if found.kind not in kinds or found.mode != mode:
-            raise self._refused("the result belongs to another measurement mode", _AGAIN)
+            raise self._refused_error("the result belongs to another measurement mode", _AGAIN)
         if found.is_try:
-            raise self._refused("the tracker measures in its try mode", "Switch the try mode off.")
+            raise self._refused_error("the tracker measures in its try mode", "Switch the try mode off.")
         numbers = (*found.value, *found.covariance, *found.quaternion, *found.air)
         spreads = (*found.scatter, *found.expected, *found.turn_scatter, *found.turn_expected)
         if not all(map(math.isfinite, (*numbers, *spreads))) or min(spreads) < 0.0:
-            raise self._damaged("numbers that are not finite, or a negative deviation", found)
-        self._hold_place(found)
+            raise self._damaged_result_error("numbers that are not finite, or a negative deviation", found)
+        self._check_place(found)
 
-    def _hold_place(self, found: Result) -> None:
+    def _check_place(self, found: StationaryResult) -> None:
         distance_m, limit_m = math.hypot(*found.value), self._limits.range_m
         if not 0.0 < distance_m <= limit_m:
-            raise self._refused(
+            raise self._refused_error(
                 f"the point is {distance_m:.3f} m away, the range is {limit_m:g} m",
                 "Check range_m in cell.toml and the line of sight; this may be a reflection.",
             )
         if max(found.scatter) > self._limits.steady_m:
             moved_mm = max(found.scatter) * 1e3
-            raise self._refused(f"the target moved by {moved_mm:.2f} mm while it was measured", _AGAIN)
+            raise self._refused_error(f"the target moved by {moved_mm:.2f} mm while it was measured", _AGAIN)
 
-    def _hold_covariance(self, found: Result, sigma_m: Triple) -> None:
+    def _check_covariance(self, found: StationaryResult, sigma_m: Triple) -> None:
         """Refuse covariances that no three coordinates can have."""
         xy, xz, yz = found.covariance
         x, y, z = (sigma**2 for sigma in sigma_m)
         eigenvalues = np.linalg.eigvalsh(np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]]))
         if eigenvalues[0] < -_ROUNDING * eigenvalues[2]:
-            raise self._damaged("a covariance that cannot be", found)
+            raise self._damaged_result_error("a covariance that cannot be", found)
 
-    def _sigma_m(self, found: Result) -> Triple:
+    def _sigma_m(self, found: StationaryResult) -> Triple:
         """Take the larger of what was seen and what is expected; without either, what cell.toml says."""
         stated_m = self._limits.sigma_m
         if not any(found.expected):
@@ -103,20 +107,20 @@ class Judge:
         x, y, z = (max(*pair, stated_m) for pair in zip(found.scatter, found.expected, strict=True))
         return x, y, z
 
-    def _air(self, found: Result) -> Air:
+    def _check_air(self, found: StationaryResult) -> Air:
         if not all(low <= value <= high for value, (low, high) in zip(found.air, _AIR, strict=True)):
             t, p, h = found.air
-            raise self._refused(
+            raise self._refused_error(
                 f"it reckons with impossible air ({t:.1f} °C, {p:.0f} mbar, {h:.0f} %): its lengths are wrong",
                 "Connect its weather station, or enter the air by hand on the tracker.",
             )
         temperature, pressure, humidity = found.air
         return Air(temperature, pressure * _PA_PER_MILLIBAR, humidity)
 
-    def _refused(self, message: str, remedy: str, status: int = 0) -> RefusedError:
+    def _refused_error(self, message: str, remedy: str, status: int = 0) -> RefusedError:
         return RefusedError(self._device, f"{message}.", remedy=remedy, vendor_code=status)
 
-    def _damaged(self, found: str, result: Result) -> WireProtocolError:
+    def _damaged_result_error(self, found: str, result: StationaryResult) -> WireProtocolError:
         return WireProtocolError(
             self._device, f"the result has {found}.", remedy="The reading was not used.", frame=result.raw
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.laser_tracker.link import EmsconLink
-from cellcal.drivers.laser_tracker.packets import Command, Mode
+from cellcal.drivers.laser_tracker.packets import MeasurementMode, TrackerCommand
 
 _UNITS = (0, 0, 0, 0, 0)  # metre, radian, degree Celsius, millibar, per cent
 _RIGHT_HANDED = (0,)  # x, y, z, right-handed
@@ -27,20 +27,26 @@ _OTHERS = "End other programs that use the tracker, then measure this point agai
 @dataclass(frozen=True, slots=True)
 class _Setting:
     name: str
-    read: Command
-    write: Command
+    read: TrackerCommand
+    write: TrackerCommand
     layout: str
 
 
 _SETTINGS = (
-    _Setting("units", Command.GET_UNITS, Command.SET_UNITS, "<5I"),
-    _Setting("coordinate system", Command.GET_COORDINATE_SYSTEM, Command.SET_COORDINATE_SYSTEM, "<I"),
-    _Setting("system settings", Command.GET_SYSTEM_SETTINGS, Command.SET_SYSTEM_SETTINGS, "<I8i"),
-    _Setting("measurement mode", Command.GET_MEASUREMENT_MODE, Command.SET_MEASUREMENT_MODE, "<I"),
+    _Setting("units", TrackerCommand.GET_UNITS, TrackerCommand.SET_UNITS, "<5I"),
+    _Setting(
+        "coordinate system", TrackerCommand.GET_COORDINATE_SYSTEM, TrackerCommand.SET_COORDINATE_SYSTEM, "<I"
+    ),
+    _Setting(
+        "system settings", TrackerCommand.GET_SYSTEM_SETTINGS, TrackerCommand.SET_SYSTEM_SETTINGS, "<I8i"
+    ),
+    _Setting(
+        "measurement mode", TrackerCommand.GET_MEASUREMENT_MODE, TrackerCommand.SET_MEASUREMENT_MODE, "<I"
+    ),
 )
 
 
-class Settings:
+class TrackerSettings:
     """Units, axes, flags, mode and reflector of one tracker."""
 
     def __init__(self, link: EmsconLink, reflector: int | None) -> None:
@@ -49,9 +55,9 @@ class Settings:
     async def frame_only(self) -> None:
         """Set units and axes: what every other number of the tracker depends on."""
         for setting in _SETTINGS[:2]:
-            await self._make(setting, Mode.POINT)
+            await self._apply_setting(setting, MeasurementMode.POINT)
 
-    async def make(self, mode: Mode) -> None:
+    async def apply_settings(self, mode: MeasurementMode) -> None:
         """Set what differs and read it back.
 
         Raises
@@ -60,48 +66,52 @@ class Settings:
             The tracker does not take a setting, or another reflector is chosen than the one that was.
         """
         for setting in _SETTINGS:
-            await self._make(setting, mode)
-        await self._hold_reflector()
+            await self._apply_setting(setting, mode)
+        await self._check_reflector()
 
     async def ask_covariances(self) -> None:
         """Ask for covariances with every point; a tracker that has none gives standard deviations only."""
         try:
-            await self._link.ask(Command.SET_STATISTIC_MODE, struct.pack("<II", _EXTENDED, _STANDARD))
+            await self._link.send_command(
+                TrackerCommand.SET_STATISTIC_MODE, struct.pack("<II", _EXTENDED, _STANDARD)
+            )
         except RefusedError as error:
             if error.vendor_code != _NOT_IMPLEMENTED:
                 raise
 
-    async def hold(self, mode: Mode) -> None:
+    async def check_settings(self, mode: MeasurementMode) -> None:
         """Refuse what was measured when a setting is no longer as it was made."""
         for setting in _SETTINGS:
-            found = await self._read(setting)
-            if found != _wanted(setting, found, mode):
+            found = await self._read_setting(setting)
+            if found != _expected_values(setting, found, mode):
                 raise RefusedError(
                     self._link.device,
                     f"another program changed the tracker's {setting.name} while it measured; not used.",
                     remedy=_OTHERS,
                 )
-        await self._hold_reflector()
+        await self._check_reflector()
 
-    async def _make(self, setting: _Setting, mode: Mode) -> None:
-        found = await self._read(setting)
-        wanted = _wanted(setting, found, mode)
-        if found == wanted:
+    async def _apply_setting(self, setting: _Setting, mode: MeasurementMode) -> None:
+        found = await self._read_setting(setting)
+        expected = _expected_values(setting, found, mode)
+        if found == expected:
             return
-        await self._link.ask(setting.write, struct.pack(setting.layout, *wanted))
-        found = await self._read(setting)
-        if found != wanted:
+        await self._link.send_command(setting.write, struct.pack(setting.layout, *expected))
+        found = await self._read_setting(setting)
+        if found != expected:
             raise RefusedError(
                 self._link.device,
-                f"the tracker did not take the {setting.name}: it has {found}, wanted were {wanted}.",
+                f"the tracker did not take the {setting.name}: it has {found}, wanted were {expected}.",
                 remedy=_OTHERS,
             )
 
-    async def _read(self, setting: _Setting) -> tuple[int, ...]:
-        return tuple(int(value) for value in await self._link.ask(setting.read, layout=setting.layout))
+    async def _read_setting(self, setting: _Setting) -> tuple[int, ...]:
+        return tuple(
+            int(value) for value in await self._link.send_command(setting.read, layout=setting.layout)
+        )
 
-    async def _hold_reflector(self) -> None:
-        found = int((await self._link.ask(Command.GET_REFLECTOR, layout="<i"))[0])
+    async def _check_reflector(self) -> None:
+        found = int((await self._link.send_command(TrackerCommand.GET_REFLECTOR, layout="<i"))[0])
         if self._reflector is None:
             self._reflector = found
         if found != self._reflector:
@@ -112,11 +122,11 @@ class Settings:
             )
 
 
-def _wanted(setting: _Setting, found: tuple[int, ...], mode: Mode) -> tuple[int, ...]:
-    if setting.read is Command.GET_UNITS:
+def _expected_values(setting: _Setting, found: tuple[int, ...], mode: MeasurementMode) -> tuple[int, ...]:
+    if setting.read is TrackerCommand.GET_UNITS:
         return _UNITS
-    if setting.read is Command.GET_COORDINATE_SYSTEM:
+    if setting.read is TrackerCommand.GET_COORDINATE_SYSTEM:
         return _RIGHT_HANDED
-    if setting.read is Command.GET_MEASUREMENT_MODE:
+    if setting.read is TrackerCommand.GET_MEASUREMENT_MODE:
         return (mode,)
     return tuple(_FLAGS.get(i, value) for i, value in enumerate(found))

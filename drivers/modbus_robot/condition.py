@@ -3,8 +3,8 @@
 import re
 
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.modbus_robot.panel import Block, Panel
-from cellcal.drivers.modbus_robot.program import Mode, ProgramState
+from cellcal.drivers.modbus_robot.cell_program import ProgramState, SwitchMode
+from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 Findings = tuple[tuple[Alarm, CodeEntry], ...]
@@ -23,16 +23,16 @@ _BY_KIND = {
 }
 
 
-async def read_alarms(panel: Panel) -> Findings:
+async def read_alarms(panel: RegisterClient) -> Findings:
     """Read the active alarms, newest first, each with what it means."""
     found: list[tuple[Alarm, CodeEntry]] = []
     for number in range(1, panel.profile.registers["alarm_id"].repeats + 1):
-        block = await panel.read(*_ALARM_MEMBERS, number=number)
-        family, index = block.integer("alarm_id"), block.integer("alarm_number")
+        block = await panel.read_registers(*_ALARM_MEMBERS, number=number)
+        family, index = block.integer_of("alarm_id"), block.integer_of("alarm_number")
         if family == 0:
             break
         code = f"{panel.profile.alarms.get(family, f'ID{family}')}-{index:03d}"
-        text = block.text("alarm_text")
+        text = block.text_of("alarm_text")
         axis = _AXIS.search(text)
         unknown = CodeEntry(index, "unknown", text, "Read the alarm on the pendant and reset it.")
         meaning = code_table("cellcal.drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index, unknown)
@@ -41,22 +41,24 @@ async def read_alarms(panel: Panel) -> Findings:
     return tuple(found)
 
 
-def judge(position: Block, program: ProgramState, alarms: Findings) -> Condition:
+def condition_of(position: RegisterBlock, program: ProgramState, alarms: Findings) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
-    findings = [(_BY_KIND[entry.kind][0], _sentence(alarm, alarms), entry.remedy) for alarm, entry in alarms]
-    findings += _switches(position, program)
+    findings = [
+        (_BY_KIND[entry.kind][0], _alarm_text(alarm, alarms), entry.remedy) for alarm, entry in alarms
+    ]
+    findings += _switch_conditions(position, program)
     order = (Readiness.POSITION_LOST, Readiness.STOPPED, Readiness.NOT_READY, Readiness.READY)
     findings.sort(key=lambda finding: order.index(finding[0]))
     if not findings:
         return Condition(Readiness.READY)
     remedy = findings[0][2]
-    if position.integer("acknowledge") == 1:
+    if position.integer_of("acknowledge") == 1:
         remedy = _POWER_CYCLE
     message = "; ".join(dict.fromkeys(text for _, text, _ in findings))
     return Condition(findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms))
 
 
-def _sentence(alarm: Alarm, alarms: Findings) -> str:
+def _alarm_text(alarm: Alarm, alarms: Findings) -> str:
     """Say an alarm once, with all the axes that have it."""
     axes = sorted(
         {other.axis + 1 for other, _ in alarms if other.code == alarm.code and other.axis is not None}
@@ -66,14 +68,14 @@ def _sentence(alarm: Alarm, alarms: Findings) -> str:
     return f"{alarm.code} {alarm.text.split(' (')[0]} (axes {', '.join(map(str, axes))})"
 
 
-def _switches(position: Block, program: ProgramState) -> list[tuple[Readiness, str, str]]:
+def _switch_conditions(position: RegisterBlock, program: ProgramState) -> list[tuple[Readiness, str, str]]:
     found = []
-    if position.integer("mastered") != 1:
+    if position.integer_of("mastered") != 1:
         found.append((Readiness.POSITION_LOST, "the robot is not mastered", "Run the mastering recovery."))
     if program.emergency:
         remedy = "Look at the cell, release the emergency stop and reset on the pendant."
         found.append((Readiness.STOPPED, "the emergency stop is pressed", remedy))
-    if program.mode != Mode.AUTO:
+    if program.mode != SwitchMode.AUTO:
         remedy = "Switch the teach pendant off and the mode switch to AUTO."
         found.append((Readiness.NOT_READY, f"the controller is in {program.mode_name}, not in AUTO", remedy))
     return found

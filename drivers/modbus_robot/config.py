@@ -34,7 +34,7 @@ class ModbusRobotConfig(BaseModel):
 
     @field_validator("profile")
     @classmethod
-    def _known(cls, name: str) -> str:
+    def _check_profile(cls, name: str) -> str:
         if name not in profile_names():
             raise ValueError(f"there is no profile {name!r}; known: {', '.join(profile_names())}")
         return name
@@ -49,9 +49,9 @@ class ModbusRobotConfig(BaseModel):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["ModbusRobot"]:
         """Connect, check the serial number, and hang up at the end."""
-        from cellcal.drivers.modbus_robot.panel import Panel, SerialCheck  # noqa: PLC0415  a cell file is read without the library
-        from cellcal.drivers.modbus_robot.program import CellProgram  # noqa: PLC0415  as above
-        from cellcal.drivers.modbus_robot.robot import ModbusRobot, MotionOptions  # noqa: PLC0415  as above
+        from cellcal.drivers.modbus_robot.cell_program import CellProgram  # noqa: PLC0415  as above
+        from cellcal.drivers.modbus_robot.register_client import RegisterClient, SerialCheck  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.modbus_robot.robot import ModbusMotionOptions, ModbusRobot  # noqa: PLC0415  as above
         from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
         profile = load_profile(self.profile)
@@ -62,8 +62,10 @@ class ModbusRobotConfig(BaseModel):
             deadline_s=_TELEGRAM_SHARE * self.deadline_s,
             greet=SerialCheck(profile, self.serial),
         )
-        panel = Panel(link, profile)
-        options = MotionOptions(self.deadline_s, self.speed_limit_rad_s, self.settle_s, self.motion_margin_s)
+        panel = RegisterClient(link, profile)
+        options = ModbusMotionOptions(
+            self.deadline_s, self.speed_limit_rad_s, self.settle_s, self.motion_margin_s
+        )
         robot = ModbusRobot(panel, CellProgram(panel, deadline_s=self.deadline_s), options)
         try:
             await robot.connect()

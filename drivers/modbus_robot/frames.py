@@ -4,11 +4,11 @@ from typing import Literal
 
 import numpy as np
 
-from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import ActiveFrames
-from cellcal.drivers.modbus_robot.panel import Block, Panel
+from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
 
 Kind = Literal["tool", "user"]
 _CONVENTION = "fanuc_wpr"
@@ -16,30 +16,30 @@ _SAME_M = 1e-6  # float32 millimetres of a few metres are good to a quarter of t
 _SAME_RAD = 2e-7 * 2 * np.pi
 
 
-def pose_of(block: Block, prefix: str) -> Pose:
+def pose_of(block: RegisterBlock, prefix: str) -> Pose:
     """Return the pose in the registers ``<prefix>xyz`` and ``<prefix>wpr``."""
-    rotation = rotation_from(_CONVENTION, np.array(block.numbers(f"{prefix}wpr")))
-    return Pose.from_matrix(homogeneous(rotation, np.array(block.numbers(f"{prefix}xyz"))))
+    rotation = rotation_from(_CONVENTION, np.array(block.numbers_of(f"{prefix}wpr")))
+    return Pose.from_matrix(homogeneous_matrix(rotation, np.array(block.numbers_of(f"{prefix}xyz"))))
 
 
-async def read_frame(panel: Panel, kind: Kind, number: int) -> Pose:
+async def read_frame(panel: RegisterClient, kind: Kind, number: int) -> Pose:
     """Return tool frame (seen from the flange) or user frame (seen from the base) ``number``."""
-    return pose_of(await panel.read(f"{kind}_xyz", f"{kind}_wpr", number=number), f"{kind}_")
+    return pose_of(await panel.read_registers(f"{kind}_xyz", f"{kind}_wpr", number=number), f"{kind}_")
 
 
-async def write_frame(panel: Panel, kind: Kind, number: int, pose: Pose) -> Pose:
+async def write_frame(panel: RegisterClient, kind: Kind, number: int, pose: Pose) -> Pose:
     """Write a frame in one telegram, read it back, return what was read."""
-    rest = await panel.read(f"{kind}_rest", number=number)
-    wpr = values_from(_CONVENTION, pose.rotation())
+    rest = await panel.read_registers(f"{kind}_rest", number=number)
+    wpr = values_from(_CONVENTION, pose.rotation_matrix())
     values = {
         f"{kind}_xyz": pose.position_m,
         f"{kind}_wpr": tuple(float(angle) for angle in wpr),
-        f"{kind}_rest": rest.numbers(f"{kind}_rest"),
+        f"{kind}_rest": rest.numbers_of(f"{kind}_rest"),
         f"{kind}_valid": (1,),
     }
-    await panel.write(values, number=number)
+    await panel.write_registers(values, number=number)
     found = await read_frame(panel, kind, number)
-    if not _same(found, pose):
+    if not _is_same(found, pose):
         raise RefusedError(
             panel.device,
             f"{kind} frame {number} was not written as sent.",
@@ -48,18 +48,18 @@ async def write_frame(panel: Panel, kind: Kind, number: int, pose: Pose) -> Pose
     return found
 
 
-async def flange_pose(panel: Panel, position: Block) -> Pose:
+async def flange_pose(panel: RegisterClient, position: RegisterBlock) -> Pose:
     """Take the active tool and user frame off the pose that the controller shows.
 
     Their values come from the controller too, so a frame that somebody edited cannot bend the result.
     """
-    if position.integer("pose_valid") != 1:
+    if position.integer_of("pose_valid") != 1:
         raise RefusedError(
             panel.device,
             "the controller does not know its Cartesian position.",
             remedy="Recover the mastering first.",
         )
-    user, tool = position.integer("user_number"), position.integer("tool_number")
+    user, tool = position.integer_of("user_number"), position.integer_of("tool_number")
     pose = pose_of(position, "")
     if user:  # user frame 0 is the base itself
         pose = await read_frame(panel, "user", user) @ pose
@@ -68,13 +68,13 @@ async def flange_pose(panel: Panel, position: Block) -> Pose:
     return pose
 
 
-async def active_frames(panel: Panel, position: Block) -> ActiveFrames:
+async def active_frames(panel: RegisterClient, position: RegisterBlock) -> ActiveFrames:
     """Return the numbers that are active, and the tool behind its number. No payload is assigned."""
-    user, tool = position.integer("user_number"), position.integer("tool_number")
+    user, tool = position.integer_of("user_number"), position.integer_of("tool_number")
     flange_tool = await read_frame(panel, "tool", tool) if tool else Pose((0.0, 0.0, 0.0))
     return ActiveFrames(tool, flange_tool, user)
 
 
-def _same(found: Pose, sent: Pose) -> bool:
+def _is_same(found: Pose, sent: Pose) -> bool:
     near = np.allclose(found.position_m, sent.position_m, rtol=0, atol=_SAME_M)
-    return near and bool(np.allclose(found.rotation(), sent.rotation(), rtol=0, atol=_SAME_RAD))
+    return near and bool(np.allclose(found.rotation_matrix(), sent.rotation_matrix(), rtol=0, atol=_SAME_RAD))

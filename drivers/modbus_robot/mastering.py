@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Counts, MasteringData
-from cellcal.drivers.modbus_robot.panel import Panel
-from cellcal.drivers.modbus_robot.program import CellProgram, Request
+from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest
+from cellcal.drivers.modbus_robot.register_client import RegisterClient
 
 _ROUNDING_COUNTS = 0.3  # three float32 factors of a count near 2^19
 _RELATIVE = 1e-4
 
 
-async def read_mastering(panel: Panel) -> MasteringData:
+async def read_mastering(panel: RegisterClient) -> MasteringData:
     """Read counts at zero and the mastered flag in one telegram."""
-    block = await panel.read("counts_at_zero", "mastered")
-    return MasteringData(block.integers("counts_at_zero"), block.integer("mastered") == 1)
+    block = await panel.read_registers("counts_at_zero", "mastered")
+    return MasteringData(block.integers_of("counts_at_zero"), block.integer_of("mastered") == 1)
 
 
-async def read_drive_train(panel: Panel) -> DriveTrain:
+async def read_drive_train(panel: RegisterClient) -> DriveTrain:
     """Learn the drive from the controller: interaction matrix; counts per turn from scale and ratio.
 
     Raises
@@ -28,9 +28,9 @@ async def read_drive_train(panel: Panel) -> DriveTrain:
         The three tables contradict each other, so none of them is believed.
     """
     axes = panel.profile.axes
-    matrix = (await panel.read("interaction")).numbers("interaction")
-    block = await panel.block("drive")
-    scales, ratios = block.numbers("counts_per_radian"), block.numbers("inverse_ratio")
+    matrix = (await panel.read_registers("interaction")).numbers_of("interaction")
+    block = await panel.read_block("drive")
+    scales, ratios = block.numbers_of("counts_per_radian"), block.numbers_of("inverse_ratio")
     rows = tuple(matrix[axes * i : axes * (i + 1)] for i in range(axes))
     turns = [scale * 2 * math.pi * abs(ratio) for scale, ratio in zip(scales, ratios, strict=True)]
     for axis in range(axes):
@@ -41,33 +41,33 @@ async def read_drive_train(panel: Panel) -> DriveTrain:
                 panel.device,
                 f"scale, gear ratio and interaction of axis {axis + 1} contradict each other.",
                 remedy="Compare $ENCSCALES, $GEAR_RATIO and $INTERACTION with the data sheet.",
-                frame=block.hex("counts_per_radian"),
+                frame=block.to_hex("counts_per_radian"),
             )
     return DriveTrain(rows, tuple(round(turn) for turn in turns))
 
 
 async def write_mastering(
-    panel: Panel, program: CellProgram, counts_at_zero: Sequence[int], *, within_s: float
+    panel: RegisterClient, program: CellProgram, counts_at_zero: Sequence[int], *, within_s: float
 ) -> MasteringData:
     """Write all axes, make them effective, read back; put the old data back if any of that fails."""
     old = await read_mastering(panel)
     try:
-        return await _write(panel, program, tuple(counts_at_zero), within_s)
+        return await _write_counts(panel, program, tuple(counts_at_zero), within_s)
     except BaseException as error:
-        outcome = await _restore(panel, program, old, within_s)
+        outcome = await _restore_counts(panel, program, old, within_s)
         if isinstance(error, CellError):
             error.message = f"{error.message} {outcome}"
         raise
 
 
 async def restore_mastering(
-    panel: Panel, program: CellProgram, data: MasteringData, *, within_s: float
+    panel: RegisterClient, program: CellProgram, data: MasteringData, *, within_s: float
 ) -> MasteringData:
     """Put earlier data back and read them; the flag is cleared first where the data were not in force."""
     if data.mastered:
         return await write_mastering(panel, program, data.counts_at_zero, within_s=within_s)
-    await panel.write({"mastered": (0,)})
-    await panel.write({"counts_at_zero": data.counts_at_zero})
+    await panel.write_registers({"mastered": (0,)})
+    await panel.write_registers({"counts_at_zero": data.counts_at_zero})
     found = await read_mastering(panel)
     if found != data:
         raise RefusedError(
@@ -78,32 +78,36 @@ async def restore_mastering(
     return found
 
 
-async def _write(panel: Panel, program: CellProgram, counts: Counts, within_s: float) -> MasteringData:
-    await panel.write({"counts_at_zero": counts})
+async def _write_counts(
+    panel: RegisterClient, program: CellProgram, counts: Counts, within_s: float
+) -> MasteringData:
+    await panel.write_registers({"counts_at_zero": counts})
     stored = (await read_mastering(panel)).counts_at_zero
     if stored != counts:
         raise _not_written(panel, stored, counts)
-    await program.run(Request("calibrate", within_s=within_s))
+    await program.run_request(ProgramRequest("calibrate", within_s=within_s))
     found = await read_mastering(panel)
     if found.counts_at_zero != counts or not found.mastered:
         raise _not_written(panel, found.counts_at_zero, counts)
     return found
 
 
-async def _restore(panel: Panel, program: CellProgram, old: MasteringData, within_s: float) -> str:
+async def _restore_counts(
+    panel: RegisterClient, program: CellProgram, old: MasteringData, within_s: float
+) -> str:
     try:
-        await panel.write({"counts_at_zero": old.counts_at_zero})
+        await panel.write_registers({"counts_at_zero": old.counts_at_zero})
         if (await read_mastering(panel)).counts_at_zero != old.counts_at_zero:
             return "The old data could NOT be restored: compare the counts with the record before moving."
         if old.mastered:
-            await program.run(Request("calibrate", within_s=within_s))
+            await program.run_request(ProgramRequest("calibrate", within_s=within_s))
     except DeviceError as error:
         return f"Whether the old data are back is not known ({error.message}): read them back before moving."
     return "The old data were restored."
 
 
-def _not_written(panel: Panel, found: Counts, wanted: Counts) -> RefusedError:
-    axes = [str(i + 1) for i, pair in enumerate(zip(found, wanted, strict=True)) if pair[0] != pair[1]]
+def _not_written(panel: RegisterClient, found: Counts, expected: Counts) -> RefusedError:
+    axes = [str(i + 1) for i, pair in enumerate(zip(found, expected, strict=True)) if pair[0] != pair[1]]
     what = f"axis {', '.join(axes)} was not written" if axes else "the controller did not become mastered"
     return RefusedError(
         panel.device,

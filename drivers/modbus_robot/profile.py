@@ -8,17 +8,17 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.drivers.modbus_robot.registers import Register
+from cellcal.drivers.modbus_robot.registers import RobotRegister
 
 Operation = Literal["move", "jog", "calibrate", "reset_alarms"]
 LONGEST_READ = 125  # registers in one telegram, Modbus Application Protocol 6.3
 
 
-class _Table(BaseModel):
+class _ProfileTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Limits(_Table):
+class ProfileLimits(_ProfileTable):
     """Numbers that the document promises or demands."""
 
     position_tolerance_deg: float = Field(gt=0)
@@ -27,7 +27,7 @@ class Limits(_Table):
     heartbeat_s: float = Field(gt=0)
 
 
-class Profile(_Table):
+class ControllerProfile(_ProfileTable):
     """One kind of controller behind Modbus TCP."""
 
     name: str
@@ -36,35 +36,35 @@ class Profile(_Table):
     axes: int = Field(ge=1, le=9)
     blocks: dict[str, tuple[str, ...]]
     operations: dict[Operation, int]
-    limits: Limits
+    limits: ProfileLimits
     alarms: dict[int, str]
-    registers: dict[str, Register]
+    registers: dict[str, RobotRegister]
 
     @model_validator(mode="after")
-    def _blocks_fit(self) -> "Profile":
+    def _blocks_fit(self) -> "ControllerProfile":
         for name, members in self.blocks.items():
             unknown = [member for member in members if member not in self.registers]
             if unknown:
                 raise ValueError(f"block {name} names unknown registers: {', '.join(unknown)}")
-            first, count = self.span([self.registers[member] for member in members])
+            first, count = self.register_span([self.registers[member] for member in members])
             if count > LONGEST_READ:
                 raise ValueError(f"block {name} from {first} is {count} words, more than {LONGEST_READ}")
         return self
 
     @staticmethod
-    def span(registers: Sequence[Register]) -> tuple[int, int]:
+    def register_span(registers: Sequence[RobotRegister]) -> tuple[int, int]:
         """Return first address and number of words that cover all of ``registers``."""
         first = min(register.address for register in registers)
         return first, max(register.address + register.words for register in registers) - first
 
 
 @cache
-def load_profile(name: str) -> Profile:
+def load_profile(name: str) -> ControllerProfile:
     """Read a profile that ships; FileNotFoundError for an unknown name."""
     text = (
         files("cellcal.drivers.modbus_robot").joinpath("profiles", f"{name}.toml").read_text(encoding="utf-8")
     )
-    return Profile.model_validate(parse_toml(text))
+    return ControllerProfile.model_validate(parse_toml(text))
 
 
 def profile_names() -> tuple[str, ...]:

@@ -24,7 +24,7 @@ _SI = {
 _WORDS_PER_VALUE = {"float32": 2, "int32": 2, "int16": 1, "text": 1}
 
 
-class Access(StrEnum):
+class RegisterAccess(StrEnum):
     """Who may write a register."""
 
     READ = "read"
@@ -32,7 +32,7 @@ class Access(StrEnum):
     BOTH = "read_write"
 
 
-class Register(BaseModel):
+class RobotRegister(BaseModel):
     """One line of a profile: where a quantity lies and how it is written down."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -42,19 +42,19 @@ class Register(BaseModel):
     type: Literal["float32", "int32", "int16", "text"]
     multiply: float = Field(default=1.0, gt=0)  # integer types: word value = round(value x multiply)
     unit: Literal["", "mm", "deg", "deg/s", "counts/deg", "%", "rad", "rad/count", "counts"] = ""
-    access: Access
+    access: RegisterAccess
     source: str
     stride: int = Field(default=0, ge=0)  # where the quantity repeats: words from one to the next
     repeats: int = Field(default=1, ge=1)
 
-    def numbered(self, number: int) -> "Register":
+    def register_of_item(self, number: int) -> "RobotRegister":
         """Return the register of item ``number``, counted from 1, of a repeated quantity."""
         if not 1 <= number <= self.repeats:
             raise ValueError(f"number {number} is not 1 to {self.repeats}")
         return self.model_copy(update={"address": self.address + self.stride * (number - 1)})
 
 
-def decode(register: Register, words: Sequence[int]) -> tuple[float, ...]:
+def decode_words(register: RobotRegister, words: Sequence[int]) -> tuple[float, ...]:
     """Return the SI values in ``words``; ValueError where they are none (NaN, infinite, wrong length)."""
     if len(words) != register.words:
         raise ValueError(f"{len(words)} words instead of {register.words}")
@@ -69,7 +69,7 @@ def decode(register: Register, words: Sequence[int]) -> tuple[float, ...]:
     return tuple(value / register.multiply * _SI[register.unit] for value in raw)
 
 
-def decode_text(register: Register, words: Sequence[int]) -> str:
+def decode_text(register: RobotRegister, words: Sequence[int]) -> str:
     """Return the text in ``words``: two characters a word, low byte first, up to the first NUL."""
     if register.type != "text" or len(words) != register.words:
         raise ValueError(f"no text of {register.words} words")
@@ -77,7 +77,7 @@ def decode_text(register: Register, words: Sequence[int]) -> str:
     return data.decode("ascii", errors="replace").strip()
 
 
-def encode(register: Register, values: Sequence[float]) -> Words:
+def encode_values(register: RobotRegister, values: Sequence[float]) -> Words:
     """Return the words of SI values; ValueError for a value that the register cannot hold."""
     size = _WORDS_PER_VALUE[register.type]
     if register.type == "text" or len(values) * size != register.words:
@@ -98,7 +98,7 @@ def _from_words(kind: str, words: Sequence[int]) -> float:
     return float(struct.unpack(form, data)[0])
 
 
-def _to_words(register: Register, value: float) -> Words:
+def _to_words(register: RobotRegister, value: float) -> Words:
     if register.type == "float32":
         return struct.unpack("<2H", struct.pack("<f", value))
     whole = round(value * register.multiply)

@@ -24,7 +24,8 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
-from cellcal.drivers.modbus_robot.condition import judge, read_alarms
+from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest, ProgramState
+from cellcal.drivers.modbus_robot.condition import condition_of, read_alarms
 from cellcal.drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
 from cellcal.drivers.modbus_robot.mastering import (
     read_drive_train,
@@ -32,10 +33,9 @@ from cellcal.drivers.modbus_robot.mastering import (
     restore_mastering,
     write_mastering,
 )
-from cellcal.drivers.modbus_robot.panel import Block, Panel
-from cellcal.drivers.modbus_robot.profile import Operation, Profile
-from cellcal.drivers.modbus_robot.program import CellProgram, ProgramState, Request
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.modbus_robot.profile import ControllerProfile, Operation
+from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
+from cellcal.drivers.wire.deadline import answer_deadline
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -44,7 +44,7 @@ _RESET_NEEDS_MORE = (2, 6, 11)  # reasons after which condition() says what is s
 
 
 @dataclass(frozen=True, slots=True)
-class MotionOptions:
+class ModbusMotionOptions:
     """What the cell file says about motion."""
 
     deadline_s: float
@@ -53,7 +53,7 @@ class MotionOptions:
     motion_margin_s: float
 
 
-def capabilities_of(profile: Profile) -> RobotCapabilities:
+def capabilities_of(profile: ControllerProfile) -> RobotCapabilities:
     """Return what a robot of this profile can do, known before it is reached."""
     return RobotCapabilities(
         axes=profile.axes,
@@ -71,7 +71,7 @@ def capabilities_of(profile: Profile) -> RobotCapabilities:
 class ModbusRobot:
     """Robot and all its optional abilities over one profile."""
 
-    def __init__(self, panel: Panel, program: CellProgram, options: MotionOptions) -> None:
+    def __init__(self, panel: RegisterClient, program: CellProgram, options: ModbusMotionOptions) -> None:
         self._panel, self._program, self._options = panel, program, options
         self._tolerance_rad = math.radians(panel.profile.limits.position_tolerance_deg)
         self._doing = ""
@@ -96,209 +96,218 @@ class ModbusRobot:
         await self._panel.link.close()
 
     async def identify(self) -> Identity:
-        async with self._deadline("asking who it is"):
-            block = await self._panel.read("serial", "model", "firmware")
+        async with self._answer_deadline("asking who it is"):
+            block = await self._panel.read_registers("serial", "model", "firmware")
         return Identity(
-            self._panel.profile.vendor, block.text("model"), block.text("serial"), block.text("firmware")
+            self._panel.profile.vendor,
+            block.text_of("model"),
+            block.text_of("serial"),
+            block.text_of("firmware"),
         )
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         try:
-            async with self._deadline("asking its condition"):
-                position, program = await self._status()
-                return judge(position, program, await read_alarms(self._panel))
+            async with self._answer_deadline("asking its condition"):
+                position, program = await self._read_status()
+                return condition_of(position, program, await read_alarms(self._panel))
         except DeviceError as error:
             return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
 
-    async def joints(self) -> JointReading:
-        async with self._deadline("reading the joints"):
-            position, program = await self._status()
-        return self._reading(position, program)
+    async def read_joints(self) -> JointReading:
+        async with self._answer_deadline("reading the joints"):
+            position, program = await self._read_status()
+        return self._joint_reading(position, program)
 
     async def flange_pose(self) -> Pose:
-        async with self._deadline("reading the pose"):
-            position, _ = await self._status()
+        async with self._answer_deadline("reading the pose"):
+            position, _ = await self._read_status()
             return await flange_pose(self._panel, position)
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
-        with self._alone("move"):
+        with self._exclusive_use("move"):
             self._check_numbers(target_rad, self._panel.profile.axes, "target")
-            speed = self._capped(speed_rad_s)
-            position, _ = await self._status()
-            distance = max(abs(np.subtract(target_rad, position.numbers("joints"))))
-            await self._program.run(self._motion("move", 0, target_rad, speed, float(distance)))
-            await self._settle(target_rad)
+            speed = self._cap_speed(speed_rad_s)
+            position, _ = await self._read_status()
+            distance = max(abs(np.subtract(target_rad, position.numbers_of("joints"))))
+            await self._program.run_request(
+                self._motion_request("move", 0, target_rad, speed, float(distance))
+            )
+            await self._settle_at(target_rad)
 
     async def stop(self) -> None:
-        async with self._deadline("stopping", times=2):
-            await self._program.halt()
+        async with self._answer_deadline("stopping", times=2):
+            await self._program.hold_arm()
 
     async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
-        with self._alone("jog"):
+        with self._exclusive_use("jog"):
             self._check_numbers((delta_rad,), 1, "angle")
             if not 0 <= axis < self._panel.profile.axes:
-                raise self._panel.refusal(f"there is no axis {axis + 1}.")
+                raise self._panel.refused_error(f"there is no axis {axis + 1}.")
             drive = await read_drive_train(self._panel)
-            position, _ = await self._status()
+            position, _ = await self._read_status()
             speed = self._jog_speed(speed_rad_s, position)
             finding_index = any(entry.kind == "index" for _, entry in await read_alarms(self._panel))
-            await self._program.run(self._motion("jog", axis, (delta_rad,), speed, abs(delta_rad)))
+            await self._program.run_request(
+                self._motion_request("jog", axis, (delta_rad,), speed, abs(delta_rad))
+            )
             turn_rad = float(np.abs(drive.radians_per_turn()[axis]).sum()) if finding_index else 0.0
-            moved_rad = await self._moved(axis, drive, position.integers("counts"))
+            moved_rad = await self._axis_travel(axis, drive, position.integers_of("counts"))
             if abs(moved_rad - delta_rad) > self._tolerance_rad + turn_rad:
-                raise self._short(axis, abs(moved_rad - delta_rad))
+                raise self._short_of_target_error(axis, abs(moved_rad - delta_rad))
 
     async def encoder_counts(self) -> Counts:
-        async with self._deadline("reading the counts"):
-            position, _ = await self._status()
-        return position.integers("counts")
+        async with self._answer_deadline("reading the counts"):
+            position, _ = await self._read_status()
+        return position.integers_of("counts")
 
-    async def mastering(self) -> MasteringData:
-        async with self._deadline("reading the mastering"):
+    async def read_mastering(self) -> MasteringData:
+        async with self._answer_deadline("reading the mastering"):
             return await read_mastering(self._panel)
 
     async def drive_train(self) -> DriveTrain:
-        async with self._deadline("reading the drive data"):
+        async with self._answer_deadline("reading the drive data"):
             return await read_drive_train(self._panel)
 
     async def encoder_epoch(self) -> int:
-        async with self._deadline("reading the encoder epoch"):
-            return (await self._panel.read("epoch")).integer("epoch")
+        async with self._answer_deadline("reading the encoder epoch"):
+            return (await self._panel.read_registers("epoch")).integer_of("epoch")
 
     async def write_mastering(self, counts_at_zero: Counts) -> MasteringData:
-        with self._alone("mastering"):
+        with self._exclusive_use("mastering"):
             self._check_numbers(counts_at_zero, self._panel.profile.axes, "counts")
             within_s = self._options.deadline_s
             return await write_mastering(self._panel, self._program, counts_at_zero, within_s=within_s)
 
     async def restore_mastering(self, data: MasteringData) -> MasteringData:
-        with self._alone("mastering"):
+        with self._exclusive_use("mastering"):
             self._check_numbers(data.counts_at_zero, self._panel.profile.axes, "counts")
             within_s = self._options.deadline_s
             return await restore_mastering(self._panel, self._program, data, within_s=within_s)
 
     async def reset_position_alarms(self) -> None:
-        with self._alone("reset"):
+        with self._exclusive_use("reset"):
             if any(entry.kind == "lost" for _, entry in await read_alarms(self._panel)):
-                await self._panel.write({"acknowledge": (1,)})
+                await self._panel.write_registers({"acknowledge": (1,)})
             try:
-                await self._program.run(Request("reset_alarms", within_s=self._options.deadline_s))
+                await self._program.run_request(
+                    ProgramRequest("reset_alarms", within_s=self._options.deadline_s)
+                )
             except RefusedError as error:
                 if error.vendor_code not in _RESET_NEEDS_MORE:
                     raise
 
     async def read_tool_frame(self, number: int) -> Pose:
-        async with self._deadline("reading a tool frame"):
+        async with self._answer_deadline("reading a tool frame"):
             return await read_frame(self._panel, "tool", number)
 
     async def write_tool_frame(self, number: int, flange_tool: Pose) -> Pose:
-        with self._alone("tool frame"):
-            async with self._deadline("writing a tool frame"):
+        with self._exclusive_use("tool frame"):
+            async with self._answer_deadline("writing a tool frame"):
                 return await write_frame(self._panel, "tool", number, flange_tool)
 
     async def read_user_frame(self, number: int) -> Pose:
-        async with self._deadline("reading a user frame"):
+        async with self._answer_deadline("reading a user frame"):
             return await read_frame(self._panel, "user", number)
 
     async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
-        with self._alone("user frame"):
-            async with self._deadline("writing a user frame"):
+        with self._exclusive_use("user frame"):
+            async with self._answer_deadline("writing a user frame"):
                 return await write_frame(self._panel, "user", number, base_user)
 
     async def active_frames(self) -> ActiveFrames:
-        async with self._deadline("reading the active tool"):
+        async with self._answer_deadline("reading the active tool"):
             # selections need no look at the program's counter: a run also begins while it does not run
-            return await active_frames(self._panel, await self._panel.block("position"))
+            return await active_frames(self._panel, await self._panel.read_block("position"))
 
     async def controller_mode(self) -> str:
-        async with self._deadline("reading the mode"):
-            _, program = await self._status()
+        async with self._answer_deadline("reading the mode"):
+            _, program = await self._read_status()
             return program.mode_name
 
     async def speed_override(self) -> float:
-        async with self._deadline("reading the speed override"):
-            return (await self._panel.read("override")).numbers("override")[0]
+        async with self._answer_deadline("reading the speed override"):
+            return (await self._panel.read_registers("override")).numbers_of("override")[0]
 
-    async def _status(self) -> tuple[Block, ProgramState]:
+    async def _read_status(self) -> tuple[RegisterBlock, ProgramState]:
         """Read position and counts between two looks at the program's counter."""
-        before = await self._program.look()
-        position = await self._panel.block("position")
+        before = await self._program.read_state()
+        position = await self._panel.read_block("position")
         return position, await self._program.newer_than(before)
 
-    def _reading(self, position: Block, program: ProgramState) -> JointReading:
-        if position.integer("joints_valid") != 1:
+    def _joint_reading(self, position: RegisterBlock, program: ProgramState) -> JointReading:
+        if position.integer_of("joints_valid") != 1:
             raise RefusedError(
                 self.name,
                 "the controller does not know its joint angles.",
                 remedy="Recover the mastering first.",
             )
         return JointReading(
-            joints_rad=position.numbers("joints"),
+            joints_rad=position.numbers_of("joints"),
             moving=program.moving,
             taken_at_s=time.monotonic(),
-            raw=position.hex("joints") + position.hex("counts"),
+            raw=position.to_hex("joints") + position.to_hex("counts"),
         )
 
-    async def _settle(self, target_rad: Joints) -> None:
+    async def _settle_at(self, target_rad: Joints) -> None:
         await asyncio.sleep(self._options.settle_s)
-        reading = await self.joints()
+        reading = await self.read_joints()
         errors = np.abs(np.subtract(reading.joints_rad, target_rad))
         if reading.moving or float(errors.max()) > self._tolerance_rad:
-            raise self._short(int(errors.argmax()), float(errors.max()))
+            raise self._short_of_target_error(int(errors.argmax()), float(errors.max()))
 
-    async def _moved(self, axis: int, drive: DriveTrain, before: Counts) -> float:
+    async def _axis_travel(self, axis: int, drive: DriveTrain, before: Counts) -> float:
         """Return how far an axis has turned, by the counts: they are there without mastering too.
 
         While a motor has not found its index, its count may jump by a part of a turn when it does.
         """
         await asyncio.sleep(self._options.settle_s)
-        position, program = await self._status()
+        position, program = await self._read_status()
         if program.moving:
             raise MotionStoppedError(
                 self.name,
                 "the arm moves although its jog is done.",
                 remedy="Make sure that nobody else commands the robot, then repeat the step.",
             )
-        return float(drive.joints(np.array(position.integers("counts")), np.array(before))[axis])
+        return float(drive.to_joints(np.array(position.integers_of("counts")), np.array(before))[axis])
 
-    def _short(self, axis: int, error_rad: float) -> MotionStoppedError:
+    def _short_of_target_error(self, axis: int, error_rad: float) -> MotionStoppedError:
         return MotionStoppedError(
             self.name,
             f"axis {axis + 1} ended {math.degrees(error_rad):.2f} deg from its target.",
             remedy="Look whether something blocks the arm, then repeat the step.",
         )
 
-    def _capped(self, speed_rad_s: float) -> float:
+    def _cap_speed(self, speed_rad_s: float) -> float:
         self._check_numbers((speed_rad_s,), 1, "speed")
         if speed_rad_s <= 0:
-            raise self._panel.refusal("a speed must be above zero.")
+            raise self._panel.refused_error("a speed must be above zero.")
         return min(speed_rad_s, self._options.speed_limit_rad_s)
 
-    def _jog_speed(self, speed_rad_s: float, position: Block) -> float:
-        speed = self._capped(speed_rad_s)
-        if position.integer("mastered") == 1:
+    def _jog_speed(self, speed_rad_s: float, position: RegisterBlock) -> float:
+        speed = self._cap_speed(speed_rad_s)
+        if position.integer_of("mastered") == 1:
             return speed
         return min(speed, math.radians(self._panel.profile.limits.jog_speed_unmastered_deg_s))
 
-    def _motion(
+    def _motion_request(
         self,
         operation: Operation,
         axis: int,
         arguments_rad: Sequence[float],
         speed_rad_s: float,
         far_rad: float,
-    ) -> Request:
+    ) -> ProgramRequest:
         """Return a request to move so far, with the time that it may take."""
         full_override_s = _SLOWER * far_rad / speed_rad_s
         margin_s = self._options.motion_margin_s
-        return Request(operation, axis, arguments_rad, speed_rad_s, margin_s, full_override_s)
+        return ProgramRequest(operation, axis, arguments_rad, speed_rad_s, margin_s, full_override_s)
 
     def _check_numbers(self, values: Sequence[float], count: int, what: str) -> None:
         if len(values) != count or not all(math.isfinite(value) for value in values):
-            raise self._panel.refusal(f"{what}: {count} finite numbers are needed.")
+            raise self._panel.refused_error(f"{what}: {count} finite numbers are needed.")
 
     @contextmanager
-    def _alone(self, doing: str) -> Iterator[None]:
+    def _exclusive_use(self, doing: str) -> Iterator[None]:
         if self._doing:
             raise BusyError(self.name, f"a {self._doing} is under way, a {doing} was asked for.")
         self._doing = doing
@@ -307,5 +316,5 @@ class ModbusRobot:
         finally:
             self._doing = ""
 
-    def _deadline(self, doing: str, *, times: int = 1) -> AbstractAsyncContextManager[None]:
-        return deadline(self.name, times * self._options.deadline_s, doing)
+    def _answer_deadline(self, doing: str, *, times: int = 1) -> AbstractAsyncContextManager[None]:
+        return answer_deadline(self.name, times * self._options.deadline_s, doing)

@@ -15,17 +15,17 @@ class ScriptedOperator:
     """
 
     def __init__(
-        self, answers: Mapping[str, str], *, hooks: Mapping[str, Hook] | None = None, who: str = "script"
+        self, answers: Mapping[str, str], *, hooks: Mapping[str, Hook] | None = None, person: str = "script"
     ) -> None:
-        self._answers, self._hooks, self._who = dict(answers), dict(hooks or {}), who
+        self._answers, self._hooks, self._person = dict(answers), dict(hooks or {}), person
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        return await self._answer(instruction.key, instruction.text)
+        return await self._answer_for(instruction.key, instruction.text)
 
-    async def enter(self, question: Question) -> Answer:
-        return await self._answer(question.key, question.text)
+    async def ask_question(self, question: Question) -> Answer:
+        return await self._answer_for(question.key, question.text)
 
-    async def _answer(self, key: str, text: str) -> Answer:
+    async def _answer_for(self, key: str, text: str) -> Answer:
         value = self._answers.get(key)
         if value is None:
             raise NobodyThereError(
@@ -41,4 +41,4 @@ class ScriptedOperator:
             )
         if key in self._hooks:
             await self._hooks[key]()
-        return Answer(self._who, value)
+        return Answer(self._person, value)

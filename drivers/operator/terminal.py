@@ -20,38 +20,38 @@ class TerminalOperator:
     """Operator. Waiting for an answer never blocks the rest of the program and can be cancelled."""
 
     def __init__(
-        self, who: str = "", *, console: Console | None = None, descriptor: int | None = None
+        self, person: str = "", *, console: Console | None = None, descriptor: int | None = None
     ) -> None:
-        self._who = who or getpass.getuser()
+        self._person = person or getpass.getuser()
         self._console = console or Console(stderr=True, emoji=False)
         self._descriptor = descriptor
         self._lines: LineSource | None = None
         self._asking = ""
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        with self._alone(instruction.key):
-            self._show(instruction.text, "Please do this")
+        with self._exclusive_use(instruction.key):
+            self._show_text(instruction.text, "Please do this")
             while True:
-                line = (await self._line("Done? \\[y/n] ", instruction.text)).lower()
+                line = (await self._read_line("Done? \\[y/n] ", instruction.text)).lower()
                 if line in _YES:
-                    return Answer(self._who)
+                    return Answer(self._person)
                 if line in _NO:
-                    raise self._declined(instruction.text)
+                    raise self._declined_error(instruction.text)
                 self._console.print("Please answer y or n.")
 
-    async def enter(self, question: Question) -> Answer:
-        with self._alone(question.key):
-            self._show(question.text, "Please tell")
+    async def ask_question(self, question: Question) -> Answer:
+        with self._exclusive_use(question.key):
+            self._show_text(question.text, "Please tell")
             prompt = f"Value in {question.unit}: " if question.unit else "Answer: "
             while True:
-                line = await self._line(prompt, question.text)
+                line = await self._read_line(prompt, question.text)
                 if line:
-                    return Answer(self._who, line)
+                    return Answer(self._person, line)
 
-    def _show(self, text: str, title: str) -> None:
+    def _show_text(self, text: str, title: str) -> None:
         self._console.print(Panel(Text(text), title=title, expand=False))
 
-    async def _line(self, prompt: str, asked: str) -> str:
+    async def _read_line(self, prompt: str, question: str) -> str:
         self._console.print(prompt, end="")
         if self._lines is None:
             self._lines = LineSource(sys.stdin.fileno() if self._descriptor is None else self._descriptor)
@@ -60,13 +60,13 @@ class TerminalOperator:
             self._console.print()
             raise NobodyThereError(
                 "operator",
-                f"it waits for a person, and nobody is at this terminal (the input was closed): {asked}",
+                f"it waits for a person, and nobody is at this terminal (the input was closed): {question}",
                 remedy="Resume the run where somebody can answer: cellcal resume, or a page of cellcal serve.",
             )
         return line.strip()
 
     @contextmanager
-    def _alone(self, key: str) -> Iterator[None]:
+    def _exclusive_use(self, key: str) -> Iterator[None]:
         if self._asking:
             raise BusyError("operator", f"{self._asking!r} is being asked, {key!r} has to wait.")
         self._asking = key
@@ -75,7 +75,7 @@ class TerminalOperator:
         finally:
             self._asking = ""
 
-    def _declined(self, asked: str) -> RefusedError:
+    def _declined_error(self, question: str) -> RefusedError:
         return RefusedError(
-            "operator", f"the answer was no: {asked}", remedy="Resume the run when it can be done."
+            "operator", f"the answer was no: {question}", remedy="Resume the run when it can be done."
         )

@@ -29,10 +29,10 @@ def arm_shape(model: RobotModel, joints: Array) -> ArmShape:
     ProgramFileError
         The arm has not six axes.
     """
-    if model.axes != 6:
+    if model.axis_count != 6:
         raise ProgramFileError(
             model.name,
-            f"flags and turns are known for six axes, not {model.axes}.",
+            f"flags and turns are known for six axes, not {model.axis_count}.",
             remedy="Give the nominal or identified model of the robot that runs the program.",
         )
     rotations, origins = chain_frames(model, np.vstack([np.zeros(6), joints]))
@@ -42,13 +42,13 @@ def arm_shape(model: RobotModel, joints: Array) -> ArmShape:
     wrist = _nearest_point(points[4], axes[4], points[3], axes[3])
     lower, upper = points[2] - points[1], wrist - points[2]
     return ArmShape(
-        _dot(wrist - points[0], forward),
-        _dot(np.cross(lower, upper), side)
-        / np.linalg.norm(lower - _dot(lower, side)[:, None] * side, axis=1),
+        _dot_product(wrist - points[0], forward),
+        _dot_product(np.cross(lower, upper), side)
+        / np.linalg.norm(lower - _dot_product(lower, side)[:, None] * side, axis=1),
     )
 
 
-def either(value: Array, tolerance: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def sign_options(value: Array, tolerance: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return whether values may be called at least zero, and whether they may be called negative."""
     return value >= -tolerance, value < tolerance
 
@@ -56,11 +56,11 @@ def either(value: Array, tolerance: float) -> tuple[NDArray[np.bool_], NDArray[n
 def _nearest_point(point: Array, axis: Array, other: Array, other_axis: Array) -> Array:
     """Return the point of each line that is nearest to another line, not parallel to it."""
     normal = np.cross(axis, other_axis)
-    along = _dot(np.cross(other - point, other_axis), normal) / _dot(normal, normal)
+    along = _dot_product(np.cross(other - point, other_axis), normal) / _dot_product(normal, normal)
     nearest: Array = point + along[:, None] * axis
     return nearest
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot_product(a: Array, b: Array) -> Array:
     product: Array = np.einsum("ni,ni->n", a, b)
     return product

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.drivers.programs.across import Abroad, Said
+from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
 
 class ConfigurationRule(Protocol):
     """How a maker tells apart the postures that reach one pose: flags and turn numbers."""
 
-    def agrees(
+    def matches_postures(
         self, model: RobotModel, joints: Array, texts: Sequence[str], *, turns: bool = True
     ) -> NDArray[np.bool_]:
         """Return (N,): whether postures (N, n) [rad] are what the texts say; ``turns=False`` looks at flags only.
@@ -33,7 +33,7 @@ class ConfigurationRule(Protocol):
         """
         ...
 
-    def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
+    def write_configurations(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return the texts that say these postures (N, n), in the spelling of the N old texts."""
         ...
 
@@ -61,32 +61,34 @@ class ProgramBrand:
         True
     )  # a suffix shared with other files: is it a program?
     tells: bool = False  # whether its programs are `Telling`
-    says: Callable[[str, bytes], Said | None] = lambda *_: (
+    says: Callable[[str, bytes], FileDeclarations | None] = lambda *_: (
         None
     )  # what a file says, where that is quicker than reading
-    together: "Together | None" = None  # where many at once are quicker than one after another
+    together: "ProgramBatch | None" = None  # where many at once are quicker than one after another
 
 
-class Telling(ProgramFile, Protocol):
+class DeclaringProgram(ProgramFile, Protocol):
     """A program whose positions other files of its robot use, or that uses theirs."""
 
     @property
-    def said(self) -> Said:
+    def declarations(self) -> FileDeclarations:
         """Return what counts for other files."""
         ...
 
-    def with_abroad(self, abroad: Abroad) -> "Telling":
+    def with_external_uses(self, external_uses: ExternalUses) -> "DeclaringProgram":
         """Return the program with what the other files say."""
         ...
 
 
-class Together(Protocol):
+class ProgramBatch(Protocol):
     """How a brand reads and changes many programs at once."""
 
-    def read(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
+    def read_files(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
         """Return programs by their names and bytes; what is wrong with one stands at its place."""
         ...
 
-    def change(self, programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+    def change_files(
+        self, programs: Sequence[ProgramFile], changes: Sequence[PositionChange]
+    ) -> Sequence[ProgramFile]:
         """Return programs with their changes, as `ProgramFile.changed` of each."""
         ...

@@ -9,7 +9,7 @@ Marks: TypeAlias = tuple[tuple[str, int], ...]  # what is set, and by which rout
 _MOST = 2
 
 
-def reached(
+def reached_settings(
     calls: Sequence[Collection[int]], own: Sequence[Iterable[str]]
 ) -> tuple[list[Marks], list[Marks]]:
     """Return for every routine what it and those that it calls set, and what is set around it.
@@ -17,7 +17,7 @@ def reached(
     Around it are the routines that call it, at any depth, and all that those call. At most two different values
     are kept of each: more tell nothing more, and a chain of calls would cost its square.
     """
-    groups = _groups(calls)
+    groups = _group_cycles(calls)
     group_of = {routine: number for number, group in enumerate(groups) for routine in group}
     below: list[Marks] = []
     for group in groups:  # whom a group calls stands before it
@@ -25,19 +25,19 @@ def reached(
         for called in {group_of[other] for routine in group for other in calls[routine]}:
             if called < len(below):
                 marks.update(below[called])
-        below.append(_few(marks))
+        below.append(_least_marks(marks))
     above: list[Marks] = [()] * len(groups)
     for number in range(len(groups) - 1, -1, -1):
         others = {group_of[other] for routine in groups[number] for other in calls[routine]}
         if number in others:  # its routines call each other
-            above[number] = _few({*above[number], *below[number]})
+            above[number] = _least_marks({*above[number], *below[number]})
         for called in others - {number}:
-            above[called] = _few({*above[called], *above[number], *below[number]})
+            above[called] = _least_marks({*above[called], *above[number], *below[number]})
     count = range(len(calls))
     return [below[group_of[one]] for one in count], [above[group_of[one]] for one in count]
 
 
-def _few(marks: Collection[tuple[str, int]]) -> Marks:
+def _least_marks(marks: Collection[tuple[str, int]]) -> Marks:
     """Return the least marks, each of another value."""
     found: list[tuple[str, int]] = []
     for mark in sorted(marks):
@@ -48,12 +48,12 @@ def _few(marks: Collection[tuple[str, int]]) -> Marks:
     return tuple(found)
 
 
-def _groups(calls: Sequence[Collection[int]]) -> list[list[int]]:
+def _group_cycles(calls: Sequence[Collection[int]]) -> list[list[int]]:
     """Return routines that call each other in a circle together, those called before those that call."""
     tarjan = _Tarjan(calls)
     for routine in range(len(calls)):
         if routine not in tarjan.order:
-            tarjan.follow(routine)
+            tarjan.follow_routine(routine)
     return tarjan.groups
 
 
@@ -67,14 +67,14 @@ class _Tarjan:
     waiting: dict[int, None] = field(default_factory=dict)  # met, and not yet in a group
     groups: list[list[int]] = field(default_factory=list)
 
-    def follow(self, first: int) -> None:
+    def follow_routine(self, first: int) -> None:
         """Group all that a routine leads to."""
-        path = [(first, self._begin(first))]
+        path = [(first, self._begin_routine(first))]
         while path:
             routine, rest = path[-1]
             for other in rest:
                 if other not in self.order:
-                    path.append((other, self._begin(other)))
+                    path.append((other, self._begin_routine(other)))
                     break
                 if other in self.waiting:
                     self.least[routine] = min(self.least[routine], self.order[other])
@@ -83,14 +83,14 @@ class _Tarjan:
                 if path:
                     above = path[-1][0]
                     self.least[above] = min(self.least[above], self.least[routine])
-                self._end(routine)
+                self._end_routine(routine)
 
-    def _begin(self, routine: int) -> Iterator[int]:
+    def _begin_routine(self, routine: int) -> Iterator[int]:
         self.order[routine] = self.least[routine] = len(self.order)
         self.waiting[routine] = None
         return iter(self.calls[routine])
 
-    def _end(self, routine: int) -> None:
+    def _end_routine(self, routine: int) -> None:
         if self.least[routine] != self.order[routine]:
             return
         group: list[int] = []

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
-from cellcal.drivers.programs.positions import Change, Positions
+from cellcal.drivers.programs.positions import PositionChange, Positions
 from cellcal.drivers.programs.spans import Edit
 
 BEYOND = 1e7  # mm; no robot goes there
@@ -16,35 +16,37 @@ BEYOND = 1e7  # mm; no robot goes there
 HALF = np.array([0.5 * 10.0**-decimals * (1 - 1e-9) for decimals in range(16)])
 
 
-def gets_only_a_pose(rows: NDArray[np.int64], change: Change, positions: Positions) -> NDArray[np.bool_]:
+def gets_only_a_pose(
+    rows: NDArray[np.int64], change: PositionChange, positions: Positions
+) -> NDArray[np.bool_]:
     """Return (K,): whether a change brings rows a new pose that a robot can have, and nothing else."""
     if change.frame_tip is None:
         return np.zeros(len(rows), dtype=bool)
     near = np.abs(change.frame_tip[:, :3, 3]).max(axis=1) * 1e3 < BEYOND
-    given = np.asarray(np.isfinite(change.frame_tip).all(axis=(1, 2)) & near)
+    is_given = np.asarray(np.isfinite(change.frame_tip).all(axis=(1, 2)) & near)
     if change.joints is not None:
-        given &= ~np.isfinite(change.joints).any(axis=1)
+        is_given &= ~np.isfinite(change.joints).any(axis=1)
     for texts, old in (
         (change.configurations, positions.configurations),
         (change.user_frames, positions.user_frames),
     ):
         if texts is not None:
-            given &= [text == (old[row] or "") for text, row in zip(texts, rows.tolist(), strict=True)]
-    return given
+            is_given &= [text == (old[row] or "") for text, row in zip(texts, rows.tolist(), strict=True)]
+    return is_given
 
 
-def part_of(change: Change, some: NDArray[np.bool_]) -> Change:
+def part_of(change: PositionChange, some: NDArray[np.bool_]) -> PositionChange:
     """Return a change of some of its rows."""
 
-    def texts(of: Sequence[str] | None) -> list[str] | None:
+    def select_texts(of: Sequence[str] | None) -> list[str] | None:
         return None if of is None else [text for text, one in zip(of, some.tolist(), strict=True) if one]
 
-    return Change(
+    return PositionChange(
         np.asarray(change.rows)[some],
         frame_tip=None if change.frame_tip is None else change.frame_tip[some],
         joints=None if change.joints is None else change.joints[some],
-        configurations=texts(change.configurations),
-        user_frames=texts(change.user_frames),
+        configurations=select_texts(change.configurations),
+        user_frames=select_texts(change.user_frames),
     )
 
 

@@ -23,7 +23,7 @@ class NumberFormat:
     point: bool
 
     @classmethod
-    def of(cls, text: str) -> "NumberFormat":
+    def from_text(cls, text: str) -> "NumberFormat":
         """Read the format of a number; blanks in front count as its width.
 
         Raises
@@ -46,11 +46,11 @@ class NumberFormat:
         )
 
     @property
-    def resolution(self) -> float:
+    def unit_step(self) -> float:
         """Return one unit of the last decimal (of the mantissa, where there is an exponent)."""
         return float(10.0**-self.decimals)
 
-    def write(self, value: float) -> str:
+    def write_value(self, value: float) -> str:
         """Write a value in this format.
 
         Raises
@@ -77,12 +77,12 @@ class NumberFormat:
         return f"{mantissa}{self.exponent}{sign}{abs(int(power)):0{self.exponent_digits}d}"
 
 
-def rewritten(text: str, value: float) -> str:
+def rewrite_number(text: str, value: float) -> str:
     """Return a number in the old one's format, or the old text itself where it already says the value.
 
     ``text`` is the number as written, blanks in front included; value in the file's own unit.
     """
-    form = NumberFormat.of(text)
+    form = NumberFormat.from_text(text)
     old = float(text)
-    half = 0.5 * form.resolution * (10.0 ** int(text.lower().split("e")[1]) if form.exponent else 1.0)
-    return text if abs(value - old) <= half * (1 - 1e-9) else form.write(value)
+    half = 0.5 * form.unit_step * (10.0 ** int(text.lower().split("e")[1]) if form.exponent else 1.0)
+    return text if abs(value - old) <= half * (1 - 1e-9) else form.write_value(value)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.drivers.programs.shifts import Shift
+from cellcal.drivers.programs.shifts import ProgramShift
 
 Kind = str
 CARTESIAN, JOINTS, UNTAUGHT = "cartesian", "joints", "untaught"
@@ -43,7 +43,7 @@ class Positions:
     resolution_m: Array  # (N,) one unit of the last decimal of a length as written
     resolution_rad: Array  # (N,)
     barred: Mapping[int, str] = field(default_factory=dict)  # rows that no command may change, and why
-    shifts: tuple[Shift, ...] = ()  # what the program adds to points while it runs
+    shifts: tuple[ProgramShift, ...] = ()  # what the program adds to points while it runs
 
     def __len__(self) -> int:
         """Return N."""
@@ -60,7 +60,7 @@ class Remark:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class PositionChange:
     """New coordinates for some positions of a program; everything else keeps every byte.
 
     ``rows`` index `Positions`. What is None, and every row of NaN, stays as written. A configuration is the whole
@@ -98,7 +98,7 @@ class ProgramFile(Protocol):
         ...
 
     @property
-    def frames(self) -> "Frames":
+    def frames(self) -> "ProgramFrames":
         """Return the tools, user frames and kinematics that this file itself holds."""
         ...
 
@@ -106,7 +106,7 @@ class ProgramFile(Protocol):
         """Return the file; unchanged it is the bytes that were read."""
         ...
 
-    def changed(self, change: Change) -> Self:
+    def with_changes(self, change: PositionChange) -> Self:
         """Return the file with new coordinates in the number format of the old ones.
 
         Raises
@@ -118,7 +118,7 @@ class ProgramFile(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class ProgramFrames:
     """Tools and user frames by the name that positions use for them."""
 
     base_frame: Mapping[str, Pose] = field(default_factory=dict)
@@ -138,7 +138,7 @@ def with_unread(positions: Positions, unread: Sequence[tuple[str, int, str]]) ->
     for name, line, _ in unread:
         names.append(name if name not in names else f"{name} (line {line}, {len(names) + 1})")
 
-    def longer(values: Array) -> Array:
+    def pad_rows(values: Array) -> Array:
         return np.concatenate([values, np.full((more, *values.shape[1:]), np.nan)])
 
     nothing: tuple[str | None, ...] = (None,) * more
@@ -148,9 +148,9 @@ def with_unread(positions: Positions, unread: Sequence[tuple[str, int, str]]) ->
         kinds=(*positions.kinds, *(UNREAD,) * more),
         lines=np.concatenate([positions.lines, [line for _, line, _ in unread]]).astype(np.int64),
         groups=np.concatenate([positions.groups, np.ones(more, dtype=np.int64)]),
-        frame_tip=longer(positions.frame_tip),
-        joints=longer(positions.joints),
-        external=longer(positions.external),
+        frame_tip=pad_rows(positions.frame_tip),
+        joints=pad_rows(positions.joints),
+        external=pad_rows(positions.external),
         user_frames=(*positions.user_frames, *nothing),
         tools=(*positions.tools, *nothing),
         configurations=(*positions.configurations, *("",) * more),

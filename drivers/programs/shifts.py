@@ -12,7 +12,7 @@ from math import nan
 
 import numpy as np
 
-from cellcal.calibration.geometry import Array, homogeneous, rotation_from_quaternion
+from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_from_quaternion
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w first
@@ -20,7 +20,7 @@ UNREADABLE: Triple = (nan, nan, nan)
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
-class Axes(StrEnum):
+class ShiftAxes(StrEnum):
     """What the axes of a shift belong to."""
 
     USER_FRAME = "user_frame"
@@ -28,12 +28,12 @@ class Axes(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
+class ProgramShift:
     """One shift: the tip goes to ``shift @ point``, both seen in the user frame or in the base."""
 
     line: int  # from 1, of the instruction
     what: str  # the instruction, as the maker names it
-    axes: Axes
+    axes: ShiftAxes
     rows: tuple[int, ...] = ()  # of `Positions`: the points that are shifted
     point: str = ""  # where no row is: the point of another file, or the move itself
     user_frame: str | None = None  # where no row is: the frame of the move, None where the file does not say
@@ -41,18 +41,18 @@ class Shift:
     quaternion: Quaternion | None = NO_TURN  # None: it may turn the point, by what only the controller knows
     each_time: bool = False  # it adds to a variable, once more for each time that the line runs
 
-    def matrix(self) -> Array:
+    def to_matrix(self) -> Array:
         """Return the shift (4, 4); components that are not readable count as zero."""
         turn = rotation_from_quaternion(np.array([self.quaternion or NO_TURN]))
-        shift: Array = homogeneous(turn, np.nan_to_num(np.array([self.translation_m])))[0]
+        shift: Array = homogeneous_matrix(turn, np.nan_to_num(np.array([self.translation_m])))[0]
         return shift
 
 
-def renumber_shifts(shifts: Sequence[Shift], new_rows: Mapping[int, int]) -> tuple[Shift, ...]:
+def renumber_shifts(shifts: Sequence[ProgramShift], new_rows: Mapping[int, int]) -> tuple[ProgramShift, ...]:
     """Return shifts in the order of the file, with rows counted anew; rows that are dropped fall away."""
     renumbered = [
         replace(one, rows=tuple(sorted(new_rows[row] for row in one.rows if row in new_rows)))
         for one in shifts
     ]
-    kept = [one for one in renumbered if one.rows or one.point]
-    return tuple(sorted(kept, key=lambda one: (one.line, one.rows, one.point)))
+    remaining = [one for one in renumbered if one.rows or one.point]
+    return tuple(sorted(remaining, key=lambda one: (one.line, one.rows, one.point)))

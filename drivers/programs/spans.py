@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.numbers import NumberFormat
-from cellcal.drivers.programs.positions import Change, Positions
+from cellcal.drivers.programs.positions import PositionChange, Positions
 
 Edit = tuple[int, int, str]  # from, to, what stands there from now on
 
@@ -23,7 +23,7 @@ _LARGEST = 1e7  # mm or degrees; no robot goes there
 _MOST_DIGITS = 15
 
 
-class Source:
+class ProgramText:
     """A program's bytes as text, one character a byte, and where its lines begin."""
 
     def __init__(self, name: str, data: bytes) -> None:
@@ -36,24 +36,24 @@ class Source:
         self.text = data.decode("latin-1")
 
     @cached_property
-    def _breaks(self) -> NDArray[np.int64]:
+    def _line_breaks(self) -> NDArray[np.int64]:
         return np.flatnonzero(np.frombuffer(self.data, dtype=np.uint8) == 10)
 
     def lines_of(self, places: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the lines, from 1, of places in the text."""
-        return np.searchsorted(self._breaks, places) + 1
+        return np.searchsorted(self._line_breaks, places) + 1
 
     def line_of(self, place: int) -> int:
         """Return the line, from 1, of a place in the text."""
-        return bisect_left(self._breaks, place) + 1
+        return bisect_left(self._line_breaks, place) + 1
 
-    def error(self, place: int, message: str, *, remedy: str = "") -> ProgramFileError:
+    def error_at(self, place: int, message: str, *, remedy: str = "") -> ProgramFileError:
         """Return an error that says where in the file."""
         line = self.line_of(place)
-        start = int(self._breaks[line - 2]) + 1 if line > 1 else 0
+        start = int(self._line_breaks[line - 2]) + 1 if line > 1 else 0
         return ProgramFileError(self.name, message, line=line, column=place - start + 1, remedy=remedy)
 
-    def number(self, place: int, text: str) -> float:
+    def parse_number(self, place: int, text: str) -> float:
         """Return a number's value.
 
         Raises
@@ -63,10 +63,12 @@ class Source:
         """
         value = float(text)
         if not abs(value) < _LARGEST or len(text) > _LONGEST_NUMBER:
-            raise self.error(place, f"no robot has the coordinate {text[:20]}.", remedy="Correct the number.")
+            raise self.error_at(
+                place, f"no robot has the coordinate {text[:20]}.", remedy="Correct the number."
+            )
         return value
 
-    def edited(self, edits: Iterable[Edit]) -> bytes:
+    def apply_edits(self, edits: Iterable[Edit]) -> bytes:
         """Return the bytes with some spans written anew; the spans do not overlap."""
         pieces, after = [], 0
         for start, end, text in sorted(edits):
@@ -81,7 +83,7 @@ def decimals_of(text: str) -> int:
     return len(mantissa.partition(".")[2]) - int(power or 0)
 
 
-def finest(texts: Iterable[str], least: int) -> int:
+def finest_decimals(texts: Iterable[str], least: int) -> int:
     """Return the decimals that coordinates of one kind share: those of the finest, at least ``least``."""
     most = least
     for text in texts:
@@ -92,7 +94,7 @@ def finest(texts: Iterable[str], least: int) -> int:
     return min(most, _MOST_DIGITS)
 
 
-def written(text: str, value: float, decimals: int) -> str:
+def write_number(text: str, value: float, decimals: int) -> str:
     """Write a value as a language with free numbers may: in the old one's style, to at least ``decimals``.
 
     Makers of such languages print a coordinate that is zero as ``0`` and a round one without decimals, so the
@@ -103,15 +105,15 @@ def written(text: str, value: float, decimals: int) -> str:
     if _PLAIN.fullmatch(text):  # nearly all are
         digits = min(max(len(text.partition(".")[2]), decimals), _MOST_DIGITS)
         return f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
-    form = NumberFormat.of(text)
+    form = NumberFormat.from_text(text)
     digits = max(form.decimals, decimals + (floor(log10(abs(value))) if form.exponent and value else 0), 0)
     digits = min(digits, _MOST_DIGITS)
     rounded = value if form.exponent else round(value, digits) + 0.0
-    return replace(form, decimals=digits, point=form.point or digits > 0).write(rounded)
+    return replace(form, decimals=digits, point=form.point or digits > 0).write_value(rounded)
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RequestedChange:
     """A change in the units of the file, row by row, as lists: a million rows are gone through one by one."""
 
     has_pose: list[bool]
@@ -122,7 +124,7 @@ class Wanted:
     joints_deg: list[list[float]]
 
     @classmethod
-    def of(cls, positions: Positions, rows: NDArray[np.int64], change: Change) -> Self:
+    def from_change(cls, positions: Positions, rows: NDArray[np.int64], change: PositionChange) -> Self:
         """Compare a change with what is there."""
         nothing = np.full((len(rows), 4, 4), np.nan)
         poses = nothing if change.frame_tip is None else change.frame_tip
@@ -138,7 +140,7 @@ class Wanted:
         )
 
 
-def checked_rows(name: str, positions: Positions, change: Change) -> NDArray[np.int64]:
+def checked_rows(name: str, positions: Positions, change: PositionChange) -> NDArray[np.int64]:
     """Return a change's rows after looking at the shapes of all it brings.
 
     Raises
@@ -165,28 +167,28 @@ def checked_rows(name: str, positions: Positions, change: Change) -> NDArray[np.
 
 
 def _poses_or_nothing(poses: NDArray[np.float64]) -> bool:
-    given = poses[~np.isnan(poses).all(axis=(1, 2))]
-    if not len(given):
+    given_poses = poses[~np.isnan(poses).all(axis=(1, 2))]
+    if not len(given_poses):
         return True
-    rotation = given[:, :3, :3]
+    rotation = given_poses[:, :3, :3]
     defect = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max()
     return bool(
         isfinite(defect)
         and defect < 1e-6
-        and np.isfinite(given).all()
+        and np.isfinite(given_poses).all()
         and (np.linalg.det(rotation) > 0).all()
     )
 
 
 def unique_names(names: Iterable[str], lines: NDArray[np.int64]) -> tuple[str, ...]:
     """Return names that differ: a second ``XP1`` is ``XP1@42`` after its line, a third there ``XP1@42.2``."""
-    seen: set[str] = set()
+    used_names: set[str] = set()
     result = []
     for name, line in zip(names, lines.tolist(), strict=True):
         own, number = name, 1
-        while own.lower() in seen:
+        while own.lower() in used_names:
             own = f"{name}@{line}" if number == 1 else f"{name}@{line}.{number}"
             number += 1
-        seen.add(own.lower())
+        used_names.add(own.lower())
         result.append(own)
     return tuple(result)

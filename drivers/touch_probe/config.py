@@ -11,15 +11,15 @@ from cellcal.drivers.interfaces import ProbeCapabilities
 
 if TYPE_CHECKING:
     from cellcal.drivers.touch_probe.coupler import Coupler
-    from cellcal.drivers.touch_probe.dial import DialGauge
-    from cellcal.drivers.touch_probe.probe import TouchProbe
+    from cellcal.drivers.touch_probe.dial_gauge import DialGauge
+    from cellcal.drivers.touch_probe.probe import CouplerTouchProbe
 
 _FEWEST_CLOSED = 6  # images; a contact open half of the time looks closed in all of them once in 64
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for saying so
 _MAC = re.compile(r"([0-9A-Fa-f]{2}[:-]?){5}[0-9A-Fa-f]{2}")
 
 
-class _OnCoupler(BaseModel):
+class _CouplerConfig(BaseModel):
     """How to reach a coupler, and what is wired to it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -43,13 +43,13 @@ class _OnCoupler(BaseModel):
         return serial
 
     @model_validator(mode="after")
-    def _echo_has_two_ends(self) -> "_OnCoupler":
+    def _echo_has_two_ends(self) -> "_CouplerConfig":
         if (self.echo_output is None) is not (self.echo_input is None):
             raise ValueError("echo_output and echo_input go together: one is wired to the other")
         return self
 
-    def _coupler(self, *, digital_input: int = 0, analogue_input: int = 0) -> "Coupler":
-        from cellcal.drivers.touch_probe.coupler import Coupler, Wiring  # noqa: PLC0415  a cell file is read without the library
+    def _make_coupler(self, *, digital_input: int = 0, analogue_input: int = 0) -> "Coupler":
+        from cellcal.drivers.touch_probe.coupler import Coupler, CouplerWiring  # noqa: PLC0415  a cell file is read without the library
         from cellcal.drivers.touch_probe.registers import load_map  # noqa: PLC0415  as above
         from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
@@ -58,14 +58,14 @@ class _OnCoupler(BaseModel):
             if self.echo_output is None or self.echo_input is None
             else (self.echo_output, self.echo_input)
         )
-        wiring = Wiring(self.serial, digital_input, analogue_input, echo, self.echo_ms * 1e-3)
+        wiring = CouplerWiring(self.serial, digital_input, analogue_input, echo, self.echo_ms * 1e-3)
         link = ModbusLink(self.name, self.address, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
         coupler = Coupler(link, load_map(), wiring)
-        link.greet = coupler.greet
+        link.greet = coupler.check_device
         return coupler
 
 
-class TouchProbeConfig(_OnCoupler):
+class TouchProbeConfig(_CouplerConfig):
     """A touch-trigger probe on a digital input."""
 
     driver: Literal["touch_probe"]
@@ -89,9 +89,9 @@ class TouchProbeConfig(_OnCoupler):
         return self
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator["TouchProbe"]:
+    async def open(self) -> AsyncIterator["CouplerTouchProbe"]:
         """Connect, check the MAC-ID, and hang up at the end."""
-        from cellcal.drivers.touch_probe.probe import ProbeOptions, TouchProbe  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.touch_probe.probe import CouplerTouchProbe, ProbeOptions  # noqa: PLC0415  a cell file is read without the library
 
         options = ProbeOptions(
             self.deadline_s,
@@ -102,14 +102,16 @@ class TouchProbeConfig(_OnCoupler):
             self.silence_ms * 1e-3,
             self.normally_closed,
         )
-        probe = TouchProbe(self._coupler(digital_input=self.contact_input), self._capabilities(), options)
+        probe = CouplerTouchProbe(
+            self._make_coupler(digital_input=self.contact_input), self._probe_capabilities(), options
+        )
         try:
             await probe.connect()
             yield probe
         finally:
             await probe.close()
 
-    def _capabilities(self) -> ProbeCapabilities:
+    def _probe_capabilities(self) -> ProbeCapabilities:
         settling_ms = max(self.debounce_ms, _FEWEST_CLOSED * self.poll_ms)
         seeing_ms = self.silence_ms + self.bounce_ms + settling_ms + 4 * self.poll_ms
         reaction_ms = self.delay_ms + self.delay_tolerance_ms + seeing_ms
@@ -124,7 +126,7 @@ class TouchProbeConfig(_OnCoupler):
         )
 
 
-class DialGaugeConfig(_OnCoupler):
+class DialGaugeConfig(_CouplerConfig):
     """A dial gauge with a 4-20 mA output on an analogue input: 4 mA is its zero, 20 mA its range."""
 
     driver: Literal["dial_gauge"]
@@ -136,12 +138,12 @@ class DialGaugeConfig(_OnCoupler):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["DialGauge"]:
         """Connect, check the MAC-ID, and hang up at the end."""
-        from cellcal.drivers.touch_probe.dial import DialGauge, DialOptions  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.touch_probe.dial_gauge import DialGauge, DialOptions  # noqa: PLC0415  a cell file is read without the library
 
         options = DialOptions(
             self.range_mm * 1e-3, self.sigma_mm * 1e-3, self.end_margin_mm * 1e-3, self.deadline_s
         )
-        gauge = DialGauge(self._coupler(analogue_input=self.dial_input), options)
+        gauge = DialGauge(self._make_coupler(analogue_input=self.dial_input), options)
         try:
             await gauge.connect()
             yield gauge

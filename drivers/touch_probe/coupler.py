@@ -24,7 +24,7 @@ _WORD = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Wiring:
+class CouplerWiring:
     """Which terminals are used; channels count from 1. ``echo`` is an output and the input it is wired to."""
 
     serial: str  # MAC-ID
@@ -35,7 +35,7 @@ class Wiring:
 
 
 @dataclass(frozen=True, slots=True)
-class Image:
+class InputImage:
     """The inputs, as they were some time between the two times [host monotonic]."""
 
     words: Words
@@ -43,7 +43,7 @@ class Image:
     asked_s: float
     answered_s: float
 
-    def digital(self, channel: int) -> bool:
+    def digital_input(self, channel: int) -> bool:
         """Return one digital input; channels count from 1."""
         word, bit = divmod(channel - 1, _WORD)
         return bool(self.words[self.digital_at + word] >> bit & 1)
@@ -56,7 +56,7 @@ class Image:
 class Coupler:
     """One coupler over one link. Everything that is asked of it comes back with the times between which it was so."""
 
-    def __init__(self, link: ModbusLink, table: CouplerMap, wiring: Wiring) -> None:
+    def __init__(self, link: ModbusLink, table: CouplerMap, wiring: CouplerWiring) -> None:
         self.link, self.table, self.wiring = link, table, wiring
         self._digital_at = self._words = 0
         self._echo_wanted = False
@@ -70,8 +70,10 @@ class Coupler:
 
     async def identify(self) -> Identity:
         """Return the name plate."""
-        firmware, series, item, major, minor = await self._register("name_plate")
-        return Identity("WAGO", f"{series}-{item}", await self._serial(), f"{major}.{minor} ({firmware})")
+        firmware, series, item, major, minor = await self._read_register("name_plate")
+        return Identity(
+            "WAGO", f"{series}-{item}", await self._read_serial(), f"{major}.{minor} ({firmware})"
+        )
 
     async def connect(self) -> None:
         """Connect, check who answers and what is on the rail."""
@@ -82,12 +84,12 @@ class Coupler:
         if self.wiring.echo is None:
             _LOG.warning("%s: no echo wire is named; an image that stands still cannot be seen", self.name)
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         """Return whether the rail can be used, in a technician's words."""
         try:
-            trouble = await self._trouble()
+            trouble = await self._find_fault()
             if trouble is None:
-                await self.fresh()
+                await self.read_fresh_image()
         except RefusedError as error:
             return Condition(Readiness.NOT_READY, error.message, error.remedy)
         except DeviceError as error:
@@ -96,24 +98,24 @@ class Coupler:
             return Condition(Readiness.NOT_READY, trouble.message, trouble.remedy)
         return Condition(Readiness.READY)
 
-    async def image(self) -> Image:
+    async def read_image(self) -> InputImage:
         """Read all inputs in one telegram."""
         if not self._words:
-            await self._learn_layout()
+            await self._read_layout()
         asked_s = time.monotonic()
         try:
             words = await self.link.read(self.table.registers["inputs"].address + 1, self._words)
         except RefusedError as error:
-            await self._explain(error)
+            await self._raise_fault(error)
             raise
-        image = Image(words, self._digital_at, asked_s, time.monotonic())
+        image = InputImage(words, self._digital_at, asked_s, time.monotonic())
         self._check_echo(image)
         return image
 
-    async def fresh(self) -> Image:
+    async def read_fresh_image(self) -> InputImage:
         """Return an image that is newer than this call: the echo that is written now has come back in it."""
         if self.wiring.echo is None:
-            return await self.image()
+            return await self.read_image()
         await self._echo_back()  # one that was under way proves nothing about this call
         await self.turn_echo()
         return await self._echo_back()
@@ -123,36 +125,36 @@ class Coupler:
         if self.wiring.echo is None or self._echo_due_s is not None:
             return
         if self._echo_shown is None:
-            await self.image()
+            await self.read_image()
         output, _ = self.wiring.echo
-        wanted = not self._echo_shown
+        echo_value = not self._echo_shown
         try:
-            await self.link.write_coil(self.table.registers["outputs"].address + output, wanted)
+            await self.link.write_coil(self.table.registers["outputs"].address + output, echo_value)
         except RefusedError as error:
-            await self._explain(error)
+            await self._raise_fault(error)
             raise
-        self._echo_wanted, self._echo_due_s = wanted, time.monotonic() + self.wiring.echo_s
+        self._echo_wanted, self._echo_due_s = echo_value, time.monotonic() + self.wiring.echo_s
 
-    async def _echo_back(self) -> Image:
-        image = await self.image()
+    async def _echo_back(self) -> InputImage:
+        image = await self.read_image()
         while self._echo_due_s is not None:
             await asyncio.sleep(_ECHO_PAUSE_S)
-            image = await self.image()
+            image = await self.read_image()
         return image
 
-    async def greet(self, link: ModbusLink) -> None:
+    async def check_device(self, link: ModbusLink) -> None:
         """Check constants and MAC-ID at every connect; forget what was known of the rail."""
         self._words, self._echo_due_s, self._echo_shown = 0, None, None
         constants = self.table.registers["constants"]
         found = await link.read_during_greeting(constants.address + 1, constants.words)
         if found != self.table.constants.values:
-            raise self._wrong("is no coupler of the WAGO 750 series")
+            raise self._wrong_device_error("is no coupler of the WAGO 750 series")
         mac = self.table.registers["mac"]
-        serial = _mac(await link.read_during_greeting(mac.address + 1, mac.words))
-        if serial != _plain(self.wiring.serial):
-            raise self._wrong(f"is the coupler {serial}, cell.toml says {self.wiring.serial}")
+        serial = _mac_text(await link.read_during_greeting(mac.address + 1, mac.words))
+        if serial != _plain_serial(self.wiring.serial):
+            raise self._wrong_device_error(f"is the coupler {serial}, cell.toml says {self.wiring.serial}")
 
-    def stale(self) -> UnreachableError:
+    def stale_image_error(self) -> UnreachableError:
         """Return the error for an image that stands still."""
         return UnreachableError(
             self.name,
@@ -160,20 +162,20 @@ class Coupler:
             remedy="Check the wire from the echo output to the echo input, then switch the coupler off and on.",
         )
 
-    def _check_echo(self, image: Image) -> None:
+    def _check_echo(self, image: InputImage) -> None:
         if self.wiring.echo is None:
             return
-        self._echo_shown = image.digital(self.wiring.echo[1])
+        self._echo_shown = image.digital_input(self.wiring.echo[1])
         if self._echo_due_s is None:
             return
         if self._echo_shown is self._echo_wanted:
             self._echo_due_s = None
         elif image.answered_s > self._echo_due_s:
             self._echo_due_s = None
-            raise self.stale()
+            raise self.stale_image_error()
 
-    async def _learn_layout(self) -> None:
-        _, analogue, outputs, inputs = await self._register("image_lengths")
+    async def _read_layout(self) -> None:
+        _, analogue, outputs, inputs = await self._read_register("image_lengths")
         wiring = self.wiring
         echo = wiring.echo or (0, 0)
         self._refuse_missing("analogue input", wiring.analogue_input, analogue // _WORD)
@@ -190,11 +192,13 @@ class Coupler:
                 remedy="Compare the terminals on the rail with cell.toml.",
             )
 
-    async def _trouble(self) -> RefusedError | None:
+    async def _find_fault(self) -> RefusedError | None:
         """Return what the coupler says of itself, if anything."""
-        code, argument = await self._register("led_error")
+        code, argument = await self._read_register("led_error")
         if code:
-            entry = code_table("cellcal.drivers.touch_probe", "led_errors.tsv").get(code, _unknown(code))
+            entry = code_table("cellcal.drivers.touch_probe", "led_errors.tsv").get(
+                code, _unknown_fault(code)
+            )
             text = entry.text.format(argument=argument)
             return RefusedError(
                 self.name,
@@ -203,7 +207,7 @@ class Coupler:
                 vendor_code=code,
                 vendor_text=text,
             )
-        (watchdog,) = await self._register("watchdog_status")
+        (watchdog,) = await self._read_register("watchdog_status")
         if watchdog == _EXPIRED:
             return RefusedError(
                 self.name,
@@ -213,19 +217,19 @@ class Coupler:
             )
         return None
 
-    async def _explain(self, error: RefusedError) -> None:
+    async def _raise_fault(self, error: RefusedError) -> None:
         """Raise what the coupler says of itself in the place of a bare exception 4."""
-        if error.vendor_code == _DEVICE_FAILURE and (trouble := await self._trouble()) is not None:
+        if error.vendor_code == _DEVICE_FAILURE and (trouble := await self._find_fault()) is not None:
             raise trouble from error
 
-    async def _register(self, name: str) -> Words:
+    async def _read_register(self, name: str) -> Words:
         register = self.table.registers[name]
         return await self.link.read(register.address + 1, register.words)
 
-    async def _serial(self) -> str:
-        return _mac(await self._register("mac"))
+    async def _read_serial(self) -> str:
+        return _mac_text(await self._read_register("mac"))
 
-    def _wrong(self, found: str) -> WrongDeviceError:
+    def _wrong_device_error(self, found: str) -> WrongDeviceError:
         return WrongDeviceError(
             self.name,
             f"what answers at this address {found}.",
@@ -233,13 +237,13 @@ class Coupler:
         )
 
 
-def _mac(words: Words) -> str:
+def _mac_text(words: Words) -> str:
     return "".join(f"{word:04x}" for word in words)
 
 
-def _plain(serial: str) -> str:
+def _plain_serial(serial: str) -> str:
     return serial.replace("-", "").replace(":", "").lower()
 
 
-def _unknown(code: int) -> CodeEntry:
+def _unknown_fault(code: int) -> CodeEntry:
     return CodeEntry(code, "fault", "a fault that is not in our table", "Look at the coupler's manual.")

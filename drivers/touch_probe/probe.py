@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Condition, ContactEdge, ContactReading, Identity, ProbeCapabilities
-from cellcal.drivers.touch_probe.coupler import Coupler, Image
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.touch_probe.coupler import Coupler, InputImage
+from cellcal.drivers.wire.deadline import answer_deadline
 
 _ECHO_EVERY_S = 0.05
 _WORDS_KEPT = 64
@@ -28,7 +28,7 @@ class ProbeOptions:
 
 
 @dataclass(slots=True)
-class _Watch:
+class _TouchWatch:
     """What has been seen of one touch so far."""
 
     open_asked_s: float  # of the last image before the first closed one
@@ -40,7 +40,7 @@ class _Watch:
     words: list[int] = field(default_factory=list)
 
 
-class TouchProbe:
+class CouplerTouchProbe:
     """TouchProbe over one input of a coupler."""
 
     def __init__(self, coupler: Coupler, capabilities: ProbeCapabilities, options: ProbeOptions) -> None:
@@ -57,7 +57,7 @@ class TouchProbe:
 
     async def connect(self) -> None:
         """Connect and check who answers."""
-        async with deadline(self.name, self._options.deadline_s, "connecting"):
+        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
             await self._coupler.connect()
 
     async def close(self) -> None:
@@ -65,49 +65,49 @@ class TouchProbe:
         await self._coupler.link.close()
 
     async def identify(self) -> Identity:
-        async with deadline(self.name, self._options.deadline_s, "asking who it is"):
+        async with answer_deadline(self.name, self._options.deadline_s, "asking who it is"):
             return await self._coupler.identify()
 
-    async def condition(self) -> Condition:
-        return await self._coupler.condition()
+    async def read_condition(self) -> Condition:
+        return await self._coupler.read_condition()
 
-    async def contact(self) -> ContactReading:
-        async with deadline(self.name, self._options.deadline_s, "reading the contact"):
-            image = await self._coupler.fresh()
-        return ContactReading(self._closed(image), image.answered_s, self._word(image))
+    async def read_contact(self) -> ContactReading:
+        async with answer_deadline(self.name, self._options.deadline_s, "reading the contact"):
+            image = await self._coupler.read_fresh_image()
+        return ContactReading(self._is_closed(image), image.answered_s, self._digital_word(image))
 
-    async def touched(self) -> ContactEdge:
+    async def wait_for_touch(self) -> ContactEdge:
         if self._watching:
             raise BusyError(self.name, "a touch is being waited for already.")
         self._watching = True
         try:
-            return await self._watch()
+            return await self._watch_contact()
         finally:
             self._watching = False
 
-    async def _watch(self) -> ContactEdge:
-        first = await self._coupler.fresh()
-        if self._closed(first):
+    async def _watch_contact(self) -> ContactEdge:
+        first = await self._coupler.read_fresh_image()
+        if self._is_closed(first):
             raise RefusedError(
                 self.name,
                 "the probe's contact is closed already.",
                 remedy="Move the tip clear of everything; if it stays closed, check probe and cable.",
             )
-        watch = _Watch(first.asked_s, words=[self._word(first)])
+        watch = _TouchWatch(first.asked_s, words=[self._digital_word(first)])
         echo_s = time.monotonic()
-        while (edge := self._judged(watch)) is None:
+        while (edge := self._confirmed_touch(watch)) is None:
             await asyncio.sleep(self._options.poll_s)
-            async with deadline(self.name, self._options.silence_s, "looking at the contact"):
+            async with answer_deadline(self.name, self._options.silence_s, "looking at the contact"):
                 if time.monotonic() - echo_s > _ECHO_EVERY_S:
                     echo_s = time.monotonic()
                     await self._coupler.turn_echo()
-                self._note(watch, await self._coupler.image())
+                self._note_image(watch, await self._coupler.read_image())
         return edge
 
-    def _note(self, watch: _Watch, image: Image) -> None:
-        pending, word = watch.first_closed_s < math.inf, self._word(image)
-        watch.words = [*watch.words, word][-_WORDS_KEPT:] if pending or self._closed(image) else [word]
-        if self._closed(image):
+    def _note_image(self, watch: _TouchWatch, image: InputImage) -> None:
+        pending, word = watch.first_closed_s < math.inf, self._digital_word(image)
+        watch.words = [*watch.words, word][-_WORDS_KEPT:] if pending or self._is_closed(image) else [word]
+        if self._is_closed(image):
             watch.first_closed_s = min(watch.first_closed_s, image.answered_s)
             watch.closed_since_s = min(watch.closed_since_s, image.answered_s)
             watch.images_closed += 1
@@ -118,7 +118,7 @@ class TouchProbe:
         else:
             watch.open_asked_s = image.asked_s
 
-    def _judged(self, watch: _Watch) -> ContactEdge | None:
+    def _confirmed_touch(self, watch: _TouchWatch) -> ContactEdge | None:
         """Return the touch once its contact stays closed, or has sprung for longer than a healthy one."""
         sound = watch.sprung_s <= self._options.bounce_s
         stays = time.monotonic() - watch.closed_since_s >= self._options.debounce_s
@@ -135,8 +135,8 @@ class TouchProbe:
             raw=tuple(watch.words),
         )
 
-    def _closed(self, image: Image) -> bool:
-        return image.digital(self._coupler.wiring.digital_input) is not self._options.normally_closed
+    def _is_closed(self, image: InputImage) -> bool:
+        return image.digital_input(self._coupler.wiring.digital_input) is not self._options.normally_closed
 
-    def _word(self, image: Image) -> int:
+    def _digital_word(self, image: InputImage) -> int:
         return image.digital_word(self._coupler.wiring.digital_input)

@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from cellcal.calibration.documents.toml_text import parse_toml
 
 
-class _Table(BaseModel):
+class _CouplerTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Register(_Table):
+class CouplerRegister(_CouplerTable):
     """Where something lies; addresses count from 0."""
 
     address: int = Field(ge=0, le=0xFFFF)
@@ -20,13 +20,13 @@ class Register(_Table):
     source: str
 
 
-class Constants(_Table):
+class CouplerConstants(_CouplerTable):
     """Words that every coupler answers alike: who does not, is none, or swaps bytes."""
 
     values: tuple[int, ...]
 
 
-class CurrentLoop(_Table):
+class CurrentLoop(_CouplerTable):
     """How a 4-20 mA terminal writes its value down."""
 
     shift: int
@@ -35,7 +35,7 @@ class CurrentLoop(_Table):
     below: int
     source: str
 
-    def count(self, word: int) -> int:
+    def decode_steps(self, word: int) -> int:
         """Return the value in steps; ValueError says what the terminal reports instead of one."""
         if word & self.fault_mask == self.fault_mask:
             what = "below 4 mA or a broken wire" if word == self.below else "above 20 mA"
@@ -46,11 +46,11 @@ class CurrentLoop(_Table):
         return count
 
 
-class CouplerMap(_Table):
+class CouplerMap(_CouplerTable):
     """Everything in ``registers.toml``."""
 
-    registers: dict[str, Register]
-    constants: Constants
+    registers: dict[str, CouplerRegister]
+    constants: CouplerConstants
     current_loop: CurrentLoop
 
 

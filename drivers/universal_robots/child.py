@@ -9,13 +9,13 @@ import time
 
 from rtde_control import RTDEControlInterface
 
-from cellcal.drivers.wire.child import serve
+from cellcal.drivers.wire.child import serve_requests
 
 _CYCLE_HZ = 125.0  # enough for commands, and the client spins while it waits
 _READY_S = 0.5
 
 
-class _Arm:
+class _ControlInterface:
     """One connection of ur-rtde's control interface."""
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class _Arm:
 
     def keep_alive(self) -> bool:
         """Feed the watchdog; False when the program has ended."""
-        control = self._connected()
+        control = self._connected_control()
         return bool(control.isConnected() and control.isProgramRunning() and control.kickWatchdog())
 
     def move_joints(self, target_rad: list[float], speed_rad_s: float, acceleration_rad_s2: float) -> bool:
@@ -39,25 +39,25 @@ class _Arm:
         # A wrong length would be a malformed packet and a call that never returns.
         if len(target_rad) != 6:
             raise ValueError(f"{len(target_rad)} joint angles for an arm of 6")
-        return bool(self._connected().moveJ(target_rad, speed_rad_s, acceleration_rad_s2, True))
+        return bool(self._connected_control().moveJ(target_rad, speed_rad_s, acceleration_rad_s2, True))
 
     def move_running(self) -> bool:
         """Whether the program still works on a move."""
-        return int(self._connected().getAsyncOperationProgress()) >= 0
+        return int(self._connected_control().getAsyncOperationProgress()) >= 0
 
     def stop(self, deceleration_rad_s2: float) -> None:
         """Let the arm decelerate; returns at once."""
-        self._connected().stopJ(deceleration_rad_s2, True)
+        self._connected_control().stopJ(deceleration_rad_s2, True)
 
     def release(self) -> None:
         """End our program, so that the pendant and the hand have the robot again."""
-        control = self._connected()
+        control = self._connected_control()
         control.stopScript()
         deadline_s = time.monotonic() + _READY_S
         while control.isProgramRunning() and time.monotonic() < deadline_s:
             time.sleep(0.01)
 
-    def _connected(self) -> RTDEControlInterface:
+    def _connected_control(self) -> RTDEControlInterface:
         if self._control is None:
             raise RuntimeError("not connected")
         return self._control
@@ -65,8 +65,8 @@ class _Arm:
 
 def main() -> None:
     """Serve the parent."""
-    arm = _Arm()
-    serve(
+    arm = _ControlInterface()
+    serve_requests(
         {
             "connect": arm.connect,
             "keep_alive": arm.keep_alive,

@@ -8,9 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellcal.calibration.arm.mounting import MOUNTED
 from cellcal.drivers.interfaces import RobotCapabilities
-from cellcal.drivers.universal_robots.contact import Contact, Timing
-from cellcal.drivers.universal_robots.motion import Tolerances
-from cellcal.drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
+from cellcal.drivers.universal_robots.motion import MotionTolerances
+from cellcal.drivers.universal_robots.robot import CAPABILITIES, UniversalRobot, UrMotionOptions
+from cellcal.drivers.universal_robots.robot_connection import RobotConnection, StreamTiming
 from cellcal.drivers.universal_robots.session import SessionOptions
 
 _MODELS = ("ur3e", "ur5e", "ur10e", "ur16e")  # e-Series: CB3 runs another software
@@ -41,7 +41,7 @@ class UniversalRobotConfig(BaseModel):
 
     @field_validator("model")
     @classmethod
-    def _known(cls, name: str) -> str:
+    def _check_model(cls, name: str) -> str:
         if name.partition(MOUNTED)[0] not in _MODELS:
             raise ValueError(f"this driver does not know a {name!r}; it knows {', '.join(_MODELS)}")
         return name
@@ -54,31 +54,31 @@ class UniversalRobotConfig(BaseModel):
     @asynccontextmanager
     async def open(self) -> AsyncIterator[UniversalRobot]:
         """Connect for reading, check model and serial number; give the robot back at the end."""
-        robot = UniversalRobot(self._contact(), self._session(), self._motion())
+        robot = UniversalRobot(self._make_connection(), self._session_options(), self._motion_options())
         try:
             await robot.connect()
             yield robot
         finally:
             await robot.close()
 
-    def _contact(self) -> Contact:
-        return Contact(
+    def _make_connection(self) -> RobotConnection:
+        return RobotConnection(
             self.name,
             self.address,
             (self.model.partition(MOUNTED)[0], self.serial),  # a controller does not tell its mounting
-            Timing(self.state_rate_hz, _STALE_SHARE * self.deadline_s, self.deadline_s),
+            StreamTiming(self.state_rate_hz, _STALE_SHARE * self.deadline_s, self.deadline_s),
         )
 
-    def _session(self) -> SessionOptions:
+    def _session_options(self) -> SessionOptions:
         return SessionOptions(
             self.address, self.watchdog_hz, _CONNECT_SHARE * self.deadline_s, self.release_after_s
         )
 
-    def _motion(self) -> MotionOptions:
-        return MotionOptions(
+    def _motion_options(self) -> UrMotionOptions:
+        return UrMotionOptions(
             self.deadline_s,
             self.speed_limit_rad_s,
             self.acceleration_rad_s2,
             self.stop_deceleration_rad_s2,
-            Tolerances(self.settle_tolerance_rad, self.settle_speed_rad_s, self.settle_s),
+            MotionTolerances(self.settle_tolerance_rad, self.settle_speed_rad_s, self.settle_s),
         )

@@ -1,6 +1,6 @@
 """The controller's dashboard: one question, one line of answer.
 
-Each question uses a connection of its own, so that ``stop`` has a path to the robot that nothing else can
+Each question uses a connection of its own, so that ``stop_program`` has a path to the robot that nothing else can
 block: not a hanging library, not a dead child process, not a lost RTDE link.
 
 Source: the maker's dashboard server article for e-Series.
@@ -19,7 +19,7 @@ _LONGEST_LINE = 4096
 _ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell is at fault."
 
 
-class Dashboard:
+class DashboardClient:
     """What we ask of the dashboard, and no more: it could also release brakes and clear stops."""
 
     def __init__(self, device: str, address: str, *, deadline_s: float) -> None:
@@ -27,15 +27,15 @@ class Dashboard:
 
     async def serial_number(self) -> str:
         """Return the serial number of the arm."""
-        return await self._ask("get serial number")
+        return await self._ask_dashboard("get serial number")
 
-    async def model(self) -> str:
+    async def read_model(self) -> str:
         """Return the size of the arm, ``UR10`` also for a UR10e."""
-        return await self._ask("get robot model")
+        return await self._ask_dashboard("get robot model")
 
     async def in_remote_control(self) -> bool:
         """Whether the pendant has handed control to the network."""
-        reply = await self._ask("is in remote control")
+        reply = await self._ask_dashboard("is in remote control")
         if reply.lower() not in ("true", "false"):
             raise WireProtocolError(
                 self._device, "the dashboard answered neither true nor false.",
@@ -43,32 +43,32 @@ class Dashboard:
             )  # fmt: skip
         return reply.lower() == "true"
 
-    async def stop(self) -> None:
+    async def stop_program(self) -> None:
         """Stop whatever program runs; the arm decelerates and stays where it is."""
-        reply = await self._ask("stop")
+        reply = await self._ask_dashboard("stop")
         if not reply.lower().startswith("stopped"):
             raise RefusedError(
                 self._device, f'the controller refused to stop its program: "{reply}".',
                 remedy="Stop the robot at the pendant.", vendor_text=reply,
             )  # fmt: skip
 
-    async def _ask(self, question: str) -> str:
-        async with self._connection() as (reader, writer):
-            await _line(reader)  # the greeting
+    async def _ask_dashboard(self, question: str) -> str:
+        async with self._open_connection() as (reader, writer):
+            await _read_line(reader)  # the greeting
             writer.write(question.encode() + b"\n")
-            return await _line(reader)
+            return await _read_line(reader)
 
     @asynccontextmanager
-    async def _connection(self) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    async def _open_connection(self) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
         writer: asyncio.StreamWriter | None = None
         try:
             async with asyncio.timeout(self._deadline_s):
                 reader, writer = await asyncio.open_connection(self._address, PORT, limit=_LONGEST_LINE)
                 yield reader, writer
         except TimeoutError:
-            raise self._unreachable(f"did not answer within {self._deadline_s:g} s") from None
+            raise self._unreachable_error(f"did not answer within {self._deadline_s:g} s") from None
         except (OSError, EOFError) as error:
-            raise self._unreachable(f"cannot be reached ({error})") from error
+            raise self._unreachable_error(f"cannot be reached ({error})") from error
         except ValueError as error:
             raise WireProtocolError(
                 self._device, f"the dashboard sent a line that is too long ({error}).", remedy=_ASK_TO_REPORT
@@ -79,13 +79,13 @@ class Dashboard:
                 with contextlib.suppress(OSError):
                     await writer.wait_closed()
 
-    def _unreachable(self, what: str) -> UnreachableError:
+    def _unreachable_error(self, what: str) -> UnreachableError:
         return UnreachableError(
             self._device, f"the dashboard of the controller at {self._address} {what}.", remedy=CABLE
         )
 
 
-async def _line(reader: asyncio.StreamReader) -> str:
+async def _read_line(reader: asyncio.StreamReader) -> str:
     line = await reader.readline()
     if not line.endswith(b"\n"):
         raise EOFError("it hung up")

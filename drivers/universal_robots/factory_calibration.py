@@ -40,7 +40,7 @@ class FactoryKinematics:
     checksums: tuple[int, int, int, int, int, int]
     status: int  # 0 not initialised, 1 not linearised, 2 linearised
 
-    def table(self) -> DhTable:
+    def to_table(self) -> DhTable:
         """Return the table for cellcal.calibration.arm.ur_factory.factory_model."""
         return DhTable.from_rows(np.array([self.theta_rad, self.d_m, self.a_m, self.alpha_rad]).T)
 
@@ -68,12 +68,12 @@ async def _first_kinematics(device: str, reader: asyncio.StreamReader) -> Factor
         header = await reader.readexactly(_PACKET.size)
         size, kind = _PACKET.unpack(header)
         if not _PACKET.size <= size <= _LONGEST_PACKET:
-            raise _unreadable(device, f"a packet of {size} bytes", header)
+            raise _unreadable_error(device, f"a packet of {size} bytes", header)
         body = await reader.readexactly(size - _PACKET.size)
         if kind == _ROBOT_STATE:
             for sub_kind, data in sub_packages(device, body):
                 if sub_kind == _KINEMATICS_INFO:
-                    return decode(device, data)
+                    return decode_kinematics(device, data)
 
 
 def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
@@ -81,21 +81,21 @@ def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
     start = 0
     while start < len(body):
         if len(body) - start < _SUB_PACKET.size:
-            raise _unreadable(device, "half a sub-package", body[start:])
+            raise _unreadable_error(device, "half a sub-package", body[start:])
         size, kind = _SUB_PACKET.unpack_from(body, start)
         if not _SUB_PACKET.size <= size <= len(body) - start:
-            raise _unreadable(device, f"a sub-package of {size} bytes", body[start:])
+            raise _unreadable_error(device, f"a sub-package of {size} bytes", body[start:])
         yield kind, body[start + _SUB_PACKET.size : start + size]
         start += size
 
 
-def decode(device: str, data: bytes) -> FactoryKinematics:
+def decode_kinematics(device: str, data: bytes) -> FactoryKinematics:
     """Read the kinematics sub-package."""
     if len(data) != _KINEMATICS.size:
-        raise _unreadable(device, f"kinematics of {len(data)} bytes", data)
+        raise _unreadable_error(device, f"kinematics of {len(data)} bytes", data)
     values = _KINEMATICS.unpack(data)
     if not all(map(math.isfinite, values[6:30])):
-        raise _unreadable(device, "kinematics that are not numbers", data)
+        raise _unreadable_error(device, "kinematics that are not numbers", data)
     return FactoryKinematics(
         theta_rad=values[6:12],
         a_m=values[12:18],
@@ -106,7 +106,7 @@ def decode(device: str, data: bytes) -> FactoryKinematics:
     )
 
 
-def _unreadable(device: str, what: str, frame: bytes) -> WireProtocolError:
+def _unreadable_error(device: str, what: str, frame: bytes) -> WireProtocolError:
     return WireProtocolError(
         device,
         f"the primary interface sent {what}.",

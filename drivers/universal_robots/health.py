@@ -7,7 +7,7 @@ cannot move.
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Condition, Readiness
 from cellcal.drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState
-from cellcal.drivers.universal_robots.state import Sample
+from cellcal.drivers.universal_robots.state import StateSample
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _PACKAGE = "cellcal.drivers.universal_robots"
@@ -20,7 +20,7 @@ LOCAL = Condition(
 )
 
 
-def condition_of(sample: Sample, *, program_is_ours: bool) -> Condition:
+def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
     """Tell whether the arm could move now, and if not, who must do what."""
     entry = _safety_entry(sample) or _mode_entry(sample)
     if entry is not None:
@@ -40,19 +40,19 @@ def condition_of(sample: Sample, *, program_is_ours: bool) -> Condition:
     return Condition(Readiness.READY)
 
 
-def stop_of(device: str, sample: Sample) -> MotionStoppedError | None:
+def safety_stop_of(device: str, sample: StateSample) -> MotionStoppedError | None:
     """Return the safety stop that this state shows, if any."""
     entry = _safety_entry(sample)
     return None if entry is None else MotionStoppedError(device, f"{entry.text}.", remedy=entry.remedy)
 
 
-def error_of(device: str, condition: Condition) -> DeviceError:
+def condition_error(device: str, condition: Condition) -> DeviceError:
     """Return the error of a command that this condition forbids."""
     kind = MotionStoppedError if condition.readiness is Readiness.STOPPED else RefusedError
     return kind(device, condition.message, remedy=condition.remedy)
 
 
-def refusal_of(error: RefusedError) -> RefusedError:
+def translate_refusal(error: RefusedError) -> RefusedError:
     """Return what ur-rtde said in our words; its own where we have none."""
     for entry in code_table(_PACKAGE, "refusals.tsv").values():
         if entry.kind in error.vendor_text.lower():
@@ -66,12 +66,12 @@ def refusal_of(error: RefusedError) -> RefusedError:
     return error
 
 
-def _safety_entry(sample: Sample) -> CodeEntry | None:
+def _safety_entry(sample: StateSample) -> CodeEntry | None:
     table = code_table(_PACKAGE, "safety_bits.tsv")
     return next((entry for bit, entry in table.items() if sample.safety_status_bits >> bit & 1), None)
 
 
-def _mode_entry(sample: Sample) -> CodeEntry | None:
+def _mode_entry(sample: StateSample) -> CodeEntry | None:
     if sample.robot_mode == MODE_RUNNING:
         return None
     text = f"the arm is in the unknown mode {sample.robot_mode}"

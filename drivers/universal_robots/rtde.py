@@ -13,7 +13,7 @@ PORT = 30004
 HEADER = struct.Struct(">HB")
 
 
-class Message(IntEnum):
+class MessageType(IntEnum):
     """Types of RTDE messages that we use."""
 
     PROTOCOL = ord("V")
@@ -38,12 +38,12 @@ class RuntimeState(IntEnum):
 MODE_RUNNING = 7  # robot_mode: brakes released, program may move the arm
 
 
-def pack(kind: Message, payload: bytes = b"") -> bytes:
+def pack_message(kind: MessageType, payload: bytes = b"") -> bytes:
     """Return one message as it goes over the wire."""
     return HEADER.pack(HEADER.size + len(payload), kind) + payload
 
 
-class Link(asyncio.Protocol):
+class RtdeLink(asyncio.Protocol):
     """Cuts the byte stream into messages.
 
     A protocol and not a StreamReader: packets are taken as they come in, before any timer of ours looks at
@@ -65,7 +65,7 @@ class Link(asyncio.Protocol):
         while len(self._buffer) >= HEADER.size:
             size, kind = HEADER.unpack_from(self._buffer)
             if size < HEADER.size:
-                self._refuse(ValueError(f"a message of {size} bytes"))
+                self._refuse_stream(ValueError(f"a message of {size} bytes"))
                 return
             if len(self._buffer) < size:
                 return
@@ -76,7 +76,7 @@ class Link(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._on_lost(exc)
 
-    def _refuse(self, error: ValueError) -> None:
+    def _refuse_stream(self, error: ValueError) -> None:
         self._buffer.clear()
         self._on_lost(error)
         if isinstance(self._transport, asyncio.Transport):

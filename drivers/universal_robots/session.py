@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
-from cellcal.drivers.supervision import start_link_task, words_of
-from cellcal.drivers.universal_robots.health import refusal_of
+from cellcal.drivers.supervision import message_and_remedy_of, start_link_task
+from cellcal.drivers.universal_robots.health import translate_refusal
 from cellcal.drivers.universal_robots.state import CABLE, Six
 from cellcal.drivers.wire.process import ChildProcess
 
@@ -54,7 +54,7 @@ class MotionSession:
         """
         child = await ChildProcess.start(device, _MODULE, title=_TITLE, start_s=_START_S)
         try:
-            await child.call(
+            await child.call_verb(
                 "connect",
                 deadline_s=options.connect_s,
                 address=options.address,
@@ -62,37 +62,37 @@ class MotionSession:
             )
         except RefusedError as error:
             await child.close()
-            raise refusal_of(error) from error
+            raise translate_refusal(error) from error
         except BaseException:
             child.kill("it could not connect")
             await child.close()
             raise
         session = cls(child, options, link_stands)
-        session._keeper = start_link_task(f"control of {device}", session._keep_alive, session._broke)
+        session._keeper = start_link_task(f"control of {device}", session._keep_alive, session._end_broken)
         return session
 
     @property
-    def usable(self) -> bool:
+    def is_usable(self) -> bool:
         """Whether another move may be started in this session."""
-        return self._error is None and not self._leaving and self._child.alive
+        return self._error is None and not self._leaving and self._child.is_alive
 
-    def check(self) -> None:
+    def raise_failure(self) -> None:
         """Raise what has ended the session, if anything has."""
         if self._error is not None:
             raise self._error
 
-    def begin(self) -> None:
+    def begin_move(self) -> None:
         """Keep the session while a move is under way."""
         self._idle_since_s = None
 
-    def rest(self) -> None:
+    def end_move(self) -> None:
         """Allow the session to end after a while without a move."""
         self._idle_since_s = asyncio.get_running_loop().time()
 
     async def move_joints(self, target_rad: Six, speed_rad_s: float, acceleration_rad_s2: float) -> None:
         """Start a move and return; the arm is on its way."""
-        self.check()
-        accepted = await self._child.call(
+        self.raise_failure()
+        accepted = await self._child.call_verb(
             "move_joints",
             deadline_s=_CALL_S,
             target_rad=list(target_rad),
@@ -108,12 +108,12 @@ class MotionSession:
 
     async def move_running(self) -> bool:
         """Whether the controller's program still works on the move."""
-        return bool(await self._child.call("move_running", deadline_s=_CALL_S))
+        return bool(await self._child.call_verb("move_running", deadline_s=_CALL_S))
 
-    async def stop(self, deceleration_rad_s2: float, *, deadline_s: float) -> None:
+    async def decelerate_arm(self, deceleration_rad_s2: float, *, deadline_s: float) -> None:
         """Let the arm decelerate; returns before it stands."""
-        self.check()
-        await self._child.call("stop", deadline_s=deadline_s, deceleration_rad_s2=deceleration_rad_s2)
+        self.raise_failure()
+        await self._child.call_verb("stop", deadline_s=deadline_s, deceleration_rad_s2=deceleration_rad_s2)
 
     def kill(self, reason: str) -> None:
         """End the child at once; the robot's program ends by its watchdog."""
@@ -126,20 +126,20 @@ class MotionSession:
             self._keeper.cancel()
         if self._keeper is not None:
             await asyncio.wait({self._keeper})
-        if self.usable:
-            await self._leave()
+        if self.is_usable:
+            await self._leave_robot()
         await self._child.close()
 
     async def _keep_alive(self) -> None:
         pause_s = 1.0 / (_FEEDS_PER_PERIOD * self._options.watchdog_hz)
         try:
-            while self._child.alive:
+            while self._child.is_alive:
                 if self._idle_too_long():
-                    await self._leave()
+                    await self._leave_robot()
                     return
                 if not self._link_stands():
                     raise self._link_lost()
-                if not await self._child.call("keep_alive", deadline_s=_CALL_S):
+                if not await self._child.call_verb("keep_alive", deadline_s=_CALL_S):
                     raise self._program_ended()
                 await asyncio.sleep(pause_s)
             self._error = self._child.ended_error()
@@ -147,18 +147,18 @@ class MotionSession:
             self._error = error
             self._child.kill(error.message)
 
-    def _broke(self, error: Exception) -> None:
+    def _end_broken(self, error: Exception) -> None:
         """End the session that nothing keeps alive any more; the robot's program ends by its watchdog."""
-        message, remedy = words_of(error)
+        message, remedy = message_and_remedy_of(error)
         self._error = UnreachableError(
             self._child.device, f"the program failed while it kept control: {message}.", remedy=remedy
         )
         self._child.kill(message)
 
-    async def _leave(self) -> None:
+    async def _leave_robot(self) -> None:
         self._leaving = True
         with contextlib.suppress(DeviceError):
-            await self._child.call("release", deadline_s=_CALL_S)
+            await self._child.call_verb("release", deadline_s=_CALL_S)
         await self._child.close()
 
     def _idle_too_long(self) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
-from cellcal.drivers.universal_robots.rtde import PORT, Link, Message, pack
+from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
 from cellcal.drivers.wire.trace import FrameTrace
 
 CABLE = "Check that the controller is switched on and the network cable is plugged in."
@@ -45,7 +45,7 @@ Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class StateSample:
     """One packet of the stream."""
 
     timestamp_s: float  # the controller's clock
@@ -82,19 +82,19 @@ class StateClient:
 
     def __init__(self, device: str, address: str, *, rate_hz: float, stale_s: float) -> None:
         self.device, self.address, self.stale_s = device, address, stale_s
-        self.samples: deque[Sample] = deque(maxlen=_KEPT_SAMPLES)
+        self.samples: deque[StateSample] = deque(maxlen=_KEPT_SAMPLES)
         self.trace = FrameTrace(device, keep=20)
         self._rate_hz = rate_hz
         self._transport: asyncio.Transport | None = None
         self._replies: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
         self._arrived = asyncio.Event()
         self._error: DeviceError | None = None
-        self._told = False
+        self._loss_reported = False
         self._recipe_id = -1
         self._newest_s = -math.inf
 
     @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether the connection stands, as far as anybody knows without waiting."""
         return self._transport is not None and self._error is None
 
@@ -104,16 +104,16 @@ class StateClient:
         try:
             async with asyncio.timeout(deadline_s):
                 self._transport, _ = await loop.create_connection(
-                    lambda: Link(self._on_message, self._on_lost), self.address, PORT
+                    lambda: RtdeLink(self._on_message, self._on_lost), self.address, PORT
                 )
-                version = await self._shake_hands()
+                version = await self._negotiate_version()
                 if not self.samples:
-                    await self.fresh()
+                    await self.read_fresh()
         except TimeoutError:
             self.close()
-            raise self._unreachable(f"did not answer within {deadline_s:g} s") from None
+            raise self._unreachable_error(f"did not answer within {deadline_s:g} s") from None
         except OSError as error:
-            raise self._unreachable(f"cannot be reached ({error.strerror or error})") from error
+            raise self._unreachable_error(f"cannot be reached ({error.strerror or error})") from error
         except BaseException:
             self.close()
             raise
@@ -121,45 +121,49 @@ class StateClient:
 
     def close(self) -> None:
         """Hang up; readers that wait raise. Harmless when done twice."""
-        self._fail(UnreachableError(self.device, "the connection was closed."))
+        self._fail_with(UnreachableError(self.device, "the connection was closed."))
         if self._transport is not None:
             self._transport.abort()
 
-    async def fresh(self) -> Sample:
+    async def read_fresh(self) -> StateSample:
         """Return a sample that arrives after this call; raise if none does within ``stale_s``."""
         before_s = self._newest_s
         deadline_s = asyncio.get_running_loop().time() + self.stale_s
         while self._newest_s <= before_s:
-            self.tell_loss(again=True)
-            if not await self._arrival(deadline_s) and self._newest_s <= before_s:
-                self._fail(self._unreachable(f"sent no new state for {self.stale_s:g} s"))
+            self.report_loss(again=True)
+            if not await self._wait_for_sample(deadline_s) and self._newest_s <= before_s:
+                self._fail_with(self._unreachable_error(f"sent no new state for {self.stale_s:g} s"))
                 self.close()
         return self.samples[-1]
 
-    def tell_loss(self, *, again: bool = False) -> None:
+    def report_loss(self, *, again: bool = False) -> None:
         """Raise why the connection was lost; only if nobody has heard of it yet, unless ``again``."""
-        if self._error is None or (self._told and not again):
+        if self._error is None or (self._loss_reported and not again):
             return
-        self._told = True
+        self._loss_reported = True
         raise self._error
 
-    async def _arrival(self, deadline_s: float) -> bool:
+    async def _wait_for_sample(self, deadline_s: float) -> bool:
         self._arrived.clear()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout_at(deadline_s):
                 return await self._arrived.wait()
         return False
 
-    async def _shake_hands(self) -> ControllerVersion:
-        if await self._ask(Message.PROTOCOL, struct.pack(">H", 2)) != b"\x01":
-            raise self._refused("does not speak version 2 of RTDE", "Update it to PolyScope 5.6 or later.")
-        version = await self._ask(Message.VERSION)
+    async def _negotiate_version(self) -> ControllerVersion:
+        if await self._send_request(MessageType.PROTOCOL, struct.pack(">H", 2)) != b"\x01":
+            raise self._refused_error(
+                "does not speak version 2 of RTDE", "Update it to PolyScope 5.6 or later."
+            )
+        version = await self._send_request(MessageType.VERSION)
         if len(version) != 16:
             raise self._protocol_error("a version of another size", version)
         wish = struct.pack(">d", self._rate_hz) + _NAMES.encode()
-        self._accept_recipe(await self._ask(Message.OUTPUTS, wish))
-        if await self._ask(Message.START) != b"\x01":
-            raise self._refused("refused to send its state", "Disconnect other RTDE clients, or restart it.")
+        self._accept_recipe(await self._send_request(MessageType.OUTPUTS, wish))
+        if await self._send_request(MessageType.START) != b"\x01":
+            raise self._refused_error(
+                "refused to send its state", "Disconnect other RTDE clients, or restart it."
+            )
         return ControllerVersion(*struct.unpack(">4I", version))
 
     def _accept_recipe(self, reply: bytes) -> None:
@@ -171,34 +175,36 @@ class StateClient:
         unknown = [name for (name, _), kind in pairs if kind == "NOT_FOUND"]
         if not unknown:
             raise self._protocol_error(f"fields of other types ({types})", reply)
-        raise self._refused(f"does not know {', '.join(unknown)}", "Update it to PolyScope 5.6 or later.")
+        raise self._refused_error(
+            f"does not know {', '.join(unknown)}", "Update it to PolyScope 5.6 or later."
+        )
 
-    async def _ask(self, kind: Message, payload: bytes = b"") -> bytes:
+    async def _send_request(self, kind: MessageType, payload: bytes = b"") -> bytes:
         assert self._transport is not None
-        self.trace.add(">", f"{chr(kind)} {payload.hex()}")
-        self._transport.write(pack(kind, payload))
+        self.trace.add_frame(">", f"{chr(kind)} {payload.hex()}")
+        self._transport.write(pack_message(kind, payload))
         answered, reply = await self._replies.get()
-        self.tell_loss(again=True)
+        self.report_loss(again=True)
         if answered != kind:
             raise self._protocol_error(f"{chr(answered)!r} in answer to {chr(kind)!r}", reply)
         return reply
 
     def _on_message(self, kind: int, payload: bytes) -> None:
-        if kind == Message.DATA:
+        if kind == MessageType.DATA:
             self._on_data(payload)
             return
-        self.trace.add("<", f"{chr(kind)} {payload.hex()}")
-        if kind != Message.TEXT:  # the controller's remarks may come at any time
+        self.trace.add_frame("<", f"{chr(kind)} {payload.hex()}")
+        if kind != MessageType.TEXT:  # the controller's remarks may come at any time
             self._replies.put_nowait((kind, payload))
 
     def _on_data(self, payload: bytes) -> None:
         if len(payload) != _PACKET.size or payload[0] != self._recipe_id:
-            self._fail(self._protocol_error(f"a state of {len(payload)} bytes", payload))
+            self._fail_with(self._protocol_error(f"a state of {len(payload)} bytes", payload))
             self.close()
             return
-        sample = _sample(payload)
+        sample = _decode_sample(payload)
         if not all(map(math.isfinite, (sample.timestamp_s, *sample.joints_rad, *sample.joint_speeds_rad_s))):
-            self._fail(self._protocol_error("a joint state that is not a number", payload))
+            self._fail_with(self._protocol_error("a joint state that is not a number", payload))
             self.close()
             return
         if sample.timestamp_s > self._newest_s:  # a clock that stands still brings no news
@@ -207,18 +213,18 @@ class StateClient:
             self._arrived.set()
 
     def _on_lost(self, error: Exception | None) -> None:
-        self._fail(self._unreachable(f"closed the connection{f' ({error})' if error else ''}"))
+        self._fail_with(self._unreachable_error(f"closed the connection{f' ({error})' if error else ''}"))
 
-    def _fail(self, error: DeviceError) -> None:
+    def _fail_with(self, error: DeviceError) -> None:
         if self._error is None:
             self._error = error
             self._replies.put_nowait((0, b""))
         self._arrived.set()
 
-    def _unreachable(self, what: str) -> UnreachableError:
+    def _unreachable_error(self, what: str) -> UnreachableError:
         return UnreachableError(self.device, f"the controller at {self.address} {what}.", remedy=CABLE)
 
-    def _refused(self, what: str, remedy: str) -> RefusedError:
+    def _refused_error(self, what: str, remedy: str) -> RefusedError:
         return RefusedError(self.device, f"the controller at {self.address} {what}.", remedy=remedy)
 
     def _protocol_error(self, what: str, frame: bytes) -> WireProtocolError:
@@ -230,14 +236,14 @@ class StateClient:
         )
 
 
-def _sample(payload: bytes) -> Sample:
+def _decode_sample(payload: bytes) -> StateSample:
     values = _PACKET.unpack(payload)
-    return Sample(
+    return StateSample(
         timestamp_s=values[1],
-        joints_rad=_six(values, 2),
-        joint_speeds_rad_s=_six(values, 8),
-        tcp_pose=_six(values, 14),
-        tcp_offset=_six(values, 20),
+        joints_rad=_six_values(values, 2),
+        joint_speeds_rad_s=_six_values(values, 8),
+        tcp_pose=_six_values(values, 14),
+        tcp_offset=_six_values(values, 20),
         speed_scaling=values[26],
         speed_fraction=values[27],
         robot_mode=values[28],
@@ -250,6 +256,6 @@ def _sample(payload: bytes) -> Sample:
     )
 
 
-def _six(values: tuple[Any, ...], start: int) -> Six:
+def _six_values(values: tuple[Any, ...], start: int) -> Six:
     a, b, c, d, e, f = values[start : start + 6]
     return (a, b, c, d, e, f)

@@ -16,12 +16,12 @@ class Backoff:
         """Sleep until the next attempt is due."""
         await asyncio.sleep(max(0.0, self._not_before_s - time.monotonic()))
 
-    def failed(self) -> None:
+    def note_failure(self) -> None:
         """Note a failed attempt."""
         self._pause_s = min(self._longest_s, max(self._first_s, 2 * self._pause_s))
         self._not_before_s = time.monotonic() + self._pause_s
 
-    def succeeded(self) -> None:
+    def note_success(self) -> None:
         """Start over."""
         self._pause_s = 0.0
         self._not_before_s = 0.0

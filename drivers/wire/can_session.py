@@ -18,7 +18,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.supervision import start_link_thread
-from cellcal.drivers.wire.socketcand import GuardedSocketcandBus
+from cellcal.drivers.wire.socketcand import SafeSocketcandBus
 from cellcal.drivers.wire.trace import FrameTrace
 
 _POLL_S = 0.05
@@ -51,7 +51,7 @@ class BusOptions:
     def open(self, *, handshake_s: float) -> can.BusABC:
         """Open the bus; configuration files of python-can are not looked at."""
         if self.interface == "socketcand":
-            return GuardedSocketcandBus(self.channel, self.host, self.port, handshake_s=handshake_s)
+            return SafeSocketcandBus(self.channel, self.host, self.port, handshake_s=handshake_s)
         return can.Bus(channel=self.channel, interface=self.interface, ignore_config=True)
 
 
@@ -91,7 +91,9 @@ class CanSession:
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
         self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
-        self._reader = start_link_thread(f"CAN receiver of {self.device}", self._read_frames, self._broke)
+        self._reader = start_link_thread(
+            f"CAN receiver of {self.device}", self._read_frames, self._end_broken
+        )
 
     def close(self) -> None:
         """End the reader; it closes the bus. Blocks for a moment; may be called twice."""
@@ -109,20 +111,20 @@ class CanSession:
         """Return how long ago the node was heard."""
         return time.monotonic() - self._heard_s
 
-    def foreign_master(self) -> bool:
+    def has_foreign_master(self) -> bool:
         """Return whether somebody else has commanded this node lately."""
         return time.monotonic() - self.foreign_at_s < FOREIGN_S
 
-    def upload(self, index: int, subindex: int) -> bytes:
+    def upload_object(self, index: int, subindex: int) -> bytes:
         """Read one object (SDO). Blocks until its answer or the deadline."""
-        return bytes(self._sdo(lambda: self._node.sdo.upload(index, subindex)))
+        return bytes(self._run_sdo(lambda: self._node.sdo.upload(index, subindex)))
 
-    def download(self, index: int, subindex: int, data: bytes) -> None:
+    def download_object(self, index: int, subindex: int, data: bytes) -> None:
         """Write one object (SDO)."""
-        self._sdo(lambda: self._node.sdo.download(index, subindex, data))
+        self._run_sdo(lambda: self._node.sdo.download(index, subindex, data))
 
-    def _sdo(self, transfer: Any) -> Any:
-        self._require_life()
+    def _run_sdo(self, transfer: Any) -> Any:
+        self._require_alive()
         self._odd_frame = ""
         try:
             result = transfer()
@@ -137,7 +139,7 @@ class CanSession:
         except canopen.SdoCommunicationError as error:
             raise self._no_answer(error) from error
         except (can.CanError, OSError) as error:
-            self._die(f"sending failed ({error})")
+            self._mark_dead(f"sending failed ({error})")
             raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING) from error
         except (
             struct.error,
@@ -145,27 +147,27 @@ class CanSession:
             LookupError,
             TypeError,
         ) as error:  # of an answer that no standard has
-            raise self._odd(str(error) or type(error).__name__) from error
-        self._require_life()
-        if self.foreign_master():  # its answers look like ours; who asks for a value is told of it
+            raise self._odd_answer_error(str(error) or type(error).__name__) from error
+        self._require_alive()
+        if self.has_foreign_master():  # its answers look like ours; who asks for a value is told of it
             self._answers = self._network.questions
         if self._answers > self._network.questions:
-            self._die("the node answered more often than it was asked")
-            raise self._odd("an answer to an earlier request came late")
+            self._mark_dead("the node answered more often than it was asked")
+            raise self._odd_answer_error("an answer to an earlier request came late")
         return result
 
     def _no_answer(self, error: Exception) -> DeviceError:
-        self._require_life()
-        self._die("an answer of the node is outstanding, and it must not be taken for the next one")
+        self._require_alive()
+        self._mark_dead("an answer of the node is outstanding, and it must not be taken for the next one")
         if "No SDO response" not in str(error):
-            return self._odd(str(error))
+            return self._odd_answer_error(str(error))
         if self._odd_frame:
-            return self._odd(f"an answer of {len(self._odd_frame) // 2} bytes instead of 8")
+            return self._odd_answer_error(f"an answer of {len(self._odd_frame) // 2} bytes instead of 8")
         return DeviceTimeoutError(
             self.device, f"no answer from node {self._id} within {self._answer_s:g} s.", remedy=_WIRING
         )
 
-    def _odd(self, what: str) -> WireProtocolError:
+    def _odd_answer_error(self, what: str) -> WireProtocolError:
         return WireProtocolError(
             self.device,
             f"node {self._id} answered what the standard does not allow: {what}.",
@@ -173,7 +175,7 @@ class CanSession:
             frame=self._odd_frame or self._trace.last_received(),
         )
 
-    def _require_life(self) -> None:
+    def _require_alive(self) -> None:
         if self.dead:
             raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING)
 
@@ -184,16 +186,16 @@ class CanSession:
             try:
                 message = self._bus.recv(_POLL_S)
                 if message is not None:
-                    self._take(message)
+                    self._take_message(message)
             except _UNREADABLE as error:
-                self._die(f"receiving from the CAN bus failed ({type(error).__name__})")
+                self._mark_dead(f"receiving from the CAN bus failed ({type(error).__name__})")
                 break
             self._check_heartbeat(idle=message is None)
         self._bus.shutdown()
 
-    def _broke(self, why: str) -> None:
+    def _end_broken(self, why: str) -> None:
         """Leave the bus: what the receiver raised is told to whoever asks next, who connects anew."""
-        self._die(f"the program failed while it received ({why})")
+        self._mark_dead(f"the program failed while it received ({why})")
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
 
@@ -201,30 +203,32 @@ class CanSession:
         """Judge the silence only once everything received has been looked at."""
         limit_s = _HEARTBEATS_MISSED * self._heartbeat_s * (1 if idle else 4)
         if self._heartbeat_s and self.heartbeat_age_s() > limit_s:
-            self._die(f"node {self._id} has not been heard for {self.heartbeat_age_s():.2f} s")
+            self._mark_dead(f"node {self._id} has not been heard for {self.heartbeat_age_s():.2f} s")
 
-    def _take(self, message: can.Message) -> None:
+    def _take_message(self, message: can.Message) -> None:
         if message.is_error_frame:
             if message.arbitration_id & _BUS_OFF:
-                self._die("the CAN controller is bus-off: check termination and bit rate")
+                self._mark_dead("the CAN controller is bus-off: check termination and bit rate")
             return
         function, node = message.arbitration_id & ~0x7F, message.arbitration_id & 0x7F
         if message.is_extended_id or (node != self._id and message.arbitration_id != 0):
             return
         data = bytes(message.data)
-        self._trace.add("<", f"{message.arbitration_id:03x}#{data.hex()}")
-        handle = {0x700: self._heartbeat, 0x080: self._emergency, 0x580: self._answer}.get(function)
+        self._trace.add_frame("<", f"{message.arbitration_id:03x}#{data.hex()}")
+        handle = {0x700: self._take_heartbeat, 0x080: self._take_emergency, 0x580: self._take_answer}.get(
+            function
+        )
         if handle is not None:
             handle(data)
         elif function == 0x600 or message.arbitration_id == 0:
             self.foreign_at_s = time.monotonic()
 
-    def _heartbeat(self, data: bytes) -> None:
+    def _take_heartbeat(self, data: bytes) -> None:
         self._heard_s = time.monotonic()
         if data[:1] == b"\0":
-            self._die(f"node {self._id} has restarted; what it was told before is lost")
+            self._mark_dead(f"node {self._id} has restarted; what it was told before is lost")
 
-    def _emergency(self, data: bytes) -> None:
+    def _take_emergency(self, data: bytes) -> None:
         code = int.from_bytes(data[:2], "little")
         if code == 0 and len(data) >= 2:
             self.emergency = None
@@ -232,14 +236,14 @@ class CanSession:
             return
         self.emergency = Emergency(code, data[2] if len(data) > 2 else 0, data.hex())
 
-    def _answer(self, data: bytes) -> None:
+    def _take_answer(self, data: bytes) -> None:
         self._answers += 1
         if len(data) == 8:
             self._network.notify(0x580 + self._id, bytearray(data), time.time())
         else:
             self._odd_frame = data.hex()
 
-    def _die(self, reason: str) -> None:
+    def _mark_dead(self, reason: str) -> None:
         self.dead = self.dead or reason
 
 

@@ -29,7 +29,7 @@ from cellcal.drivers.errors import (
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.can_session import FOREIGN_S, BusOptions, CanSession, Emergency
 from cellcal.drivers.wire.trace import FrameTrace
-from cellcal.drivers.wire.worker import Worker
+from cellcal.drivers.wire.worker import CallWorker
 
 T = TypeVar("T")
 Greeting = Callable[["CanopenLink"], Awaitable[None]]
@@ -52,7 +52,7 @@ class CanopenLink:
         self._options, self._id, self._heartbeat_s = options, node_id, heartbeat_s
         self._deadline_s = deadline_s
         self._session: CanSession | None = None
-        self._worker: Worker | None = None
+        self._worker: CallWorker | None = None
         self._emergency: Emergency | None = None
         self._turn = asyncio.Lock()
         self._backoff = Backoff()
@@ -76,7 +76,7 @@ class CanopenLink:
             self._session.emergency = None
 
     @property
-    def foreign_master(self) -> bool:
+    def has_foreign_master(self) -> bool:
         """Whether somebody else has commanded this node lately."""
         seen_s = self._foreign_at_s if self._session is None else self._session.foreign_at_s
         return time.monotonic() - max(seen_s, self._foreign_at_s) < FOREIGN_S
@@ -84,7 +84,7 @@ class CanopenLink:
     async def open(self) -> None:
         """Open the bus, switch the node's heartbeat on and greet it."""
         async with self._turn:
-            await self._ready()
+            await self._ready_session()
 
     async def close(self) -> None:
         """Close the bus and end the threads. May be called twice."""
@@ -93,10 +93,10 @@ class CanopenLink:
         if worker is None:
             return
         if session is not None:
-            self._remember(session)
+            self._remember_state(session)
             try:
                 async with asyncio.timeout(self._deadline_s):
-                    await worker.run(session.close)
+                    await worker.run_call(session.close)
             except TimeoutError:
                 pass  # its threads are daemons and end with their socket
         worker.stop()
@@ -104,44 +104,48 @@ class CanopenLink:
     async def read(self, index: int, subindex: int) -> bytes:
         """Read one object."""
         async with self._turn:
-            return await self._transfer(await self._ready(), lambda s: s.upload(index, subindex))
+            return await self._run_transfer(
+                await self._ready_session(), lambda s: s.upload_object(index, subindex)
+            )
 
     async def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write one object."""
         async with self._turn:
-            await self._transfer(await self._ready(), lambda s: s.download(index, subindex, data))
+            await self._run_transfer(
+                await self._ready_session(), lambda s: s.download_object(index, subindex, data)
+            )
 
     async def read_during_greeting(self, index: int, subindex: int) -> bytes:
         """Read while the connection is being made; for greetings only."""
         if self._session is None:
             raise UnreachableError(self.device, "the CAN bus was closed.", remedy=_DAEMON)
-        return await self._transfer(self._session, lambda s: s.upload(index, subindex))
+        return await self._run_transfer(self._session, lambda s: s.upload_object(index, subindex))
 
-    async def _ready(self) -> CanSession:
+    async def _ready_session(self) -> CanSession:
         if self._session is not None and not self._session.dead:
             return self._session
         await self.close()
         await self._backoff.wait()
         await asyncio.sleep(self._quiet_until_s - time.monotonic())
         try:
-            session = await self._connect()
+            session = await self._connect_session()
             await self._start_heartbeat(session)
             if self.greet is not None:
                 await self.greet(self)
         except BaseException:
-            self._backoff.failed()
+            self._backoff.note_failure()
             await self.close()
             raise
-        self._backoff.succeeded()
+        self._backoff.note_success()
         return session
 
-    async def _connect(self) -> CanSession:
+    async def _connect_session(self) -> CanSession:
         if self._options.interface == "socketcand":
             await self._probe_daemon()
-        self._worker = Worker(f"can worker {self.device}")
+        self._worker = CallWorker(f"can worker {self.device}")
         session = CanSession(self.device, self._id, self.trace, answer_s=_ANSWER_SHARE * self._deadline_s)
         self._session = session
-        await self._transfer(session, lambda s: s.open(self._options))
+        await self._run_transfer(session, lambda s: s.open(self._options))
         return session
 
     async def _probe_daemon(self) -> None:
@@ -167,12 +171,12 @@ class CanopenLink:
         """Ask for our period; a node with a fixed one tells us its own."""
         period_ms = round(self._heartbeat_s * 1000)
         try:
-            wanted = struct.pack("<H", period_ms)
-            await self._transfer(session, lambda s: s.download(_HEARTBEAT_TIME, 0, wanted))
+            period = struct.pack("<H", period_ms)
+            await self._run_transfer(session, lambda s: s.download_object(_HEARTBEAT_TIME, 0, period))
         except RefusedError as error:
             if error.vendor_code not in _READ_ONLY:
                 raise
-            found = await self._transfer(session, lambda s: s.upload(_HEARTBEAT_TIME, 0))
+            found = await self._run_transfer(session, lambda s: s.upload_object(_HEARTBEAT_TIME, 0))
             period_ms = int.from_bytes(found[:2], "little")
             if period_ms == 0:
                 raise RefusedError(
@@ -182,29 +186,29 @@ class CanopenLink:
                 ) from error
         session.watch_heartbeat(period_ms * 1e-3)
 
-    async def _transfer(self, session: CanSession, call: Callable[[CanSession], T]) -> T:
+    async def _run_transfer(self, session: CanSession, call: Callable[[CanSession], T]) -> T:
         worker = self._worker
         if worker is None:
             raise UnreachableError(self.device, "the CAN bus was closed.", remedy=_DAEMON)
         try:
             async with asyncio.timeout(self._deadline_s):
-                return await worker.run(lambda: call(session))
+                return await worker.run_call(lambda: call(session))
         except (DeviceTimeoutError, WireProtocolError):
             self._quiet_until_s = time.monotonic() + _ANSWER_SHARE * self._deadline_s
             raise
         except TimeoutError:
-            self._abandon(session, worker)
+            self._abandon_worker(session, worker)
             message = f"the CAN bus did not react within {self._deadline_s:g} s."
             raise DeviceTimeoutError(self.device, message, remedy=_DAEMON) from None
 
-    def _abandon(self, session: CanSession, worker: Worker) -> None:
+    def _abandon_worker(self, session: CanSession, worker: CallWorker) -> None:
         """Leave a thread that hangs inside a library to itself; it ends when its socket does."""
-        self._remember(session)
+        self._remember_state(session)
         session.dead = session.dead or "abandoned after a time-out"
         worker.stop()
         self._session = self._worker = None
 
-    def _remember(self, session: CanSession) -> None:
+    def _remember_state(self, session: CanSession) -> None:
         """Keep what outlives a session."""
         self._foreign_at_s = max(self._foreign_at_s, session.foreign_at_s)
         if session.emergency is not None or session.emergencies_cleared:

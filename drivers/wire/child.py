@@ -25,13 +25,13 @@ _GRACE_S = 0.5  # the parent's deadline comes first; this is for a parent that n
 Handler = Callable[..., Any]
 
 
-def pack(message: Mapping[str, Any]) -> bytes:
+def pack_message(message: Mapping[str, Any]) -> bytes:
     """Return the wire form of one message: its length and its JSON."""
     body = json.dumps(message, allow_nan=False).encode()
     return HEADER.pack(len(body)) + body
 
 
-def serve(handlers: Mapping[str, Handler]) -> None:
+def serve_requests(handlers: Mapping[str, Handler]) -> None:
     """Answer requests on the descriptor that the last argument names; end the process with the parent.
 
     A handler says no with RuntimeError or ValueError, as vendor libraries do. Anything else it raises is a
@@ -39,30 +39,30 @@ def serve(handlers: Mapping[str, Handler]) -> None:
     """
     table = {"ping": os.getpid, **handlers}
     with socket.socket(fileno=int(sys.argv[-1])) as channel, contextlib.suppress(ConnectionError):
-        while (body := _receive(channel)) is not None:
+        while (body := _receive_message(channel)) is not None:
             request = json.loads(body)
             signal.setitimer(signal.ITIMER_REAL, float(request["deadline_s"]) + _GRACE_S)
-            answer = _answer(table[request["verb"]], request["arguments"])
+            answer = _answer_request(table[request["verb"]], request["arguments"])
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-            channel.sendall(pack({"number": request["number"], **answer}))
+            channel.sendall(pack_message({"number": request["number"], **answer}))
     # Destructors of vendor objects may wait for a device that is gone.
     sys.stdout.flush()
     os._exit(0)
 
 
-def _answer(handler: Handler, arguments: Mapping[str, Any]) -> dict[str, Any]:
+def _answer_request(handler: Handler, arguments: Mapping[str, Any]) -> dict[str, Any]:
     try:
         return {"value": handler(**arguments)}
     except (RuntimeError, ValueError) as error:
         return {"refused": str(error) or type(error).__name__}
 
 
-def _receive(channel: socket.socket) -> bytes | None:
-    header = _exactly(channel, HEADER.size)
-    return None if header is None else _exactly(channel, HEADER.unpack(header)[0])
+def _receive_message(channel: socket.socket) -> bytes | None:
+    header = _receive_exactly(channel, HEADER.size)
+    return None if header is None else _receive_exactly(channel, HEADER.unpack(header)[0])
 
 
-def _exactly(channel: socket.socket, size: int) -> bytes | None:
+def _receive_exactly(channel: socket.socket, size: int) -> bytes | None:
     parts = bytearray()
     while len(parts) < size:
         part = channel.recv(size - len(parts))

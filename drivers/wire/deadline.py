@@ -13,7 +13,7 @@ _LATE_S = 0.02  # a timer that comes later than that: this process stood still
 _LAST_LOOK_S = 0.05  # what had come by then is taken in that time
 
 
-class Limit:
+class AnswerDeadline:
     """``asyncio.timeout`` for answers: one that came in time counts, also where this process was late to read it.
 
     After a standstill of the process the event loop reads the answer and ends the wait in the same turn, and the
@@ -28,7 +28,7 @@ class Limit:
         await self._timeout.__aenter__()
         self._loop = asyncio.get_running_loop()
         self._due_s = self._loop.time() + self._seconds
-        self._timer = self._loop.call_at(self._due_s, self._end)
+        self._timer = self._loop.call_at(self._due_s, self._end_limit)
         return self
 
     async def __aexit__(
@@ -37,28 +37,28 @@ class Limit:
         self._timer.cancel()
         await self._timeout.__aexit__(kind, error, trace)
 
-    def expired(self) -> bool:
+    def has_expired(self) -> bool:
         """Whether the block was ended by this limit."""
         return self._timeout.expired()
 
-    def _end(self) -> None:
+    def _end_limit(self) -> None:
         now_s = self._loop.time()
         self._timeout.reschedule(now_s + (_LAST_LOOK_S if now_s - self._due_s > _LATE_S else 0.0))
 
 
 @asynccontextmanager
-async def deadline(device: str, seconds: float, doing: str) -> AsyncIterator[None]:
+async def answer_deadline(device: str, seconds: float, doing: str) -> AsyncIterator[None]:
     """Raise DeviceTimeoutError when the block takes longer than ``seconds``."""
-    limit = Limit(seconds)
+    limit = AnswerDeadline(seconds)
     try:
         async with limit:
             yield
     except TimeoutError:
-        if not limit.expired():
+        if not limit.has_expired():
             raise
-        raise too_long(device, seconds, doing) from None
+        raise timeout_error(device, seconds, doing) from None
 
 
-def too_long(device: str, seconds: float, doing: str) -> DeviceTimeoutError:
+def timeout_error(device: str, seconds: float, doing: str) -> DeviceTimeoutError:
     """Return the error of a device that did not come to an end in time."""
     return DeviceTimeoutError(device, f"{doing} took longer than {seconds:.4g} s.", remedy=_REMEDY)

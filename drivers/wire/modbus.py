@@ -28,7 +28,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.wire.backoff import Backoff
-from cellcal.drivers.wire.deadline import Limit
+from cellcal.drivers.wire.deadline import AnswerDeadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -67,49 +67,49 @@ class ModbusLink:
     async def open(self) -> None:
         """Connect and check who answers; raises UnreachableError or what the greeting raises."""
         async with self._turn:
-            await self._connect()
+            await self._ensure_connected()
 
     async def close(self) -> None:
         """Hang up. May be called twice."""
-        self._drop()
+        self._drop_connection()
         await asyncio.sleep(0)  # lets the transport close its socket before the loop may end
 
     async def read(self, address: int, count: int) -> Words:
         """Read ``count`` holding registers (FC 3). A busy device is asked again a few times."""
         async with self._turn:
-            return await self._patiently(lambda: self._read_once(address, count))
+            return await self._read_patiently(lambda: self._read_once(address, count))
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers in one telegram (FC 16). Never repeated by itself."""
         async with self._turn:
-            await self._connect()
+            await self._ensure_connected()
             try:
-                answer = await self._exchange(
+                answer = await self._exchange_request(
                     lambda client: client.write_registers(address - 1, list(words)), _WRITE
                 )
             except _BusyAnswer as busy:
-                raise self._refusal(busy.entry) from None
+                raise self._refused_error(busy.entry) from None
             if (answer.address, answer.count) != (address - 1, len(words)):
-                raise self._foreign(f"confirmed {answer.count} words at {answer.address + 1}")
+                raise self._foreign_answer_error(f"confirmed {answer.count} words at {answer.address + 1}")
 
     async def write_coil(self, address: int, value: bool) -> None:
         """Write one output bit (FC 5) and leave its neighbours alone. Never repeated by itself."""
         async with self._turn:
-            await self._connect()
+            await self._ensure_connected()
             try:
-                answer = await self._exchange(
+                answer = await self._exchange_request(
                     lambda client: client.write_coil(address - 1, value), _WRITE_COIL
                 )
             except _BusyAnswer as busy:
-                raise self._refusal(busy.entry) from None
+                raise self._refused_error(busy.entry) from None
             if (answer.address, answer.bits[:1]) != (address - 1, [value]):
-                raise self._foreign(f"confirmed {answer.bits[:1]} at coil {answer.address + 1}")
+                raise self._foreign_answer_error(f"confirmed {answer.bits[:1]} at coil {answer.address + 1}")
 
     async def read_during_greeting(self, address: int, count: int) -> Words:
         """Read while the connection is being made; for greetings only. A busy device is asked again, too."""
-        return await self._patiently(lambda: self._ask_registers(address, count))
+        return await self._read_patiently(lambda: self._ask_registers(address, count))
 
-    async def _patiently(self, read: Callable[[], Awaitable[Words]]) -> Words:
+    async def _read_patiently(self, read: Callable[[], Awaitable[Words]]) -> Words:
         for pause_s in _BUSY_PAUSES_S:
             with suppress(_BusyAnswer):
                 return await read()
@@ -117,62 +117,62 @@ class ModbusLink:
         try:
             return await read()
         except _BusyAnswer as busy:
-            raise self._refusal(busy.entry) from None
+            raise self._refused_error(busy.entry) from None
 
     async def _read_once(self, address: int, count: int) -> Words:
-        await self._connect()
+        await self._ensure_connected()
         return await self._ask_registers(address, count)
 
     async def _ask_registers(self, address: int, count: int) -> Words:
-        answer = await self._exchange(
+        answer = await self._exchange_request(
             lambda client: client.read_holding_registers(address - 1, count=count), _READ
         )
         words = tuple(answer.registers)
         if len(words) != count:
-            raise self._foreign(f"sent {len(words)} registers instead of {count}")
+            raise self._foreign_answer_error(f"sent {len(words)} registers instead of {count}")
         return words
 
-    async def _connect(self) -> None:
+    async def _ensure_connected(self) -> None:
         if self._client is not None and self._client.connected and self._greeted:
             return
-        self._drop()
+        self._drop_connection()
         await self._backoff.wait()
         try:
-            await self._dial()
+            await self._open_connection()
             if self.greet is not None:
                 await self.greet(self)
             self._greeted = True
         except BaseException:
-            self._backoff.failed()
-            self._drop()
+            self._backoff.note_failure()
+            self._drop_connection()
             raise
-        self._backoff.succeeded()
+        self._backoff.note_success()
 
-    async def _dial(self) -> None:
+    async def _open_connection(self) -> None:
         self._lost = asyncio.get_running_loop().create_future()
         self._client = AsyncModbusTcpClient(
             self._host, port=self._port, timeout=_NEVER * self._deadline_s, retries=0, reconnect_delay=0,
-            trace_packet=self._seen, trace_connect=self._connection_changed,
+            trace_packet=self._trace_packet, trace_connect=self._connection_changed,
         )  # fmt: skip
         connected = False
         with suppress(TimeoutError):
-            async with Limit(self._deadline_s):
+            async with AnswerDeadline(self._deadline_s):
                 connected = await self._client.connect()
         if not connected:
             where = f"{self._host}:{self._port}"
             raise UnreachableError(self.device, f"no connection to {where}.", remedy=_CABLE)
 
-    async def _exchange(self, ask: _Ask, function: int) -> ModbusPDU:
+    async def _exchange_request(self, ask: _Ask, function: int) -> ModbusPDU:
         """Send one request and return its own answer; on anything else the connection is dropped."""
         client, lost = self._client, self._lost
         if client is None or lost is None:
             raise UnreachableError(self.device, "the connection was closed.", remedy=_CABLE)
         try:
             answer = await self._answer_or_loss(ask, client, lost)
-            self._check(client, answer, function)
+            self._check_answer(client, answer, function)
         except BaseException as error:
             if not isinstance(error, (RefusedError, _BusyAnswer)):
-                self._drop()
+                self._drop_connection()
             raise
         return answer
 
@@ -180,30 +180,32 @@ class ModbusLink:
         self, ask: _Ask, client: AsyncModbusTcpClient, lost: asyncio.Future[None]
     ) -> ModbusPDU:
         try:
-            async with Limit(self._deadline_s):
-                return await _first(ask(client), lost)
+            async with AnswerDeadline(self._deadline_s):
+                return await _first_result(ask(client), lost)
         except TimeoutError:
-            raise self._silence() from None
+            raise self._silence_error() from None
         except (ModbusException, OSError) as error:
             if "No response" in str(error):
-                raise self._silence() from None
+                raise self._silence_error() from None
             raise UnreachableError(self.device, f"the connection broke: {error}.", remedy=_CABLE) from error
 
-    def _check(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
+    def _check_answer(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
         if answer.transaction_id != client.ctx.request_transaction_id:
-            raise self._foreign(f"answered request {answer.transaction_id}, which is not ours")
+            raise self._foreign_answer_error(f"answered request {answer.transaction_id}, which is not ours")
         if answer.function_code == function:
             return
         if answer.function_code != function | 0x80:
-            raise self._foreign(f"answered function {answer.function_code} instead of {function}")
+            raise self._foreign_answer_error(
+                f"answered function {answer.function_code} instead of {function}"
+            )
         entry = code_table("cellcal.drivers.wire", "modbus_exceptions.tsv").get(answer.exception_code)
         if entry is None:
-            raise self._foreign(f"sent the unknown exception {answer.exception_code}")
+            raise self._foreign_answer_error(f"sent the unknown exception {answer.exception_code}")
         if entry.kind == "busy":
             raise _BusyAnswer(entry)
-        raise self._refusal(entry)
+        raise self._refused_error(entry)
 
-    def _refusal(self, entry: CodeEntry) -> DeviceError:
+    def _refused_error(self, entry: CodeEntry) -> DeviceError:
         message = f"Modbus exception {entry.code}: {entry.text}."
         if entry.kind == "unreachable":
             return UnreachableError(self.device, message, remedy=entry.remedy)
@@ -211,24 +213,24 @@ class ModbusLink:
             self.device, message, remedy=entry.remedy, vendor_code=entry.code, vendor_text=entry.text
         )
 
-    def _foreign(self, what: str) -> WireProtocolError:
-        self._drop()
+    def _foreign_answer_error(self, what: str) -> WireProtocolError:
+        self._drop_connection()
         return WireProtocolError(
             self.device, f"the device {what}.", remedy=_UNKNOWN, frame=self.trace.last_received()
         )
 
-    def _silence(self) -> DeviceTimeoutError:
+    def _silence_error(self) -> DeviceTimeoutError:
         return DeviceTimeoutError(self.device, f"no answer within {self._deadline_s:g} s.", remedy=_CABLE)
 
-    def _seen(self, sending: bool, packet: bytes) -> bytes:
-        self.trace.add(">" if sending else "<", packet.hex())
+    def _trace_packet(self, sending: bool, packet: bytes) -> bytes:
+        self.trace.add_frame(">" if sending else "<", packet.hex())
         return packet
 
     def _connection_changed(self, connected: bool) -> None:
         if not connected and self._lost is not None and not self._lost.done():
             self._lost.set_result(None)
 
-    def _drop(self) -> None:
+    def _drop_connection(self) -> None:
         client, self._client, self._greeted = self._client, None, False
         if client is None:
             return
@@ -238,7 +240,7 @@ class ModbusLink:
             transport.abort()  # close() alone would wait for a peer that may never read again
 
 
-async def _first(asking: Awaitable[ModbusPDU], lost: asyncio.Future[None]) -> ModbusPDU:
+async def _first_result(asking: Awaitable[ModbusPDU], lost: asyncio.Future[None]) -> ModbusPDU:
     """Return the answer, or raise as soon as the connection is lost; leave no request behind."""
     request: asyncio.Future[ModbusPDU] = asyncio.ensure_future(asking)
     try:

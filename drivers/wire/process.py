@@ -21,7 +21,7 @@ from typing import Any, Self
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.supervision import start_link_task
-from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack
+from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack_message
 
 _log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 _ROOT = str(Path(__file__).absolute().parents[3])
 _KEPT_BYTES = 4096
 _LEAVE_S = 0.5
-_REAP_S = 5.0
+_COLLECT_S = 5.0
 
 
 class ChildProcess:
@@ -54,15 +54,15 @@ class ChildProcess:
         """Start the child and wait until it answers; raise DeviceTimeoutError or UnreachableError."""
         child = cls(device, module, title=title)
         try:
-            await child._spawn()
-            await child.call("ping", deadline_s=start_s)
+            await child._spawn_child()
+            await child.call_verb("ping", deadline_s=start_s)
         except BaseException:
             await child.close()
             raise
         return child
 
     @property
-    def alive(self) -> bool:
+    def is_alive(self) -> bool:
         """Whether calls can still be answered."""
         return self._process is not None and self._process.returncode is None and not self._reason
 
@@ -71,16 +71,16 @@ class ChildProcess:
         """Return the process id, for logs."""
         return self._process.pid if self._process is not None else 0
 
-    async def call(self, verb: str, *, deadline_s: float, **arguments: Any) -> Any:
+    async def call_verb(self, verb: str, *, deadline_s: float, **arguments: Any) -> Any:
         """Let the child do ``verb``; raise if it says no, ends, or misses the deadline (which kills it)."""
-        if self._writer is None or not self.alive:
+        if self._writer is None or not self.is_alive:
             raise self.ended_error()
         number = next(self._numbers)
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         request = {"number": number, "verb": verb, "deadline_s": deadline_s, "arguments": arguments}
         try:
-            self._writer.write(pack(request))
+            self._writer.write(pack_message(request))
             async with asyncio.timeout(deadline_s):
                 return await answer
         except TimeoutError:
@@ -114,10 +114,10 @@ class ChildProcess:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
         with contextlib.suppress(TimeoutError):  # a killed process that cannot end is the kernel's matter
-            async with asyncio.timeout(_REAP_S):
+            async with asyncio.timeout(_COLLECT_S):
                 await asyncio.gather(process.wait(), *self._tasks, return_exceptions=True)
 
-    async def _spawn(self) -> None:
+    async def _spawn_child(self) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             path = os.pathsep.join(p for p in (_ROOT, os.environ.get("PYTHONPATH", "")) if p)
@@ -139,11 +139,13 @@ class ChildProcess:
                 raise
         reader, self._writer = await asyncio.open_connection(sock=ours)
         self._tasks = (
-            start_link_task(f"answers of {self.device}", partial(self._listen, reader), self._broke),
-            start_link_task(f"prints of {self.device}", self._keep_prints, self._broke),
+            start_link_task(
+                f"answers of {self.device}", partial(self._read_answers, reader), self._end_broken
+            ),
+            start_link_task(f"prints of {self.device}", self._collect_output, self._end_broken),
         )
 
-    async def _listen(self, reader: asyncio.StreamReader) -> None:
+    async def _read_answers(self, reader: asyncio.StreamReader) -> None:
         assert self._process is not None
         error: Exception | None = None
         try:
@@ -151,22 +153,22 @@ class ChildProcess:
                 (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
                 if size > LONGEST_FRAME:
                     raise ValueError(f"a frame of {size} bytes")
-                self._settle(parse_json(await reader.readexactly(size)))
+                self._settle_call(parse_json(await reader.readexactly(size)))
         except (asyncio.IncompleteReadError, ConnectionError):
             pass  # it ended; the exit code says how
         except (ValueError, KeyError, TypeError) as fault:
             error = WireProtocolError(self.device, f"{self._title} sent what it must not: {fault}.")
             self.kill(str(fault))
-        await self._bury(error)
+        await self._finish_process(error)
 
-    def _broke(self, error: Exception) -> None:
+    def _end_broken(self, error: Exception) -> None:
         """End the child whose answers are not heard any more; callers are told, the next one starts another."""
         self.kill(f"the program failed ({type(error).__name__}: {error})")
         for answer in self._waiting.values():
             if not answer.done():
                 answer.set_exception(self.ended_error())
 
-    async def _bury(self, error: Exception | None) -> None:
+    async def _finish_process(self, error: Exception | None) -> None:
         assert self._process is not None
         try:
             async with asyncio.timeout(_LEAVE_S):
@@ -181,7 +183,7 @@ class ChildProcess:
             if not answer.done():
                 answer.set_exception(error or self.ended_error())
 
-    def _settle(self, message: dict[str, Any]) -> None:
+    def _settle_call(self, message: dict[str, Any]) -> None:
         answer = self._waiting.get(message["number"])
         if answer is None or answer.done():
             return  # the caller was cancelled
@@ -191,7 +193,7 @@ class ChildProcess:
         else:
             answer.set_result(message["value"])
 
-    async def _keep_prints(self) -> None:
+    async def _collect_output(self) -> None:
         """Keep what the library printed last: it is all that is left after a crash."""
         assert self._process is not None
         assert self._process.stdout is not None
@@ -213,11 +215,11 @@ class ChildProcess:
         last = f' Its last words: "{words}".' if words else ""
         return UnreachableError(
             self.device,
-            f"{self._title} ended: {self._reason or self._exit_sentence()}.{last}",
+            f"{self._title} ended: {self._reason or self._exit_text()}.{last}",
             remedy="Try again: a new process is started. If it happens again, report it with the log.",
         )
 
-    def _exit_sentence(self) -> str:
+    def _exit_text(self) -> str:
         code = self._process.returncode if self._process is not None else None
         if code is None:
             return "it was not started"

@@ -7,7 +7,7 @@ Way = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Header:
+class ProgramHeader:
     """What the head of a program says: its name, the token of its moves, for whom it is, and what it is not."""
 
     name: str
@@ -21,7 +21,7 @@ class ProgramWriter:
     """How joint moves [rad] at a speed of the fastest joint [rad/s] are written for one make."""
 
     suffix: str
-    write: Callable[[Header, Way, float], str]
+    write: Callable[[ProgramHeader, Way, float], str]
 
 
 def lines_of(text: str, width: int) -> Iterator[str]:

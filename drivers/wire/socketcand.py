@@ -16,7 +16,7 @@ from can.interfaces.socketcand import SocketCanDaemonBus
 _LONGEST_ANSWER = 256
 
 
-class GuardedSocketcandBus(SocketCanDaemonBus):
+class SafeSocketcandBus(SocketCanDaemonBus):
     """A CAN bus behind a socketcand daemon that may be silent, slow or dead."""
 
     _SocketCanDaemonBus__socket: socket.socket  # python-can's own; there is no public way to them
@@ -27,21 +27,21 @@ class GuardedSocketcandBus(SocketCanDaemonBus):
         try:
             super().__init__(channel=channel, host=host, port=port)  # type: ignore[no-untyped-call]
         except BaseException:
-            self._connection.close()
+            self._daemon_socket.close()
             self._is_shutdown = True  # nothing is left that python-can could warn about
             raise
-        self._connection.settimeout(None)
+        self._daemon_socket.settimeout(None)
 
     @property
-    def _connection(self) -> socket.socket:
+    def _daemon_socket(self) -> socket.socket:
         return self._SocketCanDaemonBus__socket
 
     def _expect_msg(self, msg: str) -> None:
         """Read one answer, and leave what follows it to the receiver."""
-        self._connection.settimeout(self._handshake_s)
+        self._daemon_socket.settimeout(self._handshake_s)
         answer = b""
         while not answer.endswith(b">") and len(answer) < _LONGEST_ANSWER:
-            byte = self._connection.recv(1)
+            byte = self._daemon_socket.recv(1)
             if not byte:
                 raise can.CanInitializationError("the daemon closed the connection")
             answer += byte
@@ -49,12 +49,12 @@ class GuardedSocketcandBus(SocketCanDaemonBus):
             raise can.CanInitializationError(f"the daemon answered {answer!r} instead of {msg!r}")
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        readable, _, _ = select.select([self._connection], [], [], 0.0 if self._waiting() else timeout)
-        if readable and not self._connection.recv(1, socket.MSG_PEEK):
+        readable, _, _ = select.select([self._daemon_socket], [], [], 0.0 if self._has_waiting() else timeout)
+        if readable and not self._daemon_socket.recv(1, socket.MSG_PEEK):
             raise can.CanOperationError("the daemon closed the connection")
         found: tuple[can.Message | None, bool] = super()._recv_internal(0.0)  # type: ignore[no-untyped-call]
         return found
 
-    def _waiting(self) -> bool:
+    def _has_waiting(self) -> bool:
         """Return whether messages of an earlier read are still to be handed out."""
         return bool(self._SocketCanDaemonBus__message_buffer)

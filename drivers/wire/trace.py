@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class WireFrame:
     """One frame as it went over the wire."""
 
     at_s: float  # host monotonic clock
@@ -20,17 +20,17 @@ class FrameTrace:
 
     def __init__(self, device: str, *, keep: int = 200) -> None:
         self._log = logging.getLogger(f"wire.{device}")
-        self._frames: deque[Frame] = deque(maxlen=keep)
+        self._frames: deque[WireFrame] = deque(maxlen=keep)
 
-    def add(self, direction: str, data: str) -> None:
+    def add_frame(self, direction: str, data: str) -> None:
         """Keep one frame."""
-        self._frames.append(Frame(time.monotonic(), direction, data))
+        self._frames.append(WireFrame(time.monotonic(), direction, data))
         self._log.debug("%s %s", direction, data)
 
     def last_received(self) -> str:
         """Return the newest frame from the device, for an error message."""
         return next((frame.data for frame in reversed(self._frames) if frame.direction == "<"), "")
 
-    def frames(self) -> tuple[Frame, ...]:
+    def list_frames(self) -> tuple[WireFrame, ...]:
         """Return what is kept, oldest first."""
         return tuple(self._frames)

@@ -11,15 +11,15 @@ T = TypeVar("T")
 _Job = tuple[Callable[[], Any], asyncio.Future[Any]]
 
 
-class Worker:
+class CallWorker:
     """Runs what it is given, one after the other."""
 
     def __init__(self, name: str) -> None:
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._run_jobs, name=name, daemon=True)
         self._thread.start()
 
-    async def run(self, call: Callable[[], T]) -> T:
+    async def run_call(self, call: Callable[[], T]) -> T:
         """Return what ``call`` returns or raises. Cancelling leaves the call to end in its own time."""
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
         self._jobs.put((call, future))
@@ -34,7 +34,7 @@ class Worker:
         self._thread.join(seconds)
         return not self._thread.is_alive()
 
-    def _work(self) -> None:
+    def _run_jobs(self) -> None:
         while (job := self._jobs.get()) is not None:
             call, future = job
             if future.cancelled():
@@ -46,10 +46,10 @@ class Worker:
             except BaseException as error:  # noqa: BLE001 - handed to the caller, whatever it is
                 failure = error
             with suppress(RuntimeError):  # the loop may have ended meanwhile
-                future.get_loop().call_soon_threadsafe(_deliver, future, result, failure)
+                future.get_loop().call_soon_threadsafe(_deliver_result, future, result, failure)
 
 
-def _deliver(future: asyncio.Future[Any], result: Any, failure: BaseException | None) -> None:
+def _deliver_result(future: asyncio.Future[Any], result: Any, failure: BaseException | None) -> None:
     if future.cancelled():
         return
     if failure is None:

@@ -17,33 +17,33 @@ from typing import Any
 
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
-from cellcal.fake_devices.draw_wire.wire_happenings import wire_happenings
+from cellcal.fake_devices.draw_wire.wire_faults import wire_faults
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.modbus_robot.server import ModbusServer, link_faults
-from cellcal.fake_devices.modbus_tables import answer
+from cellcal.fake_devices.modbus_tables import answer_request
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
 
 _LOOK_S = 0.05
 
 
-class ModbusDrawWire:
+class FakeModbusDrawWire:
     """One gauge behind one address."""
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         self._world, self._name = world, str(table["name"])
         self.gauge = WireGauge(world, table)
-        self._faults = link_faults(world.clock.real, KINDS)
+        self._faults = link_faults(world.clock.real_now_s, KINDS)
         step_m = float(table.get("step_um", 38.452)) * 1e-6
-        self.encoder = ModbusEncoder(self.gauge, int(table["serial"]), step_m, self._faults.look)
+        self.encoder = ModbusEncoder(self.gauge, int(table["serial"]), step_m, self._faults.active_parameters)
         self.server = ModbusServer(
             str(table.get("host", "127.0.0.1")),
             int(table.get("port", 502)),
-            lambda request: answer(self.encoder, request),
+            lambda request: answer_request(self.encoder, request),
             self._faults,
         )
         self._follower: asyncio.Task[None] | None = None
-        self._happen = {**wire_happenings(self.gauge), "preset": self._preset}
+        self._fault_actions = {**wire_faults(self.gauge), "preset": self._set_preset}
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class ModbusDrawWire:
 
     async def start(self) -> None:
         await self.server.open()
-        self._follower = keep_running(f"time of {self.name}", self._follow)
+        self._follower = keep_running(f"time of {self.name}", self._follow_time)
 
     async def stop(self) -> None:
         if self._follower is not None:
@@ -61,42 +61,42 @@ class ModbusDrawWire:
                 await self._follower
         await self.server.wait_closed()
 
-    async def _follow(self) -> None:
+    async def _follow_time(self) -> None:
         while True:
             await self._listen_or_not()
             await asyncio.sleep(_LOOK_S)
 
     async def _listen_or_not(self) -> None:
-        flap = self._faults.look("flap")
-        gone = flap is not None and self._world.clock.real() % (2 * flap["period_s"]) > flap["period_s"]
-        if gone or self._faults.look("refuse") is not None:
+        flap = self._faults.active_parameters("flap")
+        gone = flap is not None and self._world.clock.real_now_s() % (2 * flap["period_s"]) > flap["period_s"]
+        if gone or self._faults.active_parameters("refuse") is not None:
             self.server.close()
         else:
             with suppress(OSError):  # the address is not free yet; the next look tries again
                 await self.server.open()
 
     def fault_names(self) -> frozenset[str]:
-        return self._faults.kinds | frozenset(self._happen)
+        return self._faults.fault_kinds | frozenset(self._fault_actions)
 
-    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
-        if name in self._happen:
-            given = dict(parameters)
-            self._happen[name](given)
-            if given:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        if name in self._fault_actions:
+            remaining = dict(parameters)
+            self._fault_actions[name](remaining)
+            if remaining:
+                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
         else:
-            self._faults.set(name, parameters)
+            self._faults.switch_on(name, parameters)
             await self._listen_or_not()
         return {}
 
-    def clear(self) -> None:
-        self._faults.clear()
+    def clear_faults(self) -> None:
+        self._faults.clear_all()
 
-    def _preset(self, given: dict[str, Any]) -> None:
+    def _set_preset(self, parameters: dict[str, Any]) -> None:
         """Somebody sets a preset: the shown position moves, and the offset says by how much."""
-        self.encoder.offset_steps += round(float(given.pop("m", 0.01)) / self.encoder.step_m)
+        self.encoder.offset_steps += round(float(parameters.pop("m", 0.01)) / self.encoder.step_m)
 
-    def truth(self) -> JsonObject:
+    def true_state(self) -> JsonObject:
         gauge = self.gauge
         return {
             "robot": gauge.robot,

@@ -36,13 +36,15 @@ class ModbusEncoder:
         self._look = look
         self.offset_steps = 0
 
-    def words(self, function: int, address: int, count: int) -> list[int]:
-        words, first = (self._holding(), _FIRST) if function == 3 else (self._holding()[:6], 0)
+    def read_words(self, function: int, address: int, count: int) -> list[int]:
+        words, first = (
+            (self._holding_registers(), _FIRST) if function == 3 else (self._holding_registers()[:6], 0)
+        )
         if address < first or address + count > first + len(words):
             raise ModbusError(2)
         return words[address - first : address - first + count]
 
-    def bits(self, function: int, address: int, count: int) -> list[bool]:
+    def read_bits(self, function: int, address: int, count: int) -> list[bool]:
         raise ModbusError(1)
 
     def write_words(self, address: int, values: list[int]) -> None:
@@ -51,11 +53,11 @@ class ModbusEncoder:
     def write_bits(self, address: int, values: list[bool]) -> None:
         raise ModbusError(1)
 
-    def _holding(self) -> list[int]:
+    def _holding_registers(self) -> list[int]:
         length_m, _ = self.gauge.read_m()
         alarm = self._look("encoder_alarm")
         other = self._look("other_device") is not None
-        known = {
+        values = {
             94: max(round(length_m / self.step_m) + self.offset_steps, 0),
             98: 0 if alarm is None else int(alarm["bits"]) << 8,
             126: self.offset_steps & 0xFFFFFFFF,
@@ -64,7 +66,7 @@ class ModbusEncoder:
             136: self.serial + 1 if other else self.serial,
         }
         words = [0] * _WORDS
-        for address, value in known.items():
+        for address, value in values.items():
             high, low = struct.unpack(">HH", struct.pack(">I", value))
             pair = (low, high) if self._look("swapped_words") is not None else (high, low)
             words[address - _FIRST : address - _FIRST + 2] = pair

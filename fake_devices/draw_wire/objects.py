@@ -31,21 +31,21 @@ class AbortError(Exception):
 
 
 @dataclass(frozen=True)
-class Entry:
+class SdoEntry:
     """One sub-index: its type, and how to read and write it."""
 
     kind: str
     get: Callable[[], int | str] | None
     put: Callable[[int], None] | None = None
 
-    def upload(self) -> bytes:
+    def read_bytes(self) -> bytes:
         """Return the value's bytes."""
         if self.get is None:
             raise AbortError(WRITE_ONLY)
         value = self.get()
         return value.encode("ascii") if isinstance(value, str) else struct.pack(_FORMATS[self.kind], value)
 
-    def download(self, data: bytes) -> None:
+    def write_bytes(self, data: bytes) -> None:
         """Take a value's bytes."""
         if self.put is None:
             raise AbortError(READ_ONLY)
@@ -55,14 +55,14 @@ class Entry:
         self.put(int(struct.unpack(layout, data)[0]))
 
 
-class Dictionary:
+class ObjectDictionary:
     """All entries by index and sub-index."""
 
-    def __init__(self, entries: dict[tuple[int, int], Entry]) -> None:
+    def __init__(self, entries: dict[tuple[int, int], SdoEntry]) -> None:
         self._entries = entries
         self._indices = {index for index, _ in entries}
 
-    def entry(self, index: int, sub: int) -> Entry:
+    def find_entry(self, index: int, sub: int) -> SdoEntry:
         """Return one entry or refuse as CiA 301 says."""
         if index not in self._indices:
             raise AbortError(NO_OBJECT)
@@ -71,7 +71,7 @@ class Dictionary:
         return self._entries[index, sub]
 
 
-class Settings:
+class ObjectSettings:
     """Numbers that a client may change within limits, that are saved on request and restored at power-on."""
 
     def __init__(self, defaults: dict[str, int]) -> None:
@@ -79,17 +79,17 @@ class Settings:
         self._saved = dict(defaults)
         self.now = dict(defaults)
 
-    def entry(self, name: str, kind: str, lowest: int, highest: int) -> Entry:
+    def make_entry(self, name: str, kind: str, lowest: int, highest: int) -> SdoEntry:
         """Return the entry of one setting."""
 
-        def put(value: int) -> None:
+        def set_value(value: int) -> None:
             if not lowest <= value <= highest:
                 raise AbortError(OUT_OF_RANGE)
             self.now[name] = value
 
-        return Entry(kind, lambda: self.now[name], put)
+        return SdoEntry(kind, lambda: self.now[name], set_value)
 
-    def save(self) -> None:
+    def save_settings(self) -> None:
         """Keep what is set."""
         self._saved = dict(self.now)
 

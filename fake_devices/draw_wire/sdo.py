@@ -12,13 +12,19 @@ Not modelled
 
 import struct
 
-from cellcal.fake_devices.draw_wire.objects import BAD_COMMAND, BAD_LENGTH, BAD_TOGGLE, AbortError, Dictionary
+from cellcal.fake_devices.draw_wire.objects import (
+    BAD_COMMAND,
+    BAD_LENGTH,
+    BAD_TOGGLE,
+    AbortError,
+    ObjectDictionary,
+)
 
 
 class SdoServer:
     """Answers 8-byte requests with 8-byte responses."""
 
-    def __init__(self, dictionary: Dictionary) -> None:
+    def __init__(self, dictionary: ObjectDictionary) -> None:
         self._dictionary = dictionary
         self._address = (0, 0)
         self._sending: bytes | None = None
@@ -29,7 +35,7 @@ class SdoServer:
         """Forget a transfer under way."""
         self._sending = self._receiving = None
 
-    def answer(self, request: bytes) -> bytes | None:
+    def answer_request(self, request: bytes) -> bytes | None:
         """Return the response; None to an abort, which is not answered."""
         request = request.ljust(8, b"\0")
         command = request[0] >> 5
@@ -37,18 +43,18 @@ class SdoServer:
             self.reset()
             return None
         try:
-            return self._dispatch(command, request)
+            return self._dispatch_command(command, request)
         except AbortError as abort:
             self.reset()
             if command in (1, 2):
-                self._address = _address(request)
-            return self.abort(abort.code)
+                self._address = _object_address(request)
+            return self.abort_transfer(abort.code)
 
-    def abort(self, code: int) -> bytes:
+    def abort_transfer(self, code: int) -> bytes:
         """Return an abort of the present transfer."""
         return struct.pack("<BHBI", 0x80, *self._address, code)
 
-    def _dispatch(self, command: int, request: bytes) -> bytes:
+    def _dispatch_command(self, command: int, request: bytes) -> bytes:
         if command == 1:
             return self._begin_download(request)
         if command == 0 and self._receiving is not None:
@@ -60,8 +66,8 @@ class SdoServer:
         raise AbortError(BAD_COMMAND)
 
     def _begin_upload(self, request: bytes) -> bytes:
-        self._address = _address(request)
-        data = self._dictionary.entry(*self._address).upload()
+        self._address = _object_address(request)
+        data = self._dictionary.find_entry(*self._address).read_bytes()
         if len(data) <= 4:
             return struct.pack("<BHB", 0x43 | (4 - len(data)) << 2, *self._address) + data.ljust(4, b"\0")
         self._sending, self._toggle = data, 0
@@ -77,11 +83,11 @@ class SdoServer:
         return bytes([head]) + part.ljust(7, b"\0")
 
     def _begin_download(self, request: bytes) -> bytes:
-        self._address = _address(request)
-        entry = self._dictionary.entry(*self._address)
+        self._address = _object_address(request)
+        entry = self._dictionary.find_entry(*self._address)
         if request[0] & 0x02:
-            size = 4 - (request[0] >> 2 & 3) if request[0] & 0x01 else len(entry.upload())
-            entry.download(request[4 : 4 + size])
+            size = 4 - (request[0] >> 2 & 3) if request[0] & 0x01 else len(entry.read_bytes())
+            entry.write_bytes(request[4 : 4 + size])
         else:
             self._receiving, self._toggle = bytearray(), 0
         return struct.pack("<BHB", 0x60, *self._address) + bytes(4)
@@ -93,7 +99,7 @@ class SdoServer:
             raise AbortError(BAD_LENGTH)
         if request[0] & 1:
             self._receiving = None
-            self._dictionary.entry(*self._address).download(bytes(received))
+            self._dictionary.find_entry(*self._address).write_bytes(bytes(received))
         head = 0x20 | self._toggle << 4
         self._toggle ^= 1
         return bytes([head]) + bytes(7)
@@ -103,6 +109,6 @@ class SdoServer:
             raise AbortError(BAD_TOGGLE)
 
 
-def _address(request: bytes) -> tuple[int, int]:
+def _object_address(request: bytes) -> tuple[int, int]:
     index, sub = struct.unpack("<HB", request[1:4])
     return index, sub

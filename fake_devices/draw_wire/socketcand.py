@@ -41,7 +41,7 @@ def parse_send(words: list[str]) -> tuple[int, bytes] | None:
 
 
 @dataclass(eq=False)
-class _Client:
+class _CanClient:
     writer: asyncio.StreamWriter
     opened: bool = False
     raw_from_s: float | None = None
@@ -56,11 +56,11 @@ class SocketCanDaemon:
         self.on_frame: Callable[[int, bytes], None] = lambda _can_id, _data: None
         self._real = real
         self._server: asyncio.Server | None = None
-        self._clients: list[_Client] = []
+        self._clients: list[_CanClient] = []
         self._serving: set[asyncio.Task[None]] = set()
 
     @property
-    def connections(self) -> int:
+    def client_count(self) -> int:
         """How many clients are connected."""
         return len(self._clients)
 
@@ -71,14 +71,16 @@ class SocketCanDaemon:
         return sum(client.raw_from_s is not None and now_s >= client.raw_from_s for client in self._clients)
 
     @property
-    def listening(self) -> bool:
+    def is_listening(self) -> bool:
         """Whether the daemon lives."""
         return self._server is not None
 
     async def open(self) -> None:
         """Listen; port 0 finds one and keeps it."""
         if self._server is None:
-            self._server = await asyncio.start_server(self._client, self.host, self.port, reuse_address=True)
+            self._server = await asyncio.start_server(
+                self._serve_client, self.host, self.port, reuse_address=True
+            )
             self.port = self._server.sockets[0].getsockname()[1]
 
     def close(self) -> None:
@@ -95,15 +97,15 @@ class SocketCanDaemon:
         if self._serving:
             await asyncio.wait(self._serving)
 
-    def send(self, can_id: int, data: bytes, *, sender: object = None) -> None:
+    def send_frame(self, can_id: int, data: bytes, *, sender: object = None) -> None:
         """Put a frame on the bus: every client but the sender reads it."""
-        self._tell(frame_text(can_id, data, self._real()), sender)
+        self._send_text(frame_text(can_id, data, self._real()), sender)
 
     def send_error_frame(self) -> None:
         """Put an error frame on the bus."""
-        self._tell(f"< error 020 {self._real():.6f} >", None)
+        self._send_text(f"< error 020 {self._real():.6f} >", None)
 
-    def _tell(self, text: str, sender: object) -> None:
+    def _send_text(self, text: str, sender: object) -> None:
         now_s = self._real()
         for client in self._clients:
             if (
@@ -114,16 +116,16 @@ class SocketCanDaemon:
             ):
                 client.writer.write(text.encode())
 
-    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         if task is not None:
             self._serving.add(task)
             task.add_done_callback(self._serving.discard)
-        client = _Client(writer)
+        client = _CanClient(writer)
         self._clients.append(client)
         try:
-            await self._answer(client, "< hi >")
-            await self._serve(client, reader)
+            await self._answer_client(client, "< hi >")
+            await self._read_commands(client, reader)
         except ConnectionError as error:
             log.debug("client gone: %s", error)
         finally:
@@ -132,7 +134,7 @@ class SocketCanDaemon:
             with contextlib.suppress(ConnectionError):
                 await writer.wait_closed()
 
-    async def _serve(self, client: _Client, reader: asyncio.StreamReader) -> None:
+    async def _read_commands(self, client: _CanClient, reader: asyncio.StreamReader) -> None:
         buffer = ""
         while chunk := await reader.read(4096):
             buffer += chunk.decode("ascii", "replace")
@@ -140,28 +142,28 @@ class SocketCanDaemon:
                 start = buffer.rfind("<", 0, end)
                 command, buffer = buffer[start + 1 : end] if start >= 0 else "", buffer[end + 1 :]
                 if not self.hung:
-                    await self._obey(client, command.split())
+                    await self._obey_command(client, command.split())
             buffer = buffer[-_BUFFER_LIMIT:]
 
-    async def _obey(self, client: _Client, words: list[str]) -> None:
+    async def _obey_command(self, client: _CanClient, words: list[str]) -> None:
         match words:
             case ["open", channel] if channel == self.channel:
                 client.opened = True
-                await self._answer(client, "< ok >")
+                await self._answer_client(client, "< ok >")
             case ["open", _]:
-                await self._answer(client, "< error could not open bus >")
+                await self._answer_client(client, "< error could not open bus >")
             case ["rawmode"] if client.opened:
                 client.raw_from_s = self._real() + _QUIET_S
-                await self._answer(client, "< ok >")
+                await self._answer_client(client, "< ok >")
             case ["echo"]:
-                await self._answer(client, "< echo >")
+                await self._answer_client(client, "< echo >")
             case ["send", *_] if client.raw_from_s is not None and (frame := parse_send(words)) is not None:
                 client.raw_from_s = 0.0  # who sends has read the last handshake answer
-                self.send(*frame, sender=client)
+                self.send_frame(*frame, sender=client)
                 self.on_frame(*frame)
             case _:
-                await self._answer(client, "< error unknown command >")
+                await self._answer_client(client, "< error unknown command >")
 
-    async def _answer(self, client: _Client, text: str) -> None:
+    async def _answer_client(self, client: _CanClient, text: str) -> None:
         client.writer.write(text.encode())
         await client.writer.drain()

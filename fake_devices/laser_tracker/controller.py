@@ -19,10 +19,10 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.clock import WorldClock
 from cellcal.fake_devices.laser_tracker import layout as at
-from cellcal.fake_devices.laser_tracker.results import Setup, result
-from cellcal.fake_devices.laser_tracker.sensor import Sensor
+from cellcal.fake_devices.laser_tracker.results import EmsconSettings, result_packet
+from cellcal.fake_devices.laser_tracker.sensor import TrackerSensor
 
 _NOT_INITIALISED, _INITIALISED = 4, 5
 _STATUS_NOT_READY, _STATUS_BUSY, _STATUS_READY = 0, 1, 2
@@ -32,7 +32,7 @@ _ALLOWED_WHILE_BUSY = frozenset({1, 2, 6, 13, 15, 21, 25, 27, 29, 41, 48, 52, 81
 
 
 @dataclass(frozen=True)
-class _Stored:
+class _StoredSetting:
     """A setting that is written and read as a block of numbers."""
 
     name: str
@@ -41,15 +41,15 @@ class _Stored:
 
 
 _SETTERS = {
-    at.C_SET_UNITS: _Stored("units", "<5I", at.SSC_UNITS),
-    at.C_SET_ORIENTATION: _Stored("orientation", "<6d", at.SSC_ORIENTATION),
-    at.C_SET_TRANSFORMATION: _Stored("transformation", "<7d", at.SSC_TRANSFORMATION),
-    at.C_SET_MODE: _Stored("mode", "<I", at.SSC_MODE),
-    at.C_SET_AXES: _Stored("axes", "<I", at.SSC_AXES),
-    at.C_SET_STATIONARY: _Stored("stationary", "<2i", 18),
-    at.C_SET_REFLECTOR: _Stored("reflector", "<i", at.SSC_REFLECTOR),
-    at.C_SET_SETTINGS: _Stored("settings", "<I8i", at.SSC_SETTINGS),
-    at.C_SET_STATISTICS: _Stored("statistics", "<2I", at.SSC_STATISTICS),
+    at.C_SET_UNITS: _StoredSetting("units", "<5I", at.SSC_UNITS),
+    at.C_SET_ORIENTATION: _StoredSetting("orientation", "<6d", at.SSC_ORIENTATION),
+    at.C_SET_TRANSFORMATION: _StoredSetting("transformation", "<7d", at.SSC_TRANSFORMATION),
+    at.C_SET_MODE: _StoredSetting("mode", "<I", at.SSC_MODE),
+    at.C_SET_AXES: _StoredSetting("axes", "<I", at.SSC_AXES),
+    at.C_SET_STATIONARY: _StoredSetting("stationary", "<2i", 18),
+    at.C_SET_REFLECTOR: _StoredSetting("reflector", "<i", at.SSC_REFLECTOR),
+    at.C_SET_SETTINGS: _StoredSetting("settings", "<I8i", at.SSC_SETTINGS),
+    at.C_SET_STATISTICS: _StoredSetting("statistics", "<2I", at.SSC_STATISTICS),
 }
 _GETTERS = {
     at.C_GET_UNITS: _SETTERS[at.C_SET_UNITS],
@@ -61,17 +61,17 @@ _GETTERS = {
     at.C_GET_REFLECTOR: _SETTERS[at.C_SET_REFLECTOR],
     at.C_GET_SETTINGS: _SETTERS[at.C_SET_SETTINGS],
     at.C_GET_STATISTICS: _SETTERS[at.C_SET_STATISTICS],
-    at.C_GET_COMPENSATION: _Stored("compensation", "<i", at.SSC_COMPENSATION),
+    at.C_GET_COMPENSATION: _StoredSetting("compensation", "<i", at.SSC_COMPENSATION),
 }
 Reply = Callable[[bytes], None]
 
 
-class Controller:
+class TrackerController:
     """Answers one command at a time; ``broadcast`` reaches every client."""
 
-    def __init__(self, sensor: Sensor, clock: Clock, serial: int, measures_poses: bool) -> None:
+    def __init__(self, sensor: TrackerSensor, clock: WorldClock, serial: int, measures_poses: bool) -> None:
         self.sensor, self._clock, self.serial, self.measures_poses = sensor, clock, serial, measures_poses
-        self.setup = Setup()
+        self.setup = EmsconSettings()
         self.broadcast: Reply = lambda _data: None
         self.initialised = True
         self.measurements = 0
@@ -80,25 +80,25 @@ class Controller:
         self._measuring = False
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether something that takes time is under way."""
         return self._work is not None and not self._work.done()
 
-    def receive(self, data: bytes, reply: Reply) -> None:
+    def receive_packet(self, data: bytes, reply: Reply) -> None:
         """Obey one packet of a client."""
         kind, command = struct.unpack_from("<II", data, 4)
         if kind != at.DT_COMMAND:
-            reply(at.error(at.C_UNKNOWN, at.RS_WRONG_PARAMETER))
+            reply(at.make_error(at.C_UNKNOWN, at.RS_WRONG_PARAMETER))
         elif command in self.refusals:
-            reply(at.reply(command, self.refusals[command]))
-        elif self.busy and command not in _ALLOWED_WHILE_BUSY:
-            reply(at.reply(command, at.RS_BUSY))
+            reply(at.make_reply(command, self.refusals[command]))
+        elif self.is_busy and command not in _ALLOWED_WHILE_BUSY:
+            reply(at.make_reply(command, at.RS_BUSY))
         elif command in _SETTERS:
-            reply(at.reply(command, self._set(_SETTERS[command], data[12:])))
+            reply(at.make_reply(command, self._set_setting(_SETTERS[command], data[12:])))
         elif command in _GETTERS:
-            reply(at.reply(command, at.RS_OK, self._get(_GETTERS[command])))
+            reply(at.make_reply(command, at.RS_OK, self._get_setting(_GETTERS[command])))
         else:
-            self._act(command, data[12:], reply)
+            self._run_command(command, data[12:], reply)
 
     def stop_work(self) -> None:
         """Give up what is under way."""
@@ -107,7 +107,7 @@ class Controller:
             self._work = None
         self._measuring = False
 
-    async def end(self) -> None:
+    async def end_work(self) -> None:
         """Give up what is under way and see it ended."""
         work = self._work
         self.stop_work()
@@ -139,16 +139,16 @@ class Controller:
         if not silently:
             self.broadcast(at.status_change(stored.event))
 
-    def restart(self) -> None:
+    def restart_server(self) -> None:
         """Come up as after the main switch: nothing set, not initialised."""
         self.stop_work()
-        reflector, self.setup = self.setup.reflector, Setup()
+        reflector, self.setup = self.setup.reflector, EmsconSettings()
         self.setup.reflector = reflector
         self.initialised = False
 
     # inside
 
-    def _set(self, stored: _Stored, data: bytes) -> int:
+    def _set_setting(self, stored: _StoredSetting, data: bytes) -> int:
         if len(data) != struct.calcsize(stored.layout):
             return at.RS_WRONG_PARAMETER
         values = struct.unpack(stored.layout, data)
@@ -161,105 +161,105 @@ class Controller:
         self.broadcast(at.status_change(stored.event))
         return at.RS_OK
 
-    def _get(self, stored: _Stored) -> bytes:
+    def _get_setting(self, stored: _StoredSetting) -> bytes:
         value = getattr(self.setup, stored.name)
         return struct.pack(stored.layout, *(value if isinstance(value, tuple) else (value,)))
 
-    def _act(self, command: int, data: bytes, reply: Reply) -> None:
+    def _run_command(self, command: int, data: bytes, reply: Reply) -> None:
         acts: dict[int, Callable[[bytes, Reply], None]] = {
             at.C_GET_SYSTEM_STATUS: self._system_status,
             at.C_GET_TRACKER_STATUS: self._tracker_status,
             at.C_GET_TRACKER_INFO: self._tracker_info,
-            at.C_GET_ENVIRONMENT: self._environment,
+            at.C_GET_ENVIRONMENT: self._answer_environment,
             at.C_SET_ENVIRONMENT: self._enter_environment,
-            at.C_INITIALIZE: self._initialise,
-            at.C_START: self._start,
-            at.C_STOP: self._stop,
-            at.C_FIND: self._find,
+            at.C_INITIALIZE: self._initialise_sensor,
+            at.C_START: self._start_measurement,
+            at.C_STOP: self._stop_measurement,
+            at.C_FIND: self._find_reflector,
         }
         if command in acts:
             acts[command](data, reply)
         else:
-            reply(at.reply(command, at.RS_NOT_IMPLEMENTED))
+            reply(at.make_reply(command, at.RS_NOT_IMPLEMENTED))
 
     def _system_status(self, _data: bytes, reply: Reply) -> None:
         state = _INITIALISED if self.initialised else _NOT_INITIALISED
         values = (0, state, 3, 2, 3, 8, 900, self.setup.settings[0], 0, self.serial)
-        reply(at.reply(at.C_GET_SYSTEM_STATUS, at.RS_OK, struct.pack("<4I3iI2i", *values)))
+        reply(at.make_reply(at.C_GET_SYSTEM_STATUS, at.RS_OK, struct.pack("<4I3iI2i", *values)))
 
     def _tracker_status(self, _data: bytes, reply: Reply) -> None:
         state = _STATUS_READY if self.sensor.locked and self.initialised else _STATUS_NOT_READY
         reply(
-            at.reply(
-                at.C_GET_TRACKER_STATUS, at.RS_OK, struct.pack("<I", _STATUS_BUSY if self.busy else state)
+            at.make_reply(
+                at.C_GET_TRACKER_STATUS, at.RS_OK, struct.pack("<I", _STATUS_BUSY if self.is_busy else state)
             )
         )
 
     def _tracker_info(self, _data: bytes, reply: Reply) -> None:
         numbers = (self.serial, self.setup.compensation, 1, 1, 1, 0.0, 25.0, 0.5, 1000, 2, 4.2, 1.6, 1, 3, 4)
-        body = struct.pack("<I64s5i3d2i2dI2i", _SENSOR_AT901_MR, at.wide("AT901-MR"), *numbers)
-        reply(at.reply(at.C_GET_TRACKER_INFO, at.RS_OK, body))
+        body = struct.pack("<I64s5i3d2i2dI2i", _SENSOR_AT901_MR, at.wide_text("AT901-MR"), *numbers)
+        reply(at.make_reply(at.C_GET_TRACKER_INFO, at.RS_OK, body))
 
-    def _environment(self, _data: bytes, reply: Reply) -> None:
-        values = struct.pack("<3d", *self.setup.air(self.sensor.air()))
-        reply(at.reply(at.C_GET_ENVIRONMENT, at.RS_OK, values))
+    def _answer_environment(self, _data: bytes, reply: Reply) -> None:
+        values = struct.pack("<3d", *self.setup.air_values(self.sensor.read_air()))
+        reply(at.make_reply(at.C_GET_ENVIRONMENT, at.RS_OK, values))
 
     def _enter_environment(self, data: bytes, reply: Reply) -> None:
         if len(data) == struct.calcsize("<3d"):
             entered = struct.unpack("<3d", data)[0]
             self.sensor.entered_c = (entered - 32.0) / 1.8 if self.setup.units[2] else entered
             self.broadcast(at.status_change(at.SSC_ENVIRONMENT))
-        reply(at.reply(at.C_SET_ENVIRONMENT, at.RS_OK if len(data) == 24 else at.RS_WRONG_PARAMETER))
+        reply(at.make_reply(at.C_SET_ENVIRONMENT, at.RS_OK if len(data) == 24 else at.RS_WRONG_PARAMETER))
 
-    def _initialise(self, _data: bytes, reply: Reply) -> None:
-        async def drive() -> None:
+    def _initialise_sensor(self, _data: bytes, reply: Reply) -> None:
+        async def drive_sensor() -> None:
             await self._clock.sleep(_INITIALISE_S)
             self.initialised, self.sensor.locked = True, not self.sensor.hidden_target
-            reply(at.reply(at.C_INITIALIZE, at.RS_OK))
+            reply(at.make_reply(at.C_INITIALIZE, at.RS_OK))
             for event in (at.SSC_INITIALIZATION, at.SSC_READY if self.sensor.locked else at.SSC_NOT_READY):
                 self.broadcast(at.status_change(event))
 
-        self._work = asyncio.create_task(drive())
+        self._work = asyncio.create_task(drive_sensor())
 
-    def _start(self, _data: bytes, reply: Reply) -> None:
+    def _start_measurement(self, _data: bytes, reply: Reply) -> None:
         if not self.initialised:
-            reply(at.reply(at.C_START, at.RS_NOT_INITIALIZED))
+            reply(at.make_reply(at.C_START, at.RS_NOT_INITIALIZED))
         elif not self.sensor.locked:
             sixd = self.setup.mode == at.MM_6D_STATIONARY
-            reply(at.reply(at.C_START, at.RS_NO_PROBE if sixd else at.RS_NOT_READY))
+            reply(at.make_reply(at.C_START, at.RS_NO_PROBE if sixd else at.RS_NOT_READY))
         else:
             self._measuring = True
-            reply(at.reply(at.C_START, at.RS_OK))
+            reply(at.make_reply(at.C_START, at.RS_OK))
             self.broadcast(at.status_change(at.SSC_BUSY))
-            self._work = asyncio.create_task(self._measure())
+            self._work = asyncio.create_task(self._measure_stationary())
 
-    async def _measure(self) -> None:
-        seen = await self.sensor.measure(self.setup.stationary[0] * 1e-3)
+    async def _measure_stationary(self) -> None:
+        measurement = await self.sensor.measure_target(self.setup.stationary[0] * 1e-3)
         self._measuring = False
         self.measurements += 1
-        self.broadcast(result(self.setup, seen, self.sensor.air()))
+        self.broadcast(result_packet(self.setup, measurement, self.sensor.read_air()))
         self.broadcast(at.status_change(at.SSC_READY))
 
-    def _stop(self, _data: bytes, reply: Reply) -> None:
+    def _stop_measurement(self, _data: bytes, reply: Reply) -> None:
         if self._measuring:
             self.stop_work()
             self.broadcast(at.status_change(at.SSC_READY))
-        reply(at.reply(at.C_STOP, at.RS_OK))
+        reply(at.make_reply(at.C_STOP, at.RS_OK))
 
-    def _find(self, data: bytes, reply: Reply) -> None:
+    def _find_reflector(self, data: bytes, reply: Reply) -> None:
         if len(data) != struct.calcsize("<d"):
-            reply(at.reply(at.C_FIND, at.RS_WRONG_PARAMETER))
+            reply(at.make_reply(at.C_FIND, at.RS_WRONG_PARAMETER))
             return
 
-        async def look() -> None:
+        async def search_reflector() -> None:
             await self._clock.sleep(_FIND_S)
             found = not self.sensor.hidden_target
-            reply(at.reply(at.C_FIND, at.RS_OK if found else at.RS_NOT_READY))
+            reply(at.make_reply(at.C_FIND, at.RS_OK if found else at.RS_NOT_READY))
             if found:
                 self.beam_returns()
 
-        self._work = asyncio.create_task(look())
+        self._work = asyncio.create_task(search_reflector())
 
     def _tell_error(self, command: int, status: int) -> None:
         if self.setup.settings[4]:
-            self.broadcast(at.error(command, status))
+            self.broadcast(at.make_error(command, status))

@@ -16,51 +16,51 @@ from typing import Any
 
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.laser_tracker import layout as at
-from cellcal.fake_devices.laser_tracker.controller import Controller
-from cellcal.fake_devices.laser_tracker.sensor import Sensor
-from cellcal.fake_devices.laser_tracker.server import KINDS, Server
+from cellcal.fake_devices.laser_tracker.controller import TrackerController
+from cellcal.fake_devices.laser_tracker.sensor import TrackerSensor
+from cellcal.fake_devices.laser_tracker.server import KINDS, TrackerServer
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.world import World
 
-Given = dict[str, Any]
+Parameters = dict[str, Any]
 
 
-class LaserTracker:
+class FakeLaserTracker:
     """One tracker on one loopback address."""
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         self._name = str(table["name"])
-        self.sensor = Sensor(world, table)
-        self._faults = LinkFaults(KINDS, world.clock.real)
-        self.server = Server(
+        self.sensor = TrackerSensor(world, table)
+        self._faults = LinkFaults(KINDS, world.clock.real_now_s)
+        self.server = TrackerServer(
             str(table.get("address", "127.0.0.1")), int(table.get("port", 700)), self._faults
         )
-        self.controller = Controller(
+        self.controller = TrackerController(
             self.sensor, world.clock, int(table.get("serial", 1)), bool(table.get("measures_poses", False))
         )
         self.controller.broadcast = self.server.broadcast
-        self.server.on_packet = self.controller.receive
-        self._happen: dict[str, Callable[[Given], None]] = {
-            "beam_break": lambda given: self.controller.beam_breaks(bool(given.pop("findable", True))),
-            "beam_return": lambda _given: self.controller.beam_returns(),
-            "tripod_pushed": self._pushed,
-            "set_up_again": lambda _given: self.sensor.set_up_again(),
-            "reflector_to_nest": lambda given: self.sensor.put_reflector(int(given.pop("nest", 1))),
-            "reflector_to_flange": lambda _given: self.sensor.put_reflector(None),
-            "units": lambda given: self._other(given, "units", tuple(given.pop("units", (1, 1, 0, 1, 0)))),
-            "axes": lambda given: self._other(given, "axes", int(given.pop("axes", 6))),
-            "settings": self._settings,
-            "reflector": lambda given: self._other(given, "reflector", int(given.pop("id", 3))),
-            "station": self._station,
-            "compensation": lambda given: self._other(given, "compensation", int(given.pop("id", 12))),
-            "air": self._air,
-            "entered_temperature": self._entered,
-            "spoil": self._spoil,
+        self.server.on_packet = self.controller.receive_packet
+        self._fault_actions: dict[str, Callable[[Parameters], None]] = {
+            "beam_break": lambda parameters: self.controller.beam_breaks(bool(parameters.pop("findable", True))),
+            "beam_return": lambda _parameters: self.controller.beam_returns(),
+            "tripod_pushed": self._push_tripod,
+            "set_up_again": lambda _parameters: self.sensor.set_up_again(),
+            "reflector_to_nest": lambda parameters: self.sensor.put_reflector(int(parameters.pop("nest", 1))),
+            "reflector_to_flange": lambda _parameters: self.sensor.put_reflector(None),
+            "units": lambda parameters: self._set_by_other(parameters, "units", tuple(parameters.pop("units", (1, 1, 0, 1, 0)))),
+            "axes": lambda parameters: self._set_by_other(parameters, "axes", int(parameters.pop("axes", 6))),
+            "settings": self._change_settings,
+            "reflector": lambda parameters: self._set_by_other(parameters, "reflector", int(parameters.pop("id", 3))),
+            "station": self._change_station,
+            "compensation": lambda parameters: self._set_by_other(parameters, "compensation", int(parameters.pop("id", 12))),
+            "air": self._change_air,
+            "entered_temperature": self._enter_temperature,
+            "spoil": self._spoil_result,
             "refuse_command": self._refuse_command,
-            "event": lambda given: self.server.broadcast(at.status_change(int(given.pop("code")))),
-            "not_initialised": lambda _given: setattr(self.controller, "initialised", False),
+            "event": lambda parameters: self.server.broadcast(at.status_change(int(parameters.pop("code")))),
+            "not_initialised": lambda _parameters: setattr(self.controller, "initialised", False),
             "power_cycle": self._power_cycle,
-            "reset": lambda _given: self.server.drop_clients(),
+            "reset": lambda _parameters: self.server.drop_clients(),
         }  # fmt: skip
 
     @property
@@ -72,74 +72,76 @@ class LaserTracker:
         await self.server.open()
 
     async def stop(self) -> None:
-        await self.controller.end()
+        await self.controller.end_work()
         await self.server.close()
 
     # faults
 
     def fault_names(self) -> frozenset[str]:
-        return self._faults.kinds | frozenset(self._happen)
+        return self._faults.fault_kinds | frozenset(self._fault_actions)
 
-    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
-        if name in self._happen:
-            given = dict(parameters)
-            self._happen[name](given)
-            if given:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        if name in self._fault_actions:
+            remaining = dict(parameters)
+            self._fault_actions[name](remaining)
+            if remaining:
+                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
         else:
-            self._faults.set(name, parameters)
+            self._faults.switch_on(name, parameters)
             if name == "refuse":
                 self.server.drop_clients()
         return {}
 
-    def clear(self) -> None:
-        self._faults.clear()
+    def clear_faults(self) -> None:
+        self._faults.clear_all()
         self.controller.refusals.clear()
         self.controller.setup.spoil.clear()
 
-    def _other(self, given: Given, name: str, value: object) -> None:
-        self.controller.other_program(name, value, bool(given.pop("silently", False)))
+    def _set_by_other(self, parameters: Parameters, name: str, value: object) -> None:
+        self.controller.other_program(name, value, bool(parameters.pop("silently", False)))
 
-    def _settings(self, given: Given) -> None:
+    def _change_settings(self, parameters: Parameters) -> None:
         """Another program turns the orientation and the try mode on, unless told what."""
-        self._other(given, "settings", tuple(given.pop("settings", (2, 1, 1, 0, 1, 0, 1, 0, 0))))
-
-    def _spoil(self, given: Given) -> None:
-        """Put something else for one of the result's numbers, counted as the header counts its doubles."""
-        self.controller.setup.spoil[int(given.pop("value", 0))] = float(given.pop("to", math.nan))
-
-    def _refuse_command(self, given: Given) -> None:
-        self.controller.refusals[int(given.pop("command"))] = int(given.pop("status"))
-
-    def _station(self, given: Given) -> None:
-        values = tuple(float(v) for v in given.pop("orientation", (1.0, 2.0, 0.0, 0.0, 0.0, 0.1)))
-        self._other(given, "orientation", values)
-
-    def _pushed(self, given: Given) -> None:
-        """Somebody runs into the tripod; a level sensor, where there is one, tells of it."""
-        self.sensor.push(float(given.pop("m", 0.02)))
-        if not given.pop("silently", False):
-            self.server.broadcast(at.status_change(at.SSC_TILT))
-
-    def _air(self, given: Given) -> None:
-        self.sensor.set_air(
-            float(given.pop("temperature_c", 20.0)),
-            float(given.pop("pressure_hpa", 1013.25)),
-            float(given.pop("humidity_percent", 45.0)),
-            float(given.pop("drift_c_per_hour", 0.0)),
+        self._set_by_other(
+            parameters, "settings", tuple(parameters.pop("settings", (2, 1, 1, 0, 1, 0, 1, 0, 0)))
         )
 
-    def _entered(self, given: Given) -> None:
-        entered = given.pop("temperature_c", None)
+    def _spoil_result(self, parameters: Parameters) -> None:
+        """Put something else for one of the result's numbers, counted as the header counts its doubles."""
+        self.controller.setup.spoil[int(parameters.pop("value", 0))] = float(parameters.pop("to", math.nan))
+
+    def _refuse_command(self, parameters: Parameters) -> None:
+        self.controller.refusals[int(parameters.pop("command"))] = int(parameters.pop("status"))
+
+    def _change_station(self, parameters: Parameters) -> None:
+        values = tuple(float(v) for v in parameters.pop("orientation", (1.0, 2.0, 0.0, 0.0, 0.0, 0.1)))
+        self._set_by_other(parameters, "orientation", values)
+
+    def _push_tripod(self, parameters: Parameters) -> None:
+        """Somebody runs into the tripod; a level sensor, where there is one, tells of it."""
+        self.sensor.push_tripod(float(parameters.pop("m", 0.02)))
+        if not parameters.pop("silently", False):
+            self.server.broadcast(at.status_change(at.SSC_TILT))
+
+    def _change_air(self, parameters: Parameters) -> None:
+        self.sensor.set_air(
+            float(parameters.pop("temperature_c", 20.0)),
+            float(parameters.pop("pressure_hpa", 1013.25)),
+            float(parameters.pop("humidity_percent", 45.0)),
+            float(parameters.pop("drift_c_per_hour", 0.0)),
+        )
+
+    def _enter_temperature(self, parameters: Parameters) -> None:
+        entered = parameters.pop("temperature_c", None)
         self.sensor.entered_c = None if entered is None else float(entered)
 
-    def _power_cycle(self, _given: Given) -> None:
-        self.controller.restart()
+    def _power_cycle(self, _parameters: Parameters) -> None:
+        self.controller.restart_server()
         self.server.drop_clients()
 
     # truth
 
-    def truth(self) -> JsonObject:
+    def true_state(self) -> JsonObject:
         sensor = self.sensor
         place = sensor.tracker_probe()
         return {
@@ -159,13 +161,13 @@ class LaserTracker:
             "axes": self.controller.setup.axes,
             "mode": self.controller.setup.mode,
             "settings": list(self.controller.setup.settings),
-            "busy": self.controller.busy,
+            "busy": self.controller.is_busy,
             "measurements": self.controller.measurements,
-            "connections": self.server.connections,
+            "connections": self.server.client_count,
             "port": self.server.port,
         }
 
 
-def create(world: World, table: Mapping[str, Any]) -> LaserTracker:
+def create_laser_tracker(world: World, table: Mapping[str, Any]) -> FakeLaserTracker:
     """Build the tracker that a cell file names."""
-    return LaserTracker(world, table)
+    return FakeLaserTracker(world, table)

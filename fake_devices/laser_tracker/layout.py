@@ -34,41 +34,41 @@ MM_STATIONARY, MM_6D_STATIONARY = 0, 6
 HEADER_BYTES = 8
 
 
-def packet(kind: int, body: bytes) -> bytes:
+def make_packet(kind: int, body: bytes) -> bytes:
     """Put the header of size and type before a body."""
     return struct.pack("<iI", HEADER_BYTES + len(body), kind) + body
 
 
-def reply(command: int, status: int, values: bytes = b"") -> bytes:
+def make_reply(command: int, status: int, values: bytes = b"") -> bytes:
     """Answer a command."""
-    return packet(DT_COMMAND, struct.pack("<II", command, status) + values)
+    return make_packet(DT_COMMAND, struct.pack("<II", command, status) + values)
 
 
-def error(command: int, status: int) -> bytes:
+def make_error(command: int, status: int) -> bytes:
     """Tell of an error that is no answer."""
-    return packet(DT_ERROR, struct.pack("<II", command, status))
+    return make_packet(DT_ERROR, struct.pack("<II", command, status))
 
 
 def status_change(code: int) -> bytes:
     """Tell of an event."""
-    return packet(DT_STATUS, struct.pack("<I", code))
+    return make_packet(DT_STATUS, struct.pack("<I", code))
 
 
-def single(mode: int, is_try: int, values: Sequence[float]) -> bytes:
+def single_result(mode: int, is_try: int, values: Sequence[float]) -> bytes:
     """Return SingleMeasResultT: 17 doubles."""
-    return packet(DT_SINGLE, struct.pack("<IIi17d", RS_OK, mode, is_try, *values))
+    return make_packet(DT_SINGLE, struct.pack("<IIi17d", RS_OK, mode, is_try, *values))
 
 
-def single2(mode: int, is_try: int, values: Sequence[float]) -> bytes:
+def single_result_2(mode: int, is_try: int, values: Sequence[float]) -> bytes:
     """Return SingleMeasResult2T: 23 doubles."""
-    return packet(DT_SINGLE2, struct.pack("<IIi23d", RS_OK, mode, is_try, *values))
+    return make_packet(DT_SINGLE2, struct.pack("<IIi23d", RS_OK, mode, is_try, *values))
 
 
-def probe(is_try: int, words: Sequence[int], values: Sequence[float]) -> bytes:
+def probe_result(is_try: int, words: Sequence[int], values: Sequence[float]) -> bytes:
     """Return ProbeStationaryResultT: seven words and 41 doubles."""
-    return packet(DT_PROBE, struct.pack("<IIi7i41d", RS_OK, MM_6D_STATIONARY, is_try, *words, *values))
+    return make_packet(DT_PROBE, struct.pack("<IIi7i41d", RS_OK, MM_6D_STATIONARY, is_try, *words, *values))
 
 
-def wide(text: str, characters: int = 32) -> bytes:
+def wide_text(text: str, characters: int = 32) -> bytes:
     """Return text as 16-bit characters, filled up with zeros."""
     return text.encode("utf-16-le").ljust(2 * characters, b"\0")

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr
+from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr
 from cellcal.fake_devices.laser_tracker import layout
-from cellcal.fake_devices.laser_tracker.sensor import TURN_RAD, Seen
+from cellcal.fake_devices.laser_tracker.sensor import TURN_RAD, StationaryMeasurement
 
 _LENGTHS = (1.0, 1e3, 1e6, 1.0 / 0.3048, 1.0 / 0.9144, 1.0 / 0.0254)  # per metre
 _ANGLES = (1.0, 180.0 / math.pi, 200.0 / math.pi)
@@ -28,7 +28,7 @@ _PROBE_WORDS = (0, 0x01 | 0x3 << 13, 1, 1, 0, 1, 0)  # trigger, turn valid and w
 
 
 @dataclass
-class Setup:
+class EmsconSettings:
     """What a client can set; as the server starts with it."""
 
     units: tuple[int, ...] = (1, 1, 0, 1, 0)  # millimetre, degree, Celsius, hPa, per cent
@@ -43,64 +43,78 @@ class Setup:
     compensation: int = 11
     spoil: dict[int, float] = field(default_factory=dict)  # value index -> value, for faults
 
-    def length(self) -> float:
+    def length_factor(self) -> float:
         """Return units of length per metre."""
         return _LENGTHS[self.units[0]]
 
-    def angle(self) -> float:
+    def angle_factor(self) -> float:
         """Return units of angle per radian."""
         return _ANGLES[self.units[1]]
 
-    def air(self, air: tuple[float, float, float]) -> tuple[float, float, float]:
+    def air_values(self, air: tuple[float, float, float]) -> tuple[float, float, float]:
         """Return temperature, pressure, humidity in the units that are set."""
         celsius, hpa, percent = air
         return (celsius * 1.8 + 32.0 if self.units[2] else celsius, hpa * _PRESSURES[self.units[3]], percent)
 
 
-def result(setup: Setup, seen: Seen, air: tuple[float, float, float]) -> bytes:
+def result_packet(
+    setup: EmsconSettings, measurement: StationaryMeasurement, air: tuple[float, float, float]
+) -> bytes:
     """Return the packet for a measurement in the mode that is set."""
-    frame = _frame(setup)
-    turn, place = frame[:3, :3], frame[:3, :3] @ seen.place_m + frame[:3, 3]
+    frame = _result_frame(setup)
+    turn, place = frame[:3, :3], frame[:3, :3] @ measurement.place_m + frame[:3, 3]
     if setup.settings[1]:
         place = place * setup.transformation[6]
-    covariance = turn @ seen.covariance_m2 @ turn.T
-    scatter = np.abs(turn) @ seen.scatter_m
-    per_m, weather = setup.length(), setup.air(air)
-    value = _coordinates(setup, place)
+    covariance = turn @ measurement.covariance_m2 @ turn.T
+    scatter = np.abs(turn) @ measurement.scatter_m
+    per_m, weather = setup.length_factor(), setup.air_values(air)
+    value = _result_coordinates(setup, place)
     expected = np.sqrt(np.diag(covariance)) * per_m
     mixed = np.array([covariance[0, 1], covariance[0, 2], covariance[1, 2]]) * per_m**2
     spread = [*(scatter * per_m), float(np.linalg.norm(scatter)) * per_m]
     hoped = [*expected, float(np.linalg.norm(expected))]
     is_try = setup.settings[6]
     if setup.mode == layout.MM_6D_STATIONARY:
-        values = [*value, *spread, 0.0, 0.0, 0.0, *hoped, *mixed, *_turn(setup, turn @ seen.turn), *weather]
-        return layout.probe(is_try, _PROBE_WORDS, _spoilt(setup, values))
+        values = [
+            *value,
+            *spread,
+            0.0,
+            0.0,
+            0.0,
+            *hoped,
+            *mixed,
+            *_rotation_numbers(setup, turn @ measurement.turn),
+            *weather,
+        ]
+        return layout.probe_result(is_try, _PROBE_WORDS, _spoil_values(setup, values))
     if setup.statistics[0]:
         values = [*value, *spread, *(0.0,) * 6, *hoped, *mixed, *weather]
-        return layout.single2(setup.mode, is_try, _spoilt(setup, values))
-    return layout.single(setup.mode, is_try, _spoilt(setup, [*value, *spread, *(0.0,) * 3, *hoped, *weather]))
+        return layout.single_result_2(setup.mode, is_try, _spoil_values(setup, values))
+    return layout.single_result(
+        setup.mode, is_try, _spoil_values(setup, [*value, *spread, *(0.0,) * 3, *hoped, *weather])
+    )
 
 
-def _frame(setup: Setup) -> Array:
+def _result_frame(setup: EmsconSettings) -> Array:
     """Return the tracker seen from the frame that results are given in."""
     frame = np.eye(4)
     if setup.settings[2]:
-        frame = _pose(setup, setup.orientation)
+        frame = _pose_matrix(setup, setup.orientation)
     if setup.settings[1]:
-        frame = inverse(_pose(setup, setup.transformation[:6])) @ frame
+        frame = invert_pose(_pose_matrix(setup, setup.transformation[:6])) @ frame
     return frame
 
 
-def _pose(setup: Setup, six: tuple[float, ...]) -> Array:
-    per_m, per_rad = setup.length(), setup.angle()
+def _pose_matrix(setup: EmsconSettings, six: tuple[float, ...]) -> Array:
+    per_m, per_rad = setup.length_factor(), setup.angle_factor()
     return matrix_from_xyzwpr(
         [*(v / per_m * 1e3 for v in six[:3]), *(math.degrees(v / per_rad) for v in six[3:])]
     )
 
 
-def _coordinates(setup: Setup, place: Array) -> list[float]:
+def _result_coordinates(setup: EmsconSettings, place: Array) -> list[float]:
     x, y, z = (float(v) for v in place)
-    per_m, per_rad = setup.length(), setup.angle()
+    per_m, per_rad = setup.length_factor(), setup.angle_factor()
     if setup.axes < 4:
         signs = (
             (1.0, 1.0, 1.0)
@@ -115,21 +129,21 @@ def _coordinates(setup: Setup, place: Array) -> list[float]:
     return [around * per_rad, math.acos(z / distance) * per_rad, distance * per_m]
 
 
-def _turn(setup: Setup, rotation: Array) -> list[float]:
+def _rotation_numbers(setup: EmsconSettings, rotation: Array) -> list[float]:
     """Return quaternion, rotation angles, and their deviations as a probe's result has them: 21 numbers."""
-    per_rad = setup.angle()
+    per_rad = setup.angle_factor()
     angles = [
         math.atan2(rotation[2, 1], rotation[2, 2]),
         math.asin(min(1.0, max(-1.0, -float(rotation[2, 0])))),
         math.atan2(rotation[1, 0], rotation[0, 0]),
     ]
     each, total = TURN_RAD * per_rad, TURN_RAD * per_rad * math.sqrt(3.0)
-    seen = [0.3 * each, 0.3 * each, 0.3 * each, 0.3 * total, 0.0, 0.0, 0.0]
+    deviations = [0.3 * each, 0.3 * each, 0.3 * each, 0.3 * total, 0.0, 0.0, 0.0]
     hoped = [each, each, each, total, 0.0, 0.0, 0.0]
-    return [*_quaternion(rotation), *(v * per_rad for v in angles), *seen, *hoped]
+    return [*_quaternion_of(rotation), *(v * per_rad for v in angles), *deviations, *hoped]
 
 
-def _quaternion(rotation: Array) -> list[float]:
+def _quaternion_of(rotation: Array) -> list[float]:
     """Return (w, x, y, z) as the eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000)."""
     r = rotation
     k = np.array(
@@ -144,7 +158,7 @@ def _quaternion(rotation: Array) -> list[float]:
     return [float(v) for v in vector * (1.0 if vector[0] >= 0 else -1.0)]
 
 
-def _spoilt(setup: Setup, values: list[float]) -> list[float]:
+def _spoil_values(setup: EmsconSettings, values: list[float]) -> list[float]:
     for index, value in setup.spoil.items():
         values[index] = value
     return values

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.fake_devices.arm import Arm
-from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, transform
+from cellcal.fake_devices.arm import SimulatedArm
+from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, transform_point
 from cellcal.fake_devices.world import World
 
 ALONG_M, ACROSS_M, ACROSS_PER_M, TURN_RAD = 15e-6, 15e-6, 6e-6, 4e-5
@@ -30,7 +30,7 @@ _NESTS = 6
 
 
 @dataclass(frozen=True)
-class Seen:
+class StationaryMeasurement:
     """One stationary measurement in the tracker's frame, SI."""
 
     place_m: Array  # (3,)
@@ -39,39 +39,39 @@ class Seen:
     covariance_m2: Array  # (3, 3), a priori
 
 
-class Sensor:
+class TrackerSensor:
     """One tripod and one target on one robot's flange."""
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         self._world = world
         self.name = str(table["name"])
         self.robot = str(table.get("robot", "")) or next(iter(world.arms), "")
-        self._arm: Arm | None = world.arms.get(self.robot)
-        dice = world.dice(self.name, "tracker")
-        self._noise = world.dice(self.name, "noise")
-        self._moves = world.dice(self.name, "moves")
-        bearing, distance = dice.uniform(-0.7, 0.7), dice.uniform(2.5, 3.5)
+        self._arm: SimulatedArm | None = world.arms.get(self.robot)
+        rng = world.make_rng(self.name, "tracker")
+        self._noise = world.make_rng(self.name, "noise")
+        self._moves = world.make_rng(self.name, "moves")
+        bearing, distance = rng.uniform(-0.7, 0.7), rng.uniform(2.5, 3.5)
         place_mm = 1e3 * np.array(
-            [distance * np.cos(bearing), distance * np.sin(bearing), dice.uniform(0.2, 0.8)]
+            [distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(0.2, 0.8)]
         )
-        tilt = dice.normal(size=2) * 0.3
-        self.base_tracker = matrix_from_xyzwpr([*place_mm, *tilt, dice.uniform(-180.0, 180.0)])
+        tilt = rng.normal(size=2) * 0.3
+        self.base_tracker = matrix_from_xyzwpr([*place_mm, *tilt, rng.uniform(-180.0, 180.0)])
         target = np.array(table.get("target_in_flange_mm", (60.0, 50.0, 120.0))) * 1e-3
         sigma_m = float(table.get("target_sigma_mm", 2.0)) * 1e-3
         amount = 1.0 if world.hidden else 0.0
-        self.target_in_flange_m = target + amount * np.clip(dice.normal(size=3), -2.0, 2.0) * sigma_m
-        self.flange_probe = matrix_from_xyzwpr([0.0, 0.0, 0.0, *(amount * dice.uniform(-90.0, 90.0, 3))])
+        self.target_in_flange_m = target + amount * np.clip(rng.normal(size=3), -2.0, 2.0) * sigma_m
+        self.flange_probe = matrix_from_xyzwpr([0.0, 0.0, 0.0, *(amount * rng.uniform(-90.0, 90.0, 3))])
         self.flange_probe[:3, 3] = self.target_in_flange_m
         self.locked, self.hidden_target, self.moved = True, False, 0
         self.temperature_c, self.pressure_hpa, self.humidity_percent = 20.0, 1013.25, 45.0
         self.drift_c_per_hour = 0.0
         self.nest: int | None = None  # where a person has put the reflector instead of the flange
-        self._nests_m = world.dice(self.name, "nests").uniform(
+        self._nests_m = world.make_rng(self.name, "nests").uniform(
             (-0.5, -1.5, -0.4), (1.8, 1.5, 1.0), (_NESTS, 3)
         )
-        self._seating = world.dice(self.name, "seating")
+        self._seating = world.make_rng(self.name, "seating")
         self._seated_m = np.zeros(3)
-        self._air_since_s = world.clock.now()
+        self._air_since_s = world.clock.now_s()
         self.entered_c: float | None = None  # by hand; without it the weather station tells
 
     # truth
@@ -81,28 +81,28 @@ class Sensor:
         if self.nest is not None:
             place = np.eye(4)
             place[:3, 3] = self._nests_m[self.nest] + self._seated_m
-            return np.asarray(inverse(self.base_tracker) @ place)
+            return np.asarray(invert_pose(self.base_tracker) @ place)
         flange = np.eye(4) if self._arm is None else self._arm.base_flange()
-        return np.asarray(inverse(self.base_tracker) @ flange @ self.flange_probe)
+        return np.asarray(invert_pose(self.base_tracker) @ flange @ self.flange_probe)
 
     def target_in_base_m(self) -> Array:
         """Return where the target is in the robot's base frame now."""
         flange = np.eye(4) if self._arm is None else self._arm.base_flange()
-        return transform(flange, self.target_in_flange_m)
+        return transform_point(flange, self.target_in_flange_m)
 
     def true_temperature_c(self) -> float:
         """Return the air's temperature now."""
-        hours = (self._world.clock.now() - self._air_since_s) / 3600.0
+        hours = (self._world.clock.now_s() - self._air_since_s) / 3600.0
         return self.temperature_c + self.drift_c_per_hour * hours
 
-    def air(self) -> tuple[float, float, float]:
+    def read_air(self) -> tuple[float, float, float]:
         """Return what the tracker reckons with: degree Celsius, hPa, per cent."""
         known_c = self.true_temperature_c() if self.entered_c is None else self.entered_c
         return known_c, self.pressure_hpa, self.humidity_percent
 
     # measuring
 
-    async def measure(self, seconds: float) -> Seen:
+    async def measure_target(self, seconds: float) -> StationaryMeasurement:
         """Look for a while at whatever the target does meanwhile."""
         places = []
         for _ in range(5):
@@ -112,10 +112,10 @@ class Sensor:
         place = path.mean(axis=0)
         covariance = self.covariance_m2(place)
         noise = self._noise.multivariate_normal(np.zeros(3), covariance, method="cholesky")
-        scale = 1.0 - INDEX_PER_K * (self.true_temperature_c() - self.air()[0])
+        scale = 1.0 - INDEX_PER_K * (self.true_temperature_c() - self.read_air()[0])
         turn = places[-1][:3, :3] @ _small_turn(self._noise.normal(size=3) * TURN_RAD)
         scatter = np.hypot(path.std(axis=0), 0.3 * np.sqrt(np.diag(covariance)))
-        return Seen(place * scale + noise, turn, scatter, covariance)
+        return StationaryMeasurement(place * scale + noise, turn, scatter, covariance)
 
     def covariance_m2(self, place_m: Array) -> Array:
         """Return the covariance (3, 3) of a point there: the beam knows lengths better than directions."""
@@ -135,7 +135,7 @@ class Sensor:
             pressure_hpa,
             humidity_percent,
         )
-        self.drift_c_per_hour, self._air_since_s = drift, self._world.clock.now()
+        self.drift_c_per_hour, self._air_since_s = drift, self._world.clock.now_s()
 
     def put_reflector(self, nest: int | None) -> None:
         """Put the reflector into a fixed nest, from 1, or back to the flange; it never sits quite the same."""
@@ -151,7 +151,7 @@ class Sensor:
         )
         self.base_tracker = np.asarray(self.base_tracker @ turn)
 
-    def push(self, metres: float) -> None:
+    def push_tripod(self, metres: float) -> None:
         """Move the tripod by that much in a drawn direction, and turn it a little."""
         way = self._moves.normal(size=3)
         moved = np.eye(4)

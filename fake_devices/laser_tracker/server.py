@@ -39,7 +39,7 @@ _EVENTS = (at.SSC_ENVIRONMENT, at.SSC_SETTINGS, 853, 4)
 _LONGEST_BYTES = 65_536
 
 
-class Server:
+class TrackerServer:
     """Frames bytes; knows no meaning but size, type and command."""
 
     def __init__(self, host: str, port: int, faults: LinkFaults) -> None:
@@ -53,14 +53,16 @@ class Server:
         self._last_result = b""
 
     @property
-    def connections(self) -> int:
+    def client_count(self) -> int:
         """How many clients are connected."""
         return len(self._writers)
 
     async def open(self) -> None:
         """Listen; port 0 finds one and keeps it."""
         if self._server is None:
-            self._server = await asyncio.start_server(self._client, self.host, self.port, reuse_address=True)
+            self._server = await asyncio.start_server(
+                self._serve_client, self.host, self.port, reuse_address=True
+            )
             self.port = self._server.sockets[0].getsockname()[1]
 
     def drop_clients(self) -> None:
@@ -83,54 +85,54 @@ class Server:
         """Send to all clients."""
         kind = struct.unpack_from("<I", data, 4)[0]
         if kind in _RESULTS:
-            if self._faults.take("lost_result") is not None:
+            if self._faults.use_once("lost_result") is not None:
                 return
             self._last_result = data
         for writer in list(self._writers):
-            self._send(writer, data)
+            self._send_bytes(writer, data)
 
-    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
         self._serving.add(task)
         task.add_done_callback(self._serving.discard)
-        if self._faults.look("refuse") is not None:
+        if self._faults.active_parameters("refuse") is not None:
             writer.transport.abort()
             return
         self._writers.add(writer)
         try:
-            await self._serve(reader, writer)
+            await self._read_packets(reader, writer)
         except (asyncio.IncompleteReadError, ConnectionError):
             return
         finally:
             self._writers.discard(writer)
             writer.close()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _read_packets(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while True:
             head = await reader.readexactly(at.HEADER_BYTES)
             size = struct.unpack_from("<i", head)[0]
             if not at.HEADER_BYTES + 4 <= size <= _LONGEST_BYTES:
                 return
             data = head + await reader.readexactly(size - at.HEADER_BYTES)
-            if self._faults.take("silent") is None:
-                self.on_packet(data, lambda answer: self._reply(writer, answer))
+            if self._faults.use_once("silent") is None:
+                self.on_packet(data, lambda answer: self._send_reply(writer, answer))
 
-    def _reply(self, writer: asyncio.StreamWriter, answer: bytes) -> None:
-        if (events := self._faults.look("events")) is not None:
+    def _send_reply(self, writer: asyncio.StreamWriter, answer: bytes) -> None:
+        if (events := self._faults.active_parameters("events")) is not None:
             for i in range(int(events["count_each"])):
-                self._send(writer, at.status_change(_EVENTS[i % len(_EVENTS)]))
-        if self._faults.look("foreign_result") is not None and self._last_result:
-            self._send(writer, self._last_result)
-        if self._faults.take("foreign_answer") is not None:
-            self._send(writer, at.reply(at.C_BIRD_BATH, at.RS_OK))
-        self._send(writer, answer)
-        if self._faults.take("duplicate") is not None:
-            self._send(writer, answer)
+                self._send_bytes(writer, at.status_change(_EVENTS[i % len(_EVENTS)]))
+        if self._faults.active_parameters("foreign_result") is not None and self._last_result:
+            self._send_bytes(writer, self._last_result)
+        if self._faults.use_once("foreign_answer") is not None:
+            self._send_bytes(writer, at.make_reply(at.C_BIRD_BATH, at.RS_OK))
+        self._send_bytes(writer, answer)
+        if self._faults.use_once("duplicate") is not None:
+            self._send_bytes(writer, answer)
 
-    def _send(self, writer: asyncio.StreamWriter, data: bytes) -> None:
-        data = self._spoilt(data)
-        slow, halves = self._faults.take("slow"), self._faults.take("half_packets")
+    def _send_bytes(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        data = self._spoil_packet(data)
+        slow, halves = self._faults.use_once("slow"), self._faults.use_once("half_packets")
         if slow is None and halves is None and not self._sending:
             if not writer.transport.is_closing():
                 writer.write(data)
@@ -143,15 +145,15 @@ class Server:
         self._sending.add(task)
         task.add_done_callback(self._sending.discard)
 
-    def _spoilt(self, data: bytes) -> bytes:
+    def _spoil_packet(self, data: bytes) -> bytes:
         size, kind = struct.unpack_from("<iI", data)
-        if (cut := self._faults.take("truncated")) is not None:
+        if (cut := self._faults.use_once("truncated")) is not None:
             return data[: int(cut["bytes"])]
-        if (wrong := self._faults.take("wrong_size")) is not None:
+        if (wrong := self._faults.use_once("wrong_size")) is not None:
             return struct.pack("<iI", size + int(wrong["by"]), kind) + data[8:]
-        if (wrong := self._faults.take("wrong_type")) is not None:
+        if (wrong := self._faults.use_once("wrong_type")) is not None:
             return struct.pack("<iI", size, int(wrong["type"])) + data[8:]
-        if (junk := self._faults.take("garbage")) is not None:
+        if (junk := self._faults.use_once("garbage")) is not None:
             return bytes((37 * i + 201) % 256 for i in range(int(junk["bytes"]))) + data
         return data
 

@@ -48,23 +48,23 @@ class ActiveAlarm:
     since_s: float  # world time
 
     @property
-    def text(self) -> str:
+    def pendant_text(self) -> str:
         """Text as on the pendant."""
         return _TEXTS[self.code][0].format(axis="" if self.axis is None else self.axis + 1)
 
-    def words(self) -> list[int]:
+    def to_words(self) -> list[int]:
         """Return the 100 registers of this alarm."""
         facility, number = self.code.split("-")
         severity = _TEXTS[self.code][1]
         when = _EPOCH + timedelta(seconds=self.since_s)
         head = [_FACILITY[facility], int(number), 0, 0, _SEVERITY[severity]]
         clock = [when.year, when.month, when.day, when.hour, when.minute, when.second]
-        return head + clock + text_words(self.text, 40) + text_words("", 40) + text_words(severity, 9)
+        return head + clock + text_words(self.pendant_text, 40) + text_words("", 40) + text_words(severity, 9)
 
 
 def alarm_block(alarms: list[ActiveAlarm], places: int) -> list[int]:
     """Return the registers of the newest alarms; empty places are zero."""
     words: list[int] = []
     for alarm in alarms[:places]:
-        words += alarm.words()
+        words += alarm.to_words()
     return words + [0] * (places * ALARM_WORDS - len(words))

@@ -17,12 +17,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.device import FaultRefusedError
 from cellcal.fake_devices.encoders import PulseCoders
-from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, wpr_from_matrix
+from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
 from cellcal.fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
-from cellcal.fake_devices.modbus_robot.program import Program, Reason, RefusedError
+from cellcal.fake_devices.modbus_robot.program import CellcalProgram, ProgramRefusalError, RefusalReason
 
 AUTO, T1, T2 = 1, 2, 3
 _UNTIL_POWER_CYCLE = frozenset(f"SRVO-0{n}" for n in (38, 62, 64, 68, 69, 70, 71, 72, 73, 74))
@@ -30,11 +30,11 @@ TOOLS, FRAMES = 10, 9
 FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 
 
-class Controller:
-    """What runs in the cabinet. Computed when somebody looks; ``update`` catches up with time."""
+class ModbusRobotController:
+    """What runs in the cabinet. Computed when somebody looks; ``catch_up`` catches up with time."""
 
-    def __init__(self, arm: Arm, coders: PulseCoders, serial: str, model_title: str) -> None:
-        self.arm, self.coders, self.program = arm, coders, Program(self)
+    def __init__(self, arm: SimulatedArm, coders: PulseCoders, serial: str, model_title: str) -> None:
+        self.arm, self.coders, self.program = arm, coders, CellcalProgram(self)
         self.serial, self.model_title = serial, model_title
         self.version = "V7.70P/42"
         self.powered = True
@@ -54,25 +54,25 @@ class Controller:
         self.tools = [list(FIRST_TOOL), *([0.0] * 6 for _ in range(TOOLS - 1))]
         self.frames = [[0.0] * 6 for _ in range(FRAMES)]
         self.tool_number, self.frame_number = 1, 0
-        arm.perceive = lambda joints: joints - self.offset()
+        arm.perceive = lambda joints: joints - self.joint_offset()
 
     # position
 
     @property
-    def mastered(self) -> bool:
+    def is_mastered(self) -> bool:
         """Whether positions mean anything: mastered, and the mastering made effective."""
         return self.master_done and self.calibrated
 
-    def update(self) -> None:
+    def catch_up(self) -> None:
         """Catch up with the clock."""
-        self.program.update()
+        self.program.catch_up()
         self.coders.look_for_index()
 
-    def joints(self) -> Array:
+    def shown_joints(self) -> Array:
         """Return the joints that the controller shows [rad]."""
-        return self.coders.joints(self._effective)
+        return self.coders.joints_from_counts(self._effective)
 
-    def offset(self) -> Array:
+    def joint_offset(self) -> Array:
         """Return true joints minus shown joints [rad]."""
         return self.coders.offset_rad(self._effective)
 
@@ -84,7 +84,7 @@ class Controller:
         """Return X Y Z [mm] W P R [deg] of the active tool in the active user frame."""
         user = matrix_from_xyzwpr(self.frames[self.frame_number - 1]) if self.frame_number else np.eye(4)
         tool = matrix_from_xyzwpr(self.tools[self.tool_number - 1])
-        pose = inverse(user) @ self.arm.believed_flange(self.joints())[0] @ tool
+        pose = invert_pose(user) @ self.arm.believed_flange(self.shown_joints())[0] @ tool
         x, y, z = (float(value) * 1e3 for value in pose[:3, 3])
         return (x, y, z, *wpr_from_matrix(pose[:3, :3]))
 
@@ -103,17 +103,17 @@ class Controller:
 
     def forget_mastering(self) -> None:
         """Lose MASTER_COUN with the rest of the memory; the pulse coders keep their counts."""
-        self.update()
+        self.catch_up()
         self.counts_at_zero = self._effective = (0,) * len(self.counts_at_zero)
         self.master_done = self.calibrated = False
 
-    def calibrate(self) -> None:
+    def calibrate_joints(self) -> None:
         """Compute the joints from counts and MASTER_COUN."""
-        self.update()
+        self.catch_up()
         if self.coders.lost.any():
-            raise RefusedError(Reason.ALARM_ACTIVE)
+            raise ProgramRefusalError(RefusalReason.ALARM_ACTIVE)
         if not self.coders.established.all():
-            raise RefusedError(Reason.PULSE_NOT_ESTABLISHED)
+            raise ProgramRefusalError(RefusalReason.PULSE_NOT_ESTABLISHED)
         self._effective = self.counts_at_zero
         self.master_done = self.calibrated = True
 
@@ -125,7 +125,7 @@ class Controller:
 
     def active_alarms(self) -> list[ActiveAlarm]:
         """Return the alarm page, newest first."""
-        self.update()
+        self.catch_up()
         return list(self.alarms)
 
     def raise_alarm(self, code: str, axis: int | None = None) -> None:
@@ -133,25 +133,27 @@ class Controller:
         if code not in CODES:
             raise FaultRefusedError(f"no alarm {code!r}; there are {', '.join(sorted(CODES))}")
         if all((alarm.code, alarm.axis) != (code, axis) for alarm in self.alarms):
-            self.alarms.insert(0, ActiveAlarm(code, axis, self.arm.clock.now()))
+            self.alarms.insert(0, ActiveAlarm(code, axis, self.arm.clock.now_s()))
 
-    def collided(self, axis: int) -> None:
+    def report_collision(self, axis: int) -> None:
         """Report that an axis has hit its stop."""
         self.raise_alarm("SRVO-050", axis)
 
     def reset_alarms(self) -> None:
         """Clear what can be cleared; refuse with the reason for what cannot."""
-        self.update()
+        self.catch_up()
         unestablished = not self.coders.established.all()
-        self.alarms = [alarm for alarm in self.alarms if self._stays(alarm, unestablished)]
+        self.alarms = [alarm for alarm in self.alarms if self._is_persistent(alarm, unestablished)]
         if any(alarm.code in _UNTIL_POWER_CYCLE for alarm in self.alarms):
-            raise RefusedError(Reason.POWER_CYCLE_NEEDED if self.reset_pending else Reason.ALARM_ACTIVE)
+            raise ProgramRefusalError(
+                RefusalReason.POWER_CYCLE_NEEDED if self.reset_pending else RefusalReason.ALARM_ACTIVE
+            )
         if any(alarm.code == "SRVO-001" for alarm in self.alarms):
-            raise RefusedError(Reason.EMERGENCY_STOP)
+            raise ProgramRefusalError(RefusalReason.EMERGENCY_STOP)
         if any(alarm.code == "SRVO-075" for alarm in self.alarms):
-            raise RefusedError(Reason.PULSE_NOT_ESTABLISHED)
+            raise ProgramRefusalError(RefusalReason.PULSE_NOT_ESTABLISHED)
 
-    def _stays(self, alarm: ActiveAlarm, unestablished: bool) -> bool:
+    def _is_persistent(self, alarm: ActiveAlarm, unestablished: bool) -> bool:
         stays = {
             "SRVO-001": self.emergency_stop,
             "SRVO-065": bool(self.battery_dead_axes),
@@ -163,20 +165,22 @@ class Controller:
 
     def check_may_move(self) -> None:
         """Refuse with the first reason that stands against any motion."""
-        self.update()
+        self.catch_up()
         if self.emergency_stop:
-            raise RefusedError(Reason.EMERGENCY_STOP)
+            raise ProgramRefusalError(RefusalReason.EMERGENCY_STOP)
         if self.mode != AUTO:
-            raise RefusedError(Reason.NOT_AUTO)
+            raise ProgramRefusalError(RefusalReason.NOT_AUTO)
         if any(alarm.code not in ("SRVO-075", "SRVO-065") for alarm in self.alarms):
-            raise RefusedError(Reason.POWER_CYCLE_NEEDED if self.reset_pending else Reason.ALARM_ACTIVE)
+            raise ProgramRefusalError(
+                RefusalReason.POWER_CYCLE_NEEDED if self.reset_pending else RefusalReason.ALARM_ACTIVE
+            )
 
     def press_emergency_stop(self) -> None:
         """Stop at once; SRVO-001 stays until released and reset."""
-        self.update()
+        self.catch_up()
         self.emergency_stop = True
         self.raise_alarm("SRVO-001")
-        self.program.abort(Reason.EMERGENCY_STOP, deceleration=15.0)
+        self.program.abort_operation(RefusalReason.EMERGENCY_STOP, deceleration=15.0)
         self.arm.stop(15.0)
 
     def release_emergency_stop(self) -> None:
@@ -185,27 +189,27 @@ class Controller:
 
     def turn_mode_switch(self, mode: int) -> None:
         """Change AUTO, T1, T2; leaving AUTO stops what runs."""
-        self.update()
+        self.catch_up()
         self.mode = mode
         if mode != AUTO:
-            self.program.abort(Reason.NOT_AUTO)
+            self.program.abort_operation(RefusalReason.NOT_AUTO)
 
     def set_override(self, percent: int) -> None:
         """Take $GENOVERRIDE: 1 to 100, others are clipped as on the pendant; a motion under way follows it."""
-        self.update()
+        self.catch_up()
         before, self.override_percent = self.override_percent, min(max(percent, 1), 100)
         self.program.change_pace(self.override_percent / before)
 
     def select_tool(self, number: int) -> None:
         """Make a tool the active one."""
         if not 1 <= number <= TOOLS:
-            raise RefusedError(Reason.BAD_NUMBER)
+            raise ProgramRefusalError(RefusalReason.BAD_NUMBER)
         self.tool_number = number
 
     def select_frame(self, number: int) -> None:
         """Make a user frame the active one; 0 is the base."""
         if not 0 <= number <= FRAMES:
-            raise RefusedError(Reason.BAD_NUMBER)
+            raise ProgramRefusalError(RefusalReason.BAD_NUMBER)
         self.frame_number = number
 
     # power
@@ -214,11 +218,11 @@ class Controller:
         """Cut the mains: the arm brakes, a dead battery forgets, every connection drops."""
         if not self.powered:
             return
-        self.update()
-        self.arm.place(self.arm.joints_rad)
+        self.catch_up()
+        self.arm.put_joints(self.arm.joints_rad)
         self.powered = False
         if self.battery_dead_axes:
-            self.coders.lose(sorted(self.battery_dead_axes))
+            self.coders.lose_turns(sorted(self.battery_dead_axes))
         self.on_power()
 
     def switch_on(self) -> None:
@@ -226,12 +230,12 @@ class Controller:
         if self.powered:
             return
         self.powered = True
-        kept = [alarm for alarm in self.alarms if alarm.code in ("SRVO-001", "SRVO-065")]
-        self.alarms = [alarm for alarm in kept if self._stays(alarm, unestablished=False)]
+        remaining = [alarm for alarm in self.alarms if alarm.code in ("SRVO-001", "SRVO-065")]
+        self.alarms = [alarm for alarm in remaining if self._is_persistent(alarm, unestablished=False)]
         if self.reset_pending and not self.battery_dead_axes:
-            self.coders.acknowledge()
+            self.coders.acknowledge_alarm()
         self.reset_pending = False
-        self.program.restart()
+        self.program.restart_program()
         self._raise_position_alarms()
         self._effective = self.counts_at_zero
         self.on_power()

@@ -49,7 +49,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-class Registers(Protocol):
+class HoldingRegisters(Protocol):
     """What the server serves."""
 
     def read(self, address: int, count: int) -> list[int]: ...
@@ -64,7 +64,7 @@ class ModbusError(Exception):
         self.code = code
 
 
-def answer(registers: Registers, request: bytes) -> bytes:
+def answer_request(registers: HoldingRegisters, request: bytes) -> bytes:
     """Return the response PDU to a request PDU; raise ModbusError."""
     function = request[0]
     if function not in (1, 2, 3, 4, 5, 6, 15, 16):
@@ -73,13 +73,13 @@ def answer(registers: Registers, request: bytes) -> bytes:
         raise ModbusError(3)
     address, second = struct.unpack(">HH", request[1:5])
     if function in (1, 2, 3, 4):
-        return _read(registers, function, address, second)
+        return _read_response(registers, function, address, second)
     if function in (5, 15):
         return request[:5]
-    return _write(registers, function, address, second, request)
+    return _write_response(registers, function, address, second, request)
 
 
-def _read(registers: Registers, function: int, address: int, count: int) -> bytes:
+def _read_response(registers: HoldingRegisters, function: int, address: int, count: int) -> bytes:
     limit = 125 if function in (3, 4) else 2000
     if not 1 <= count <= limit:
         raise ModbusError(3)
@@ -91,7 +91,9 @@ def _read(registers: Registers, function: int, address: int, count: int) -> byte
     return bytes([function, 2 * count]) + struct.pack(f">{count}H", *words)
 
 
-def _write(registers: Registers, function: int, address: int, second: int, request: bytes) -> bytes:
+def _write_response(
+    registers: HoldingRegisters, function: int, address: int, second: int, request: bytes
+) -> bytes:
     if function == 6:
         values = [second]
     else:
@@ -117,30 +119,32 @@ class ModbusServer:
     """Serves one register map on one address; closed while the controller has no power."""
 
     def __init__(
-        self, host: str, port: int, reply: Registers | Callable[[bytes], bytes], faults: LinkFaults
+        self, host: str, port: int, reply: HoldingRegisters | Callable[[bytes], bytes], faults: LinkFaults
     ) -> None:
         """Serve registers, or whatever turns a request PDU into a response PDU or raises ModbusError."""
         self.host, self.port, self.faults = host, port, faults
-        self._reply = reply if callable(reply) else partial(answer, reply)
+        self._reply = reply if callable(reply) else partial(answer_request, reply)
         self._server: asyncio.Server | None = None
         self._writers: list[asyncio.StreamWriter] = []
         self._serving: set[asyncio.Task[None]] = set()
-        self._held: bytes | None = None
+        self._late_response: bytes | None = None
 
     @property
-    def connections(self) -> int:
+    def client_count(self) -> int:
         """How many clients are connected."""
         return len(self._writers)
 
     @property
-    def listening(self) -> bool:
+    def is_listening(self) -> bool:
         """Whether new clients are welcome."""
         return self._server is not None
 
     async def open(self) -> None:
         """Listen; port 0 finds one and keeps it."""
         if self._server is None:
-            self._server = await asyncio.start_server(self._client, self.host, self.port, reuse_address=True)
+            self._server = await asyncio.start_server(
+                self._serve_client, self.host, self.port, reuse_address=True
+            )
             self.port = self._server.sockets[0].getsockname()[1]
 
     def close(self) -> None:
@@ -150,7 +154,7 @@ class ModbusServer:
             self._server = None
         for writer in self._writers:
             writer.transport.abort()
-        self._held = None
+        self._late_response = None
 
     async def wait_closed(self) -> None:
         """Wait until every connection has ended."""
@@ -163,7 +167,7 @@ class ModbusServer:
         for writer in self._writers:
             writer.transport.abort()
 
-    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         if task is not None:
             self._serving.add(task)
@@ -174,7 +178,7 @@ class ModbusServer:
         sock: socket.socket = writer.get_extra_info("socket")
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
-            await self._serve(reader, writer)
+            await self._read_requests(reader, writer)
         except (ConnectionError, asyncio.IncompleteReadError) as error:
             log.debug("connection ended: %s", error)
         finally:
@@ -183,23 +187,23 @@ class ModbusServer:
             with suppress(ConnectionError):
                 await writer.wait_closed()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _read_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while True:
             head = await reader.readexactly(7)
             tid, protocol, length, unit = struct.unpack(">HHHB", head)
             if protocol != 0 or not 2 <= length <= 254:
                 return
             request = await reader.readexactly(length - 1)
-            if self.faults.take("silent") is not None:
+            if self.faults.use_once("silent") is not None:
                 continue
-            if self.faults.take("reset") is not None:
+            if self.faults.use_once("reset") is not None:
                 reset_connection(writer)
                 return
-            response = self._respond(request)
-            if not await self._send(writer, tid, unit, request, response):
+            response = self._respond_to(request)
+            if not await self._send_response(writer, tid, unit, request, response):
                 return
 
-    def _respond(self, request: bytes) -> bytes:
+    def _respond_to(self, request: bytes) -> bytes:
         try:
             self._injected_exception(request)
             return self._reply(request)
@@ -207,29 +211,29 @@ class ModbusServer:
             return bytes([request[0] | 0x80, error.code])
 
     def _injected_exception(self, request: bytes) -> None:
-        wanted = self.faults.look("exception")
-        if wanted is not None and wanted["function"] in (0, request[0]):
-            self.faults.take("exception")
-            raise ModbusError(int(wanted["code"]))
+        exception = self.faults.active_parameters("exception")
+        if exception is not None and exception["function"] in (0, request[0]):
+            self.faults.use_once("exception")
+            raise ModbusError(int(exception["code"]))
 
-    async def _send(
+    async def _send_response(
         self, writer: asyncio.StreamWriter, tid: int, unit: int, request: bytes, response: bytes
     ) -> bool:
         """Send one answer, or what a fault makes of it; return whether the connection lives on."""
-        if self.faults.take("lost_reply") is not None:
+        if self.faults.use_once("lost_reply") is not None:
             return True
-        if _is_write(request) and self.faults.take("act_then_cut") is not None:
+        if _is_write(request) and self.faults.use_once("act_then_cut") is not None:
             return False
-        if (slow := self.faults.take("slow")) is not None:
+        if (slow := self.faults.use_once("slow")) is not None:
             await asyncio.sleep(float(slow["delay_s"]))
         frame = self._spoilt_frame(tid, unit, response)
         if frame is None:
             return True
-        if (cut := self.faults.take("cut")) is not None:
+        if (cut := self.faults.use_once("cut")) is not None:
             writer.write(frame[: int(cut["bytes"])])
             await writer.drain()
             return False
-        if (half := self.faults.take("half_frames")) is not None:
+        if (half := self.faults.use_once("half_frames")) is not None:
             for k in range(0, len(frame), 5):
                 writer.write(frame[k : k + 5])
                 await writer.drain()
@@ -241,23 +245,23 @@ class ModbusServer:
 
     def _spoilt_frame(self, tid: int, unit: int, response: bytes) -> bytes | None:
         """Return the bytes to send; None while an answer is held back."""
-        if self.faults.take("late_same_tid") is not None:
-            held, self._held = self._held, response
-            return None if held is None else _frame(tid, unit, held)
-        if self.faults.look("late") is not None:
-            held, self._held = self._held, _frame(tid, unit, response)
-            if held is None:
+        if self.faults.use_once("late_same_tid") is not None:
+            late_response, self._late_response = self._late_response, response
+            return None if late_response is None else _tcp_frame(tid, unit, late_response)
+        if self.faults.active_parameters("late") is not None:
+            late_response, self._late_response = self._late_response, _tcp_frame(tid, unit, response)
+            if late_response is None:
                 return None
-            self._held = None
-            return held + _frame(tid, unit, response)
-        self._held = None
+            self._late_response = None
+            return late_response + _tcp_frame(tid, unit, response)
+        self._late_response = None
         for kind, change in _CHANGES.items():
-            if self.faults.take(kind) is not None:
+            if self.faults.use_once(kind) is not None:
                 return change(tid, unit, response)
-        return _frame(tid, unit, response)
+        return _tcp_frame(tid, unit, response)
 
 
-def _frame(tid: int, unit: int, response: bytes, protocol: int = 0) -> bytes:
+def _tcp_frame(tid: int, unit: int, response: bytes, protocol: int = 0) -> bytes:
     return struct.pack(">HHHB", tid, protocol, len(response) + 1, unit) + response
 
 
@@ -265,19 +269,19 @@ def _wrong_function(response: bytes) -> bytes:
     return bytes([{3: 4, 4: 3, 6: 16, 16: 6}.get(response[0], response[0] ^ 1)]) + response[1:]
 
 
-def _short(response: bytes) -> bytes:
+def _short_response(response: bytes) -> bytes:
     if response[0] not in (3, 4) or response[1] < 4:
         return response
     return bytes([response[0], response[1] - 2]) + response[2:-2]
 
 
 _CHANGES: dict[str, Callable[[int, int, bytes], bytes]] = {
-    "duplicate": lambda tid, unit, pdu: _frame(tid, unit, pdu) * 2,
-    "wrong_tid": lambda tid, unit, pdu: _frame((tid + 1) & 0xFFFF, unit, pdu),
-    "wrong_unit": lambda tid, unit, pdu: _frame(tid, (unit + 1) & 0xFF, pdu),
-    "wrong_function": lambda tid, unit, pdu: _frame(tid, unit, _wrong_function(pdu)),
-    "wrong_protocol": lambda tid, unit, pdu: _frame(tid, unit, pdu, protocol=0x1234),
-    "short_list": lambda tid, unit, pdu: _frame(tid, unit, _short(pdu)),
+    "duplicate": lambda tid, unit, pdu: _tcp_frame(tid, unit, pdu) * 2,
+    "wrong_tid": lambda tid, unit, pdu: _tcp_frame((tid + 1) & 0xFFFF, unit, pdu),
+    "wrong_unit": lambda tid, unit, pdu: _tcp_frame(tid, (unit + 1) & 0xFF, pdu),
+    "wrong_function": lambda tid, unit, pdu: _tcp_frame(tid, unit, _wrong_function(pdu)),
+    "wrong_protocol": lambda tid, unit, pdu: _tcp_frame(tid, unit, pdu, protocol=0x1234),
+    "short_list": lambda tid, unit, pdu: _tcp_frame(tid, unit, _short_response(pdu)),
 }
 
 

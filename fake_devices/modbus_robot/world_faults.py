@@ -17,8 +17,8 @@ import numpy as np
 
 from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
-from cellcal.fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, Controller
-from cellcal.fake_devices.modbus_robot.program import RefusedError
+from cellcal.fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, ModbusRobotController
+from cellcal.fake_devices.modbus_robot.program import ProgramRefusalError
 from cellcal.fake_devices.world import World
 
 OFF_S = 5.0
@@ -28,115 +28,115 @@ _EVERY_AXIS = "all"
 class WorldFaults:
     """Named happenings around one controller."""
 
-    def __init__(self, world: World, controller: Controller) -> None:
+    def __init__(self, world: World, controller: ModbusRobotController) -> None:
         self._world, self._controller = world, controller
         self._losses = 0
         self._boot_at_s: float | None = None
-        self._happen: dict[str, Callable[[dict[str, Any]], JsonObject | None]] = {
+        self._fault_actions: dict[str, Callable[[dict[str, Any]], JsonObject | None]] = {
             "battery_loss": self._battery_loss,
             "motor_exchange": self._motor_exchange,
             "reference_loss": self._reference_loss,
-            "crash": self._crash,
+            "crash": self._crash_arm,
             "memory_loss": self._memory_loss,
             "old_backup": self._old_backup,
             "swapped_arm": self._swapped_arm,
             "new_battery": self._new_battery,
             "battery_low": self._battery_low,
-            "alarm": self._alarm,
+            "alarm": self._raise_alarm,
             "power_off": self._power_off,
             "power_on": self._power_on,
             "power_cycle": self._power_cycle,
-            "emergency_stop": lambda _given: self._controller.press_emergency_stop(),
-            "release_emergency_stop": lambda _given: self._controller.release_emergency_stop(),
-            "auto_mode": lambda _given: self._controller.turn_mode_switch(AUTO),
-            "t1_mode": lambda _given: self._controller.turn_mode_switch(T1),
-            "t2_mode": lambda _given: self._controller.turn_mode_switch(T2),
-            "override": self._override,
+            "emergency_stop": lambda _parameters: self._controller.press_emergency_stop(),
+            "release_emergency_stop": lambda _parameters: self._controller.release_emergency_stop(),
+            "auto_mode": lambda _parameters: self._controller.turn_mode_switch(AUTO),
+            "t1_mode": lambda _parameters: self._controller.turn_mode_switch(T1),
+            "t2_mode": lambda _parameters: self._controller.turn_mode_switch(T2),
+            "override": self._set_override,
             "jog_by_hand": self._jog_by_hand,
             "hand_moves": self._hand_moves,
-            "bring_tip": lambda given: self._bring(given, seated=False),
-            "bring_to_seat": lambda given: self._bring(given, seated=True),
+            "bring_tip": lambda parameters: self._bring_tool(parameters, seated=False),
+            "bring_to_seat": lambda parameters: self._bring_tool(parameters, seated=True),
             "press_reset": self._press_reset,
             "partial_write": self._partial_write,
-            "select": self._select,
+            "select": self._select_at_pendant,
             "tool_switched": self._tool_switched,
             "early_stop": self._early_stop,
         }
 
-    def names(self) -> frozenset[str]:
+    def fault_names(self) -> frozenset[str]:
         """Return all happenings."""
-        return frozenset(self._happen)
+        return frozenset(self._fault_actions)
 
-    def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+    def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         """Let it happen; parameters that it does not know are refused."""
-        given = dict(parameters)
+        remaining = dict(parameters)
         try:
-            answer = self._happen[name](given) or {}
-        except RefusedError as refused:
+            answer = self._fault_actions[name](remaining) or {}
+        except ProgramRefusalError as refused:
             raise FaultRefusedError(f"the controller refuses: {refused}") from refused
-        if given:
-            raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
+        if remaining:
+            raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
         return answer
 
-    def clear(self) -> None:
+    def clear_faults(self) -> None:
         """Take refusals of writes away."""
         self._controller.refused_axes = frozenset()
 
     def boot_when_due(self) -> None:
         """Switch on again after a power cycle."""
-        if self._boot_at_s is not None and self._world.clock.now() >= self._boot_at_s:
+        if self._boot_at_s is not None and self._world.clock.now_s() >= self._boot_at_s:
             self._boot_at_s = None
             self._controller.switch_on()
 
     # losses
 
-    def _battery_loss(self, given: dict[str, Any]) -> None:
-        self._lose(given, _axes(given.pop("axes", _EVERY_AXIS)))
+    def _battery_loss(self, parameters: dict[str, Any]) -> None:
+        self._lose_positions(parameters, _parse_axes(parameters.pop("axes", _EVERY_AXIS)))
 
-    def _motor_exchange(self, given: dict[str, Any]) -> None:
-        axis = _axis(given.pop("axis", "J3"))
-        self._lose(given, _axes(_EVERY_AXIS), new_motors=[axis], drift_turns=2.0)
+    def _motor_exchange(self, parameters: dict[str, Any]) -> None:
+        axis = _parse_axis(parameters.pop("axis", "J3"))
+        self._lose_positions(parameters, _parse_axes(_EVERY_AXIS), new_motors=[axis], drift_turns=2.0)
 
-    def _reference_loss(self, given: dict[str, Any]) -> None:
-        every = _axes(_EVERY_AXIS)
-        self._lose(given, every, new_motors=every, drift_turns=2.0)
+    def _reference_loss(self, parameters: dict[str, Any]) -> None:
+        every = _parse_axes(_EVERY_AXIS)
+        self._lose_positions(parameters, every, new_motors=every, drift_turns=2.0)
 
-    def _crash(self, given: dict[str, Any]) -> None:
-        dice = self._world.dice(self._controller.arm.name, "crash", str(self._losses))
-        signs = dice.choice([-1.0, 1.0], (6, 5))
-        angles, lengths = np.radians(dice.uniform(0.3, 0.6, (6, 5))), dice.uniform(2e-3, 5e-3, (6, 5))
+    def _crash_arm(self, parameters: dict[str, Any]) -> None:
+        rng = self._world.make_rng(self._controller.arm.name, "crash", str(self._losses))
+        signs = rng.choice([-1.0, 1.0], (6, 5))
+        angles, lengths = np.radians(rng.uniform(0.3, 0.6, (6, 5))), rng.uniform(2e-3, 5e-3, (6, 5))
         bent = (
             np.column_stack([angles[:, 0], lengths[:, 1], lengths[:, 2], angles[:, 3], np.zeros(6)]) * signs
         )
         hit = np.isin(np.arange(6), (1, 2, 3, 4))
-        self._controller.arm.bend(np.where(hit[:, None], bent, 0.0))
-        self._lose(given, _axes(_EVERY_AXIS))
+        self._controller.arm.bend_links(np.where(hit[:, None], bent, 0.0))
+        self._lose_positions(parameters, _parse_axes(_EVERY_AXIS))
 
-    def _memory_loss(self, _given: dict[str, Any]) -> None:
+    def _memory_loss(self, _parameters: dict[str, Any]) -> None:
         """Forget the mastering data in the cabinet; the encoders go on counting."""
         self._controller.forget_mastering()
 
-    def _old_backup(self, given: dict[str, Any]) -> None:
+    def _old_backup(self, parameters: dict[str, Any]) -> None:
         """Load a backup from before the robot was last mastered: one axis then had its zero elsewhere."""
-        controller, axis = self._controller, _axis(given.pop("axis", "J3"))
+        controller, axis = self._controller, _parse_axis(parameters.pop("axis", "J3"))
         counts = list(controller.counts_at_zero)
-        counts[axis] += int(given.pop("counts", COUNTS_PER_TURN // 3))
+        counts[axis] += int(parameters.pop("counts", COUNTS_PER_TURN // 3))
         controller.write_counts_at_zero(tuple(counts))
-        controller.calibrate()
+        controller.calibrate_joints()
 
-    def _swapped_arm(self, given: dict[str, Any]) -> None:
+    def _swapped_arm(self, parameters: dict[str, Any]) -> None:
         """Put another arm of the same type under the same cabinet: its zeros are its own, its links, too."""
-        dice, every = (
-            self._world.dice(self._controller.arm.name, "swap", str(self._losses)),
-            _axes(_EVERY_AXIS),
+        rng, every = (
+            self._world.make_rng(self._controller.arm.name, "swap", str(self._losses)),
+            _parse_axes(_EVERY_AXIS),
         )
         size = np.array([*np.radians([0.03]), 4e-4, 4e-4, *np.radians([0.03, 0.0])])
-        self._controller.arm.bend(dice.normal(0.0, 1.0, (6, 5)) * size)
-        self._lose(given, every, new_motors=every, drift_turns=2.0)
+        self._controller.arm.bend_links(rng.normal(0.0, 1.0, (6, 5)) * size)
+        self._lose_positions(parameters, every, new_motors=every, drift_turns=2.0)
 
-    def _lose(
+    def _lose_positions(
         self,
-        given: dict[str, Any],
+        parameters: dict[str, Any],
         axes: list[int],
         *,
         new_motors: list[int] | None = None,
@@ -144,117 +144,119 @@ class WorldFaults:
     ) -> None:
         """Take power and battery away; the arm moves a little while nobody counts; the power comes back."""
         controller, coders = self._controller, self._controller.coders
-        drift_turns = float(given.pop("drift_turns", drift_turns))
-        off_s, battery = float(given.pop("off_s", OFF_S)), str(given.pop("battery", "dead"))
-        dice = self._world.dice(controller.arm.name, "loss", str(self._losses))
+        drift_turns = float(parameters.pop("drift_turns", drift_turns))
+        off_s, battery = float(parameters.pop("off_s", OFF_S)), str(parameters.pop("battery", "dead"))
+        rng = self._world.make_rng(controller.arm.name, "loss", str(self._losses))
         self._losses += 1
         controller.switch_off()
         controller.battery_dead_axes = frozenset(axes) if battery == "dead" else frozenset()
         drift = np.zeros(6)
-        drift[axes] = dice.uniform(-drift_turns, drift_turns, len(axes))
-        self._sag(coders.drift_joints(drift))
+        drift[axes] = rng.uniform(-drift_turns, drift_turns, len(axes))
+        self._sag_by(coders.drift_joints(drift))
         for axis in new_motors or []:
-            coders.replace_motor(axis, int(dice.integers(COUNTS_PER_TURN // 10, COUNTS_PER_TURN * 9 // 10)))
-        coders.lose(axes)
+            coders.replace_motor(axis, int(rng.integers(COUNTS_PER_TURN // 10, COUNTS_PER_TURN * 9 // 10)))
+        coders.lose_turns(axes)
         self._boot_after(off_s)
 
-    def _sag(self, joints_rad: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    def _sag_by(self, joints_rad: np.ndarray[Any, np.dtype[np.float64]]) -> None:
         arm = self._controller.arm
-        arm.place(np.clip(arm.joints_rad + joints_rad, arm.lower_rad, arm.upper_rad))
+        arm.put_joints(np.clip(arm.joints_rad + joints_rad, arm.lower_rad, arm.upper_rad))
 
     # power and battery
 
     def _boot_after(self, off_s: float) -> None:
-        self._boot_at_s = self._world.clock.now() + off_s
+        self._boot_at_s = self._world.clock.now_s() + off_s
         self.boot_when_due()
 
-    def _power_off(self, _given: dict[str, Any]) -> None:
+    def _power_off(self, _parameters: dict[str, Any]) -> None:
         self._boot_at_s = None
         self._controller.switch_off()
 
-    def _power_on(self, _given: dict[str, Any]) -> None:
+    def _power_on(self, _parameters: dict[str, Any]) -> None:
         self._boot_at_s = None
         self._controller.switch_on()
 
-    def _power_cycle(self, given: dict[str, Any]) -> None:
+    def _power_cycle(self, parameters: dict[str, Any]) -> None:
         self._controller.switch_off()
-        self._boot_after(float(given.pop("off_s", OFF_S)))
+        self._boot_after(float(parameters.pop("off_s", OFF_S)))
 
-    def _new_battery(self, _given: dict[str, Any]) -> None:
+    def _new_battery(self, _parameters: dict[str, Any]) -> None:
         self._controller.battery_dead_axes = frozenset()
         self._controller.alarms = [a for a in self._controller.alarms if a.code != "SRVO-065"]
 
-    def _battery_low(self, given: dict[str, Any]) -> None:
-        for axis in reversed(_axes(given.pop("axes", _EVERY_AXIS))):
+    def _battery_low(self, parameters: dict[str, Any]) -> None:
+        for axis in reversed(_parse_axes(parameters.pop("axes", _EVERY_AXIS))):
             self._controller.raise_alarm("SRVO-065", axis)
 
-    def _alarm(self, given: dict[str, Any]) -> None:
-        axis = given.pop("axis", None)
+    def _raise_alarm(self, parameters: dict[str, Any]) -> None:
+        axis = parameters.pop("axis", None)
         self._controller.raise_alarm(
-            str(given.pop("code", "SRVO-038")), None if axis is None else _axis(axis)
+            str(parameters.pop("code", "SRVO-038")), None if axis is None else _parse_axis(axis)
         )
 
     # hands
 
-    def _override(self, given: dict[str, Any]) -> None:
-        self._controller.set_override(int(given.pop("percent", 100)))
+    def _set_override(self, parameters: dict[str, Any]) -> None:
+        self._controller.set_override(int(parameters.pop("percent", 100)))
 
-    def _jog_by_hand(self, given: dict[str, Any]) -> None:
+    def _jog_by_hand(self, parameters: dict[str, Any]) -> None:
         """Another client, or a person at the pendant, moves one axis."""
         arm = self._controller.arm
         target = arm.joints_rad
-        target[_axis(given.pop("axis", "J1"))] += float(given.pop("rad", 0.01))
-        arm.start_move(target, float(given.pop("speed_rad_s", 0.5)), 2.0)
+        target[_parse_axis(parameters.pop("axis", "J1"))] += float(parameters.pop("rad", 0.01))
+        arm.start_move(target, float(parameters.pop("speed_rad_s", 0.5)), 2.0)
 
-    def _hand_moves(self, given: dict[str, Any]) -> None:
+    def _hand_moves(self, parameters: dict[str, Any]) -> None:
         """Somebody has driven the arm at the pendant to where the controller shows these joints."""
         arm = self._controller.arm
-        arm.place(np.clip(self._meant(given), arm.lower_rad, arm.upper_rad))
+        arm.put_joints(np.clip(self._true_joints_for(parameters), arm.lower_rad, arm.upper_rad))
 
-    def _bring(self, given: dict[str, Any], *, seated: bool) -> None:
+    def _bring_tool(self, parameters: dict[str, Any], *, seated: bool) -> None:
         """Somebody brings the tool to a mark or into a seat; ``joints`` tell where it is made the first time."""
-        arm, number = self._controller.arm, int(given.pop("place"))
-        near = self._meant(given) if "joints" in given else arm.joints_rad
-        self._world.marks.bring(arm, number, near, seated=seated)
+        arm, number = self._controller.arm, int(parameters.pop("place"))
+        near = self._true_joints_for(parameters) if "joints" in parameters else arm.joints_rad
+        self._world.marks.bring_tool(arm, number, near, seated=seated)
 
-    def _meant(self, given: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def _true_joints_for(self, parameters: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Return the true joints (6,) at which the controller shows those that are given."""
-        shown = np.array([float(angle) for angle in given.pop("joints")])
+        shown = np.array([float(angle) for angle in parameters.pop("joints")])
         if shown.shape != (6,) or not np.isfinite(shown).all():
             raise FaultRefusedError("joints are six finite numbers [rad]")
-        return shown + self._controller.offset()  # a lost robot stands elsewhere than it shows
+        return shown + self._controller.joint_offset()  # a lost robot stands elsewhere than it shows
 
-    def _press_reset(self, _given: dict[str, Any]) -> None:
+    def _press_reset(self, _parameters: dict[str, Any]) -> None:
         """Press the RESET key of the pendant; what it cannot clear stays."""
         self._controller.reset_alarms()
 
-    def _partial_write(self, given: dict[str, Any]) -> None:
-        self._controller.refused_axes = frozenset(_axes(given.pop("axes", given.pop("axis", "J4"))))
+    def _partial_write(self, parameters: dict[str, Any]) -> None:
+        self._controller.refused_axes = frozenset(
+            _parse_axes(parameters.pop("axes", parameters.pop("axis", "J4")))
+        )
 
-    def _select(self, given: dict[str, Any]) -> None:
+    def _select_at_pendant(self, parameters: dict[str, Any]) -> None:
         """Somebody selects another tool or frame at the pendant."""
-        if "tool" in given:
-            self._controller.select_tool(int(given.pop("tool")))
-        if "frame" in given:
-            self._controller.select_frame(int(given.pop("frame")))
+        if "tool" in parameters:
+            self._controller.select_tool(int(parameters.pop("tool")))
+        if "frame" in parameters:
+            self._controller.select_frame(int(parameters.pop("frame")))
 
-    def _tool_switched(self, given: dict[str, Any]) -> None:
+    def _tool_switched(self, parameters: dict[str, Any]) -> None:
         """Somebody selects another tool at the pendant: ``number``, or the next one."""
-        self._controller.select_tool(int(given.pop("number", self._controller.tool_number % TOOLS + 1)))
+        self._controller.select_tool(int(parameters.pop("number", self._controller.tool_number % TOOLS + 1)))
 
-    def _early_stop(self, _given: dict[str, Any]) -> None:
+    def _early_stop(self, _parameters: dict[str, Any]) -> None:
         """End a motion early, for no reason that the program knows: it will say done."""
         self._controller.arm.stop(8.0)
 
 
-def _axis(name: Any) -> int:
+def _parse_axis(name: Any) -> int:
     text = str(name)
     if text.startswith("J") and text[1:].isdigit() and 1 <= int(text[1:]) <= 6:
         return int(text[1:]) - 1
     raise FaultRefusedError(f"{name!r} is no axis; they are J1 to J6")
 
 
-def _axes(names: Any) -> list[int]:
+def _parse_axes(names: Any) -> list[int]:
     if names == _EVERY_AXIS:
         return list(range(6))
-    return sorted({_axis(name) for name in ([names] if isinstance(names, str) else names)})
+    return sorted({_parse_axis(name) for name in ([names] if isinstance(names, str) else names)})

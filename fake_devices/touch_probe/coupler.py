@@ -20,7 +20,7 @@ from typing import Any
 
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
-from cellcal.fake_devices.modbus_tables import answer
+from cellcal.fake_devices.modbus_tables import answer_request
 
 KINDS: dict[str, dict[str, Any]] = {
     "image_frozen": {},  # the inputs stand still and nothing says so
@@ -33,7 +33,7 @@ _CONSTANTS = (0x0000, 0xFFFF, 0x1234, 0xAAAA, 0x5555, 0x7FFF, 0x8000, 0x3FFF, 0x
 _BROKEN, _ABOVE, _STEPS = 0x0003, 0x7FFF, 4095
 
 
-class Coupler:
+class FakeCoupler:
     """Terminals on a rail. Channels count from 1; who is wired to one gives a function that reads it."""
 
     def __init__(self, host: str, port: int, mac: str, real: Callable[[], float]) -> None:
@@ -47,55 +47,58 @@ class Coupler:
         self._mac = [int(mac.replace("-", "").replace(":", "")[k : k + 4], 16) for k in (0, 4, 8)]
         self._frozen: list[int] | None = None
         self.faults: LinkFaults = link_faults(real, KINDS)
-        self.server = ModbusServer(host, port, lambda request: answer(self, request), self.faults)
+        self.server = ModbusServer(host, port, lambda request: answer_request(self, request), self.faults)
 
     # process image
 
-    def cycle(self) -> None:
+    def run_cycle(self) -> None:
         """Run the internal bus once: what is frozen from now on is what there is now."""
-        self._inputs()
+        self._input_words()
 
-    def _inputs(self) -> list[int]:
+    def _input_words(self) -> list[int]:
         """Return the image of all inputs, in words."""
-        if self.faults.look("image_frozen") is None:
+        if self.faults.active_parameters("image_frozen") is None:
             self._frozen = None
         elif self._frozen is not None:
             return self._frozen
-        words = [_code(channel) for channel in self.analogue]
-        if self.faults.look("terminal_added") is not None:
+        words = [_analogue_code(channel) for channel in self.analogue]
+        if self.faults.active_parameters("terminal_added") is not None:
             words += [0] * 4
-        seen = [channel is not None and channel() for channel in self.digital]
+        states = [channel is not None and channel() for channel in self.digital]
         for output, looped in self.loops.items():
-            seen[looped - 1] = self.outputs[output - 1]
-        words.append(sum(bit << k for k, bit in enumerate(seen)))
-        if self.faults.look("image_frozen") is not None:
+            states[looped - 1] = self.outputs[output - 1]
+        words.append(sum(bit << k for k, bit in enumerate(states)))
+        if self.faults.active_parameters("image_frozen") is not None:
             self._frozen = words
         return words
 
     def _refuse_dead_bus(self) -> None:
-        if self.faults.look("bus_break") is not None or self.faults.look("watchdog_expired") is not None:
+        if (
+            self.faults.active_parameters("bus_break") is not None
+            or self.faults.active_parameters("watchdog_expired") is not None
+        ):
             self.outputs = [False] * 8
             raise ModbusError(4)
 
     # tables
 
-    def words(self, function: int, address: int, count: int) -> list[int]:
+    def read_words(self, function: int, address: int, count: int) -> list[int]:
         if address < _OUTPUTS + _HALF:
             self._refuse_dead_bus()
             outputs = [sum(bit << k for k, bit in enumerate(self.outputs))]
-            words = outputs if address >= _OUTPUTS else self._inputs()
-            return _part(words, address % _OUTPUTS, count)
-        registers = self._registers()
-        wanted = range(address, address + count)
-        if any(register not in registers for register in wanted):
+            words = outputs if address >= _OUTPUTS else self._input_words()
+            return _select_values(words, address % _OUTPUTS, count)
+        registers = self._coupler_registers()
+        addresses = range(address, address + count)
+        if any(register not in registers for register in addresses):
             raise ModbusError(2)
-        return [registers[register] for register in wanted]
+        return [registers[register] for register in addresses]
 
-    def bits(self, function: int, address: int, count: int) -> list[bool]:
+    def read_bits(self, function: int, address: int, count: int) -> list[bool]:
         self._refuse_dead_bus()
-        word = self._inputs()[-1]
+        word = self._input_words()[-1]
         inputs = [bool(word >> k & 1) for k in range(len(self.digital))]
-        return _part(self.outputs if address >= _OUTPUTS else inputs, address % _OUTPUTS, count)
+        return _select_values(self.outputs if address >= _OUTPUTS else inputs, address % _OUTPUTS, count)
 
     def write_words(self, address: int, values: list[int]) -> None:
         self._refuse_dead_bus()
@@ -111,10 +114,12 @@ class Coupler:
         self.outputs[first : first + len(values)] = values
         self.output_writes += 1
 
-    def _registers(self) -> dict[int, int]:
-        broken = self.faults.look("bus_break")
-        expired = self.faults.look("watchdog_expired") is not None
-        analogue = len(self.analogue) + (4 if self.faults.look("terminal_added") is not None else 0)
+    def _coupler_registers(self) -> dict[int, int]:
+        broken = self.faults.active_parameters("bus_break")
+        expired = self.faults.active_parameters("watchdog_expired") is not None
+        analogue = len(self.analogue) + (
+            4 if self.faults.active_parameters("terminal_added") is not None else 0
+        )
         error = (4, int(broken["terminal"])) if broken is not None else (0, 0)
         runs = {
             0x1000: [100, 0xFFFF, 0xFFFF, 0, 0xFFFF, 0, 2 if expired else 0, 1, 0, 0],
@@ -126,7 +131,7 @@ class Coupler:
         return {first + k: word for first, words in runs.items() for k, word in enumerate(words)}
 
 
-def _code(channel: Callable[[], float] | None) -> int:
+def _analogue_code(channel: Callable[[], float] | None) -> int:
     """Return the word of a 750-455 channel."""
     share = -1.0 if channel is None else channel()
     if share < -0.01:
@@ -136,7 +141,7 @@ def _code(channel: Callable[[], float] | None) -> int:
     return max(round(share * _STEPS), 0) << 3
 
 
-def _part(values: list[Any], first: int, count: int) -> list[Any]:
+def _select_values(values: list[Any], first: int, count: int) -> list[Any]:
     if first + count > len(values):
         raise ModbusError(2)
     return values[first : first + count]

@@ -19,8 +19,8 @@ from typing import Any
 from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
-from cellcal.fake_devices.touch_probe.coupler import Coupler
-from cellcal.fake_devices.touch_probe.tip import ContactProbe, Plunger
+from cellcal.fake_devices.touch_probe.coupler import FakeCoupler
+from cellcal.fake_devices.touch_probe.tip import ContactProbe, DialPlunger
 from cellcal.fake_devices.world import World
 
 _TICK_REAL_S, _REST_REAL_S, _PORT_REAL_S = 0.008, 0.04, 0.05
@@ -45,8 +45,8 @@ class IoDevice:
 
     def __init__(self, world: World, table: Mapping[str, Any], kinds: Mapping[str, dict[str, Any]]) -> None:
         self._name, self._world = str(table["name"]), world
-        self.coupler = _coupler(world, table)
-        self._faults = LinkFaults(kinds, world.clock.real)
+        self.coupler = _coupler_for(world, table)
+        self._faults = LinkFaults(kinds, world.clock.real_now_s)
         self._follower: asyncio.Task[None] | None = None
 
     @property
@@ -56,7 +56,7 @@ class IoDevice:
 
     async def start(self) -> None:
         await self.coupler.server.open()
-        self._follower = keep_running(f"time of {self.name}", self._follow)
+        self._follower = keep_running(f"time of {self.name}", self._follow_world)
 
     async def stop(self) -> None:
         if self._follower is not None:
@@ -66,37 +66,37 @@ class IoDevice:
         await self.coupler.server.wait_closed()
 
     def fault_names(self) -> frozenset[str]:
-        return self._faults.kinds | self.coupler.faults.kinds
+        return self._faults.fault_kinds | self.coupler.faults.fault_kinds
 
-    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
-        faults = self._faults if name in self._faults.kinds else self.coupler.faults
-        faults.set(name, parameters)
-        self._notice()
-        self.coupler.cycle()
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        faults = self._faults if name in self._faults.fault_kinds else self.coupler.faults
+        faults.switch_on(name, parameters)
+        self._update_state()
+        self.coupler.run_cycle()
         await self._listen_or_not()
         return {}
 
-    def clear(self) -> None:
-        self._faults.clear()
-        self.coupler.faults.clear()
+    def clear_faults(self) -> None:
+        self._faults.clear_all()
+        self.coupler.faults.clear_all()
 
-    def _notice(self) -> float:
+    def _update_state(self) -> float:
         """Follow the world; return how long it may be left alone [s]."""
         return _PORT_REAL_S
 
-    async def _follow(self) -> None:
+    async def _follow_world(self) -> None:
         port_s = 0.0
         while True:
-            pause_s = self._notice()
-            if self._world.clock.real() >= port_s:
+            pause_s = self._update_state()
+            if self._world.clock.real_now_s() >= port_s:
                 await self._listen_or_not()
-                port_s = self._world.clock.real() + _PORT_REAL_S
+                port_s = self._world.clock.real_now_s() + _PORT_REAL_S
             await asyncio.sleep(pause_s)
 
     async def _listen_or_not(self) -> None:
-        server, flap = self.coupler.server, self.coupler.faults.look("flap")
-        gone = flap is not None and self._world.clock.real() % (2 * flap["period_s"]) > flap["period_s"]
-        if gone or self.coupler.faults.look("refuse") is not None:
+        server, flap = self.coupler.server, self.coupler.faults.active_parameters("flap")
+        gone = flap is not None and self._world.clock.real_now_s() % (2 * flap["period_s"]) > flap["period_s"]
+        if gone or self.coupler.faults.active_parameters("refuse") is not None:
             server.close()
         else:
             with suppress(OSError):  # the address is not free yet; the next look tries again
@@ -109,38 +109,38 @@ class ProbeDevice(IoDevice):
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         super().__init__(world, table, _PROBE_KINDS)
         self.probe = ContactProbe(world, table)
-        self.coupler.digital[int(table.get("contact_input", 1)) - 1] = self._signal
+        self.coupler.digital[int(table.get("contact_input", 1)) - 1] = self._signal_state
         if "echo_output" in table:
             self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
 
-    def _signal(self) -> bool:
-        if self._faults.look("stuck_closed") is not None:
+    def _signal_state(self) -> bool:
+        if self._faults.active_parameters("stuck_closed") is not None:
             return True
-        if self._faults.look("stuck_open") is not None:
+        if self._faults.active_parameters("stuck_open") is not None:
             return False
-        self._look()
-        now_s, switch = self._world.clock.real(), self.probe.switch
-        late, springs = self._faults.look("delay"), self._faults.look("bounce")
+        self._update_contact()
+        now_s, switch = self._world.clock.real_now_s(), self.probe.switch
+        late, springs = self._faults.active_parameters("delay"), self._faults.active_parameters("bounce")
         late_s = 0.0 if late is None else float(late["s"])
         bounce = None if springs is None else (float(springs["s"]), float(springs["half_s"]))
-        closed = switch.closed(now_s, late_s, bounce)
-        lost = self._faults.look("contact_lost")
+        closed = switch.is_closed(now_s, late_s, bounce)
+        lost = self._faults.active_parameters("contact_lost")
         if closed and lost is not None:
-            return not switch.closed(now_s, late_s + float(lost["after_s"]), (0.0, 1.0))
+            return not switch.is_closed(now_s, late_s + float(lost["after_s"]), (0.0, 1.0))
         return closed
 
-    def _look(self) -> None:
-        self.probe.pressed = self._faults.look("press") is not None
-        self.probe.look()
+    def _update_contact(self) -> None:
+        self.probe.pressed = self._faults.active_parameters("press") is not None
+        self.probe.update_contact()
 
-    def _notice(self) -> float:
-        self._look()
+    def _update_state(self) -> float:
+        self._update_contact()
         arm = self.probe.tip.arm
-        return _TICK_REAL_S if arm is not None and arm.moving else _REST_REAL_S
+        return _TICK_REAL_S if arm is not None and arm.is_moving else _REST_REAL_S
 
-    def truth(self) -> JsonObject:
-        told = {"port": self.coupler.server.port, "output_writes": self.coupler.output_writes}
-        return {**self.probe.truth(), **told, "signal": self._signal()}
+    def true_state(self) -> JsonObject:
+        link_state = {"port": self.coupler.server.port, "output_writes": self.coupler.output_writes}
+        return {**self.probe.true_state(), **link_state, "signal": self._signal_state()}
 
 
 class DialDevice(IoDevice):
@@ -148,35 +148,39 @@ class DialDevice(IoDevice):
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         super().__init__(world, table, _DIAL_KINDS)
-        self.plunger = Plunger(world, table)
-        self.coupler.analogue[int(table.get("dial_input", 1)) - 1] = self._current
+        self.plunger = DialPlunger(world, table)
+        self.coupler.analogue[int(table.get("dial_input", 1)) - 1] = self._current_share
         if "echo_output" in table:
             self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
 
-    def _current(self) -> float:
-        if self._faults.look("wire_break") is not None:
+    def _current_share(self) -> float:
+        if self._faults.active_parameters("wire_break") is not None:
             return -0.25  # of 16 mA below 4 mA: nothing flows
-        if self._faults.look("overrange") is not None:
+        if self._faults.active_parameters("overrange") is not None:
             return 1.1
-        pushed = self._faults.look("push_in")
+        pushed = self._faults.active_parameters("push_in")
         self.plunger.by_hand_m = 0.0 if pushed is None else float(pushed["m"])
         return (self.plunger.read_m() + self._turned_m()) / self.plunger.range_m
 
     def _turned_m(self) -> float:
-        turned = self._faults.look("wire_offset")
+        turned = self._faults.active_parameters("wire_offset")
         return 0.0 if turned is None else float(turned["m"])
 
-    def truth(self) -> JsonObject:
-        told = self.plunger.truth()
-        return {**told, "reading_m": told["reading_m"] + self._turned_m(), "port": self.coupler.server.port}
+    def true_state(self) -> JsonObject:
+        plunger_state = self.plunger.true_state()
+        return {
+            **plunger_state,
+            "reading_m": plunger_state["reading_m"] + self._turned_m(),
+            "port": self.coupler.server.port,
+        }
 
 
-def _coupler(world: World, table: Mapping[str, Any]) -> Coupler:
+def _coupler_for(world: World, table: Mapping[str, Any]) -> FakeCoupler:
     """Return the coupler that stands at the table's address: one for all who name it."""
     host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 502))
     found = world.shared.get((host, port)) if port else None
-    if not isinstance(found, Coupler):
-        found = Coupler(host, port, str(table["serial"]), world.clock.real)
+    if not isinstance(found, FakeCoupler):
+        found = FakeCoupler(host, port, str(table["serial"]), world.clock.real_now_s)
         world.shared[host, port] = found
     return found
 

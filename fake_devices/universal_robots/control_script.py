@@ -14,37 +14,37 @@ Not modelled
 
 from collections.abc import Callable
 
-from cellcal.fake_devices.universal_robots.controller import Controller
-from cellcal.fake_devices.universal_robots.frames import Vector, frame_of, pose_of, product
+from cellcal.fake_devices.universal_robots.controller import UrController
+from cellcal.fake_devices.universal_robots.frames import Vector, frame_of, multiply_frames, pose_of
 from cellcal.fake_devices.universal_robots.motion import (
-    Brake,
+    BrakeMove,
     JointMove,
     LinearMove,
-    Motion,
+    SetPointMotion,
 )
-from cellcal.fake_devices.universal_robots.programs import Program, Waypoint
+from cellcal.fake_devices.universal_robots.programs import ParsedProgram, Waypoint
 
 READY, DONE = 1, 2
 CLEAR, STOP_SCRIPT = 0, 255
 IMMEDIATE = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
 _FINISHED = -1
 
-Act = Callable[["ControlScript"], Motion | None]
+Act = Callable[["ControlScript"], SetPointMotion | None]
 
 
 class ControlScript:
     """The loop and its threads. ``acts`` maps command codes to what they do."""
 
-    def __init__(self, controller: Controller, program: Program, acts: dict[int, Act]) -> None:
+    def __init__(self, controller: UrController, program: ParsedProgram, acts: dict[int, Act]) -> None:
         self.controller, self.name = controller, program.name
         self.offset, self.path = program.register_offset, program.path
-        self.background: Motion | None = None
+        self.background: SetPointMotion | None = None
         self.background_reports = False
         self.speed_is_linear = False
         self.stop_is_linear = False
         self.contact_direction: Vector | None = None
         self._acts = acts
-        self._foreground: Motion | None = None
+        self._foreground: SetPointMotion | None = None
         self._executing = False
         self._writes, self._operation = 0, 0
         self._started = False
@@ -56,36 +56,36 @@ class ControlScript:
         if not self._started:
             self._started = True
             self.report_progress(_FINISHED)
-            self._state(READY)
+            self._set_state(READY)
         alive = True
         if self._foreground is not None:
             if self._foreground.advance(self.controller.point, dt_s):
                 self._foreground = None
-                self._state(DONE)
+                self._set_state(DONE)
             return True
-        alive = self._turn()
+        alive = self._run_turn()
         if self._foreground is None:
             self._run_background(dt_s)
         return alive
 
-    def _turn(self) -> bool:
-        command = self.controller.registers.integer(self.offset)
+    def _run_turn(self) -> bool:
+        command = self.controller.registers.input_integer(self.offset)
         if command in IMMEDIATE:
-            self._process(command)
-            self._state(READY)
+            self._process_command(command)
+            self._set_state(READY)
         elif command == CLEAR:
             self._executing = False
-            self._state(READY)
+            self._set_state(READY)
         elif not self._executing:
             self._executing = True
             if command == STOP_SCRIPT:
                 return False
-            self._process(command)
+            self._process_command(command)
             if self._foreground is None:
-                self._state(DONE)
+                self._set_state(DONE)
         return True
 
-    def _process(self, command: int) -> None:
+    def _process_command(self, command: int) -> None:
         act = self._acts.get(command)
         if act is not None:
             self._foreground = act(self)
@@ -100,15 +100,15 @@ class ControlScript:
 
     # registers
 
-    def doubles(self, first: int, count: int) -> Vector:
+    def double_arguments(self, first: int, count: int) -> Vector:
         """Read arguments."""
-        return self.controller.registers.doubles(first + self.offset, count)
+        return self.controller.registers.input_doubles(first + self.offset, count)
 
-    def integer(self, index: int) -> int:
+    def integer_argument(self, index: int) -> int:
         """Read an argument."""
-        return self.controller.registers.integer(index + self.offset)
+        return self.controller.registers.input_integer(index + self.offset)
 
-    def answer(self, values: Vector) -> None:
+    def answer_vector(self, values: Vector) -> None:
         """Write a vector result; what lies behind it stays."""
         self.controller.registers.set_doubles(self.offset, tuple(values))
 
@@ -120,7 +120,7 @@ class ControlScript:
         """Write an integer result."""
         self.controller.registers.set_integer(1 + self.offset, value)
 
-    def _state(self, value: int) -> None:
+    def _set_state(self, value: int) -> None:
         self.controller.registers.set_integer(self.offset, value)
 
     def report_progress(self, value: int) -> None:
@@ -135,12 +135,12 @@ class ControlScript:
 
     # threads
 
-    def run_asynchronously(self, motion: Motion) -> None:
+    def run_asynchronously(self, motion: SetPointMotion) -> None:
         """Start a motion as a thread that reports its progress."""
         self.background, self.background_reports = motion, True
         self.report_progress(0)
 
-    def run_thread(self, motion: Motion) -> None:
+    def run_thread(self, motion: SetPointMotion) -> None:
         """Start or retune a servo, speed or jog thread."""
         self.background, self.background_reports = motion, False
 
@@ -168,13 +168,13 @@ class ControlScript:
         """Return a movel of the active TCP; raises NoSolutionError when its end is out of reach."""
         c = self.controller
         goal = frame_of(tool_pose)
-        c.inverse_kinematics(product(goal, c.tool_flange), c.point.joints_rad)
-        start = product(c.kinematics.flange(c.point.joints_rad), c.flange_tool)
+        c.inverse_kinematics(multiply_frames(goal, c.tool_flange), c.point.joints_rad)
+        start = multiply_frames(c.kinematics.base_flange(c.point.joints_rad), c.flange_tool)
         return LinearMove(c.kinematics, (start, goal), c.tool_flange, speed, acceleration)
 
-    def brake(self, deceleration: float) -> Brake:
+    def make_brake(self, deceleration: float) -> BrakeMove:
         """Return a stop with a joint deceleration."""
-        return Brake.of_joints(self.controller.point, deceleration)
+        return BrakeMove.of_joints(self.controller.point, deceleration)
 
 
 class PathMove:
@@ -183,7 +183,7 @@ class PathMove:
     def __init__(self, script: ControlScript, path: tuple[Waypoint, ...], *, reports: bool) -> None:
         self._script, self._path, self._reports = script, path, reports
         self._next = 0
-        self._motion: Motion | None = None
+        self._motion: SetPointMotion | None = None
 
     def advance(self, point: object, dt_s: float) -> bool:
         """Run the present waypoint."""
@@ -192,30 +192,30 @@ class PathMove:
                 return True
             if self._reports:
                 self._script.report_progress(self._next + 1)
-            self._motion = self._begin(self._path[self._next])
+            self._motion = self._begin_waypoint(self._path[self._next])
             self._next += 1
         if self._motion.advance(self._script.controller.point, dt_s):
             self._motion = None
         return self._motion is None and self._next >= len(self._path)
 
-    def _begin(self, waypoint: Waypoint) -> Motion:
+    def _begin_waypoint(self, waypoint: Waypoint) -> SetPointMotion:
         c, speed, acceleration = self._script.controller, waypoint.speed, waypoint.acceleration
         if waypoint.verb == "movej":
             target = waypoint.target
             if waypoint.is_pose:
-                goal = product(frame_of(target), c.tool_flange)
+                goal = multiply_frames(frame_of(target), c.tool_flange)
                 target = c.inverse_kinematics(goal, c.point.joints_rad)
             return self._script.joint_move(target, speed, acceleration)
         pose = waypoint.target
         if not waypoint.is_pose:
-            pose = pose_of(product(c.kinematics.flange(pose), c.flange_tool))
+            pose = pose_of(multiply_frames(c.kinematics.base_flange(pose), c.flange_tool))
         return self._script.linear_move(pose, speed, acceleration)
 
 
 class ForeignProgram:
     """Any other program: its plain moves, between the states that a custom script of ur_rtde writes."""
 
-    def __init__(self, controller: Controller, program: Program) -> None:
+    def __init__(self, controller: UrController, program: ParsedProgram) -> None:
         self.name = program.name
         self._script = ControlScript(controller, program, {})
         self._moves = PathMove(self._script, program.path, reports=False)

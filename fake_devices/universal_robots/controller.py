@@ -20,11 +20,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cellcal.fake_devices.universal_robots.frames import IDENTITY, Frame, Vector, frame_of, inverse
-from cellcal.fake_devices.universal_robots.identity import Identity
-from cellcal.fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
-from cellcal.fake_devices.universal_robots.motion import Brake, Motion, NoSolutionError, SetPoint
-from cellcal.fake_devices.universal_robots.registers import Registers
+from cellcal.fake_devices.universal_robots.frames import IDENTITY, Frame, Vector, frame_of, invert_frame
+from cellcal.fake_devices.universal_robots.identity import UrIdentity
+from cellcal.fake_devices.universal_robots.kinematics import UrArmKinematics, factory_calibration
+from cellcal.fake_devices.universal_robots.motion import BrakeMove, NoSolutionError, SetPoint, SetPointMotion
+from cellcal.fake_devices.universal_robots.registers import GeneralRegisters
 from cellcal.fake_devices.universal_robots.states import RobotMode, RuntimeState, SafetyMode
 
 _HISTORY_STEPS = 200
@@ -43,9 +43,9 @@ class ArmPort(Protocol):
     def joints_rad(self) -> NDArray[np.float64]: ...
     @property
     def controller_joints_rad(self) -> NDArray[np.float64]: ...
-    def command(self, joints_rad: ArrayLike) -> None: ...
-    def place(self, joints_rad: ArrayLike) -> None: ...
-    def step(self, dt_s: float = 0.0) -> None: ...
+    def follow_set_point(self, joints_rad: ArrayLike) -> None: ...
+    def put_joints(self, joints_rad: ArrayLike) -> None: ...
+    def update_backlash(self, dt_s: float = 0.0) -> None: ...
 
 
 class RunningProgram(Protocol):
@@ -58,14 +58,14 @@ class RunningProgram(Protocol):
         ...
 
 
-class Controller:
+class UrController:
     """State of one control box. Only its methods change the state; the ports read it."""
 
-    def __init__(self, arm: ArmPort, identity: Identity) -> None:
+    def __init__(self, arm: ArmPort, identity: UrIdentity) -> None:
         self.arm, self.identity = arm, identity
-        self.kinematics = Kinematics(factory_calibration(arm.known_dh), arm.nominal_dh)
+        self.kinematics = UrArmKinematics(factory_calibration(arm.known_dh), arm.nominal_dh)
         self.limits_rad_s: Vector = tuple(float(value) for value in arm.max_speed_rad_s)
-        self.registers = Registers()
+        self.registers = GeneralRegisters()
         self.robot_mode, self.safety_mode = RobotMode.RUNNING, SafetyMode.NORMAL
         self.runtime, self.remote = RuntimeState.STOPPED, True
         self.program: RunningProgram | None = None
@@ -83,7 +83,7 @@ class Controller:
         self.no_inverse_kinematics = False
         self.contact_steps = 0
         self._world_s: float | None = None
-        self._braking: Motion | None = None
+        self._braking: SetPointMotion | None = None
         self._watchdog: tuple[str, float] | None = None
         self._locked_until_s = 0.0
 
@@ -97,9 +97,9 @@ class Controller:
         self._look_at_watchdog()
         self._read_arm()
         before = self.point.joints_rad
-        self._move(dt_s)
+        self._move_set_point(dt_s)
         if self.point.joints_rad != before:
-            self._drive(before)
+            self._drive_arm(before)
         self.history.append(self.joints_rad)
         self.contact_steps += bool(self.contact_steps)
 
@@ -113,9 +113,9 @@ class Controller:
     def _read_arm(self) -> None:
         self.joints_rad = tuple(self.arm.controller_joints_rad.tolist())
         if not any(self.point.velocity_rad_s):
-            self.point.go(self.joints_rad)
+            self.point.move_to(self.joints_rad)
 
-    def _move(self, dt_s: float) -> None:
+    def _move_set_point(self, dt_s: float) -> None:
         if self._braking is not None:
             if self._braking.advance(self.point, dt_s):
                 self._braking = None
@@ -126,14 +126,14 @@ class Controller:
             except NoSolutionError:
                 self.end_program()
 
-    def _drive(self, before: Vector) -> None:
+    def _drive_arm(self, before: Vector) -> None:
         joints = np.array(self.point.joints_rad)
         if np.any(joints < self.arm.lower_rad) or np.any(joints > self.arm.upper_rad):
-            self.point.go(before)
+            self.point.move_to(before)
             self.protective_stop()
             return
-        self.arm.command(joints + (self.arm.joints_rad - self.arm.controller_joints_rad))
-        self.arm.step()
+        self.arm.follow_set_point(joints + (self.arm.joints_rad - self.arm.controller_joints_rad))
+        self.arm.update_backlash()
         self.joints_rad = tuple(self.arm.controller_joints_rad.tolist())
 
     # programs
@@ -153,18 +153,18 @@ class Controller:
 
     def end_program(self) -> None:
         """Stop whatever runs, as the stop button does; a moving arm brakes."""
-        self.point.go(self.point.joints_rad, self.velocity_rad_s)
+        self.point.move_to(self.point.joints_rad, self.velocity_rad_s)
         self.program, self._watchdog = None, None
         self.runtime = RuntimeState.STOPPED
         if any(self.point.velocity_rad_s):
-            self._braking = Brake.of_joints(self.point, 4.0)
+            self._braking = BrakeMove.of_joints(self.point, 4.0)
 
     def pause_program(self) -> bool:
         """Pause; return whether there was something to pause."""
         if self.runtime is not RuntimeState.PLAYING:
             return False
         self.runtime = RuntimeState.PAUSED
-        self.point.go(self.point.joints_rad)
+        self.point.move_to(self.point.joints_rad)
         return True
 
     def resume_program(self) -> bool:
@@ -215,7 +215,7 @@ class Controller:
         if self.safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP:
             self.safety_mode = SafetyMode.NORMAL
 
-    def power(self, *, on: bool) -> None:
+    def switch_power(self, *, on: bool) -> None:
         """Switch the arm's power; after power on the brakes still hold."""
         if not on:
             self.end_program()
@@ -226,24 +226,24 @@ class Controller:
 
     def release_brakes(self) -> None:
         """Make an arm that has power ready to move."""
-        self.power(on=True)
+        self.switch_power(on=True)
         if self.robot_mode is RobotMode.IDLE:
             self.robot_mode = RobotMode.RUNNING
 
     def _stand_still(self) -> None:
         self._braking = None
-        self.point.go(self.point.joints_rad)
+        self.point.move_to(self.point.joints_rad)
 
     # settings
 
     def set_tcp(self, pose: Vector) -> None:
         """Make another TCP the active one."""
         self.tcp, self.flange_tool = pose, frame_of(pose)
-        self.tool_flange = inverse(self.flange_tool)
+        self.tool_flange = invert_frame(self.flange_tool)
 
     def inverse_kinematics(self, goal: Frame, near_rad: Vector) -> Vector:
         """Return joints for a flange pose; raise NoSolutionError when there are none within the limits."""
-        found = None if self.no_inverse_kinematics else self.kinematics.solve(goal, near_rad)
+        found = None if self.no_inverse_kinematics else self.kinematics.solve_closest(goal, near_rad)
         if found is None or not self.within_limits(found):
             raise NoSolutionError
         return found
@@ -255,10 +255,10 @@ class Controller:
 
     def apply_inputs(self, values: dict[str, object]) -> None:
         """Let the inputs that are switches take effect: outputs and the speed slider."""
-        self.registers.write(values, self.timestamp_s)
+        self.registers.write_inputs(values, self.timestamp_s)
         for name, shift in (("standard_digital", 0), ("configurable_digital", 8), ("tool_digital", 16)):
             if f"{name}_output_mask" in values:
-                self._switch(name, shift)
+                self._switch_outputs(name, shift)
         inputs = self.registers.inputs
         if inputs["speed_slider_mask"] and "speed_slider_mask" in values:
             self.speed_fraction = min(1.0, max(0.0, inputs["speed_slider_fraction"]))
@@ -267,8 +267,8 @@ class Controller:
                 if inputs["standard_analog_output_mask"] >> channel & 1:
                     self.analog_outputs[channel] = inputs[f"standard_analog_output_{channel}"]
 
-    def _switch(self, name: str, shift: int) -> None:
+    def _switch_outputs(self, name: str, shift: int) -> None:
         inputs = self.registers.inputs
         mask = inputs[f"{name}_output_mask"] << shift
-        wanted = inputs[f"{name}_output"] << shift
-        self.digital_outputs = self.digital_outputs & ~mask | wanted & mask
+        levels = inputs[f"{name}_output"] << shift
+        self.digital_outputs = self.digital_outputs & ~mask | levels & mask

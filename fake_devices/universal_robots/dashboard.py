@@ -12,8 +12,8 @@ Not modelled
 
 from collections.abc import Callable
 
-from cellcal.fake_devices.universal_robots.controller import Controller
-from cellcal.fake_devices.universal_robots.ports import Connection, Port
+from cellcal.fake_devices.universal_robots.controller import UrController
+from cellcal.fake_devices.universal_robots.ports import PortConnection, TcpPort
 from cellcal.fake_devices.universal_robots.states import RuntimeState, SafetyMode
 
 _GREETING = "Connected: Universal Robots Dashboard Server"
@@ -30,32 +30,32 @@ _REMOTE_ONLY = frozenset(
 _STATES = {RuntimeState.PLAYING: "PLAYING", RuntimeState.PAUSED: "PAUSED"}
 
 
-class DashboardConnection(Connection):
+class DashboardConnection(PortConnection):
     """One dashboard client."""
 
-    def __init__(self, port: Port, controller: Controller) -> None:
+    def __init__(self, port: TcpPort, controller: UrController) -> None:
         super().__init__(port)
         self._c = controller
         self._rest = b""
-        self._commands = self._questions() | self._orders()
+        self._commands = self._question_commands() | self._order_commands()
 
-    def greet(self) -> None:
-        self._say(_GREETING)
+    def send_greeting(self) -> None:
+        self._send_line(_GREETING)
 
-    def received(self, data: bytes) -> None:
+    def on_bytes(self, data: bytes) -> None:
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             text = line.decode("utf-8", "replace").strip()
             if text == "quit":
-                self._say("Disconnected")
+                self._send_line("Disconnected")
                 self.finish()
                 return
-            self._say(self._reply(text))
+            self._send_line(self._reply_to(text))
 
-    def _say(self, text: str) -> None:
+    def _send_line(self, text: str) -> None:
         self.send(text.encode() + b"\n")
 
-    def _reply(self, text: str) -> str:
+    def _reply_to(self, text: str) -> str:
         if text in _REMOTE_ONLY and not self._c.remote:
             return _LOCAL_REFUSAL
         if text in self._commands:
@@ -73,13 +73,13 @@ class DashboardConnection(Connection):
         }
         return answers.get(word, f"could not understand: '{text}'")
 
-    def _questions(self) -> dict[str, Callable[[], str]]:
+    def _question_commands(self) -> dict[str, Callable[[], str]]:
         c = self._c
         return {
-            "PolyscopeVersion": lambda: c.identity.software,
-            "version": lambda: c.identity.software,
+            "PolyscopeVersion": lambda: c.identity.software_text,
+            "version": lambda: c.identity.software_text,
             "get serial number": lambda: c.identity.serial,
-            "get robot model": lambda: c.identity.family,
+            "get robot model": lambda: c.identity.model_family,
             "is in remote control": lambda: str(c.remote).lower(),
             "robotmode": lambda: f"Robotmode: {c.robot_mode.name}",
             "safetymode": lambda: f"Safetymode: {c.safety_mode.name}",
@@ -90,36 +90,36 @@ class DashboardConnection(Connection):
             "get loaded program": lambda: f"Loaded program: {c.loaded_program}",
         }
 
-    def _orders(self) -> dict[str, Callable[[], str]]:
+    def _order_commands(self) -> dict[str, Callable[[], str]]:
         return {
-            "play": self._play,
-            "stop": self._stop,
-            "pause": self._pause,
-            "power on": lambda: self._power(on=True),
-            "power off": lambda: self._power(on=False),
+            "play": self._play_program,
+            "stop": self._stop_program,
+            "pause": self._pause_program,
+            "power on": lambda: self._switch_power(on=True),
+            "power off": lambda: self._switch_power(on=False),
             "brake release": self._release_brakes,
-            "unlock protective stop": self._unlock,
+            "unlock protective stop": self._unlock_stop,
         }
 
-    def _play(self) -> str:
+    def _play_program(self) -> str:
         return "Starting program" if self._c.resume_program() else "Failed to execute: play"
 
-    def _stop(self) -> str:
+    def _stop_program(self) -> str:
         self._c.end_program()
         return "Stopped"
 
-    def _pause(self) -> str:
+    def _pause_program(self) -> str:
         return "Pausing program" if self._c.pause_program() else "Failed to execute: pause"
 
-    def _power(self, *, on: bool) -> str:
-        self._c.power(on=on)
+    def _switch_power(self, *, on: bool) -> str:
+        self._c.switch_power(on=on)
         return "Powering on" if on else "Powering off"
 
     def _release_brakes(self) -> str:
         self._c.release_brakes()
         return "Brake releasing"
 
-    def _unlock(self) -> str:
+    def _unlock_stop(self) -> str:
         if self._c.unlock_protective_stop():
             return "Protective stop releasing"
         if self._c.safety_mode is SafetyMode.PROTECTIVE_STOP:

@@ -14,13 +14,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
-from cellcal.fake_devices.universal_robots.faults import FAULTS, Faults
-from cellcal.fake_devices.universal_robots.identity import Identity
+from cellcal.fake_devices.universal_robots.faults import FAULTS, UrFaults
+from cellcal.fake_devices.universal_robots.identity import UrIdentity
 from cellcal.fake_devices.universal_robots.server import UniversalRobotServer
 from cellcal.fake_devices.world import World
 
 
-class UniversalRobot:
+class FakeUniversalRobot:
     """One robot on one loopback address."""
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
@@ -28,10 +28,10 @@ class UniversalRobot:
         model = str(table.get("model", "ur10e"))
         self._arm = world.add_arm(self._name, model)
         shown = model[:2].upper() + model[2:]
-        identity = Identity(model=shown, serial=str(table.get("serial", "20225500042")))
+        identity = UrIdentity(model=shown, serial=str(table.get("serial", "20225500042")))
         address = str(table.get("address", "127.0.0.1"))
-        self.server = UniversalRobotServer(self._arm, address, identity, world.clock.now)
-        self._faults = Faults(self.server)
+        self.server = UniversalRobotServer(self._arm, address, identity, world.clock.now_s)
+        self._faults = UrFaults(self.server)
 
     @property
     def name(self) -> str:
@@ -47,22 +47,22 @@ class UniversalRobot:
     def fault_names(self) -> frozenset[str]:
         return frozenset(FAULTS)
 
-    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         try:
-            return await self._faults.happen(name, parameters)
+            return await self._faults.inject_fault(name, parameters)
         except (TypeError, ValueError) as problem:
             raise FaultRefusedError(str(problem)) from problem
 
-    def clear(self) -> None:
-        self._faults.clear()
+    def clear_faults(self) -> None:
+        self._faults.clear_faults()
 
-    def truth(self) -> JsonObject:
+    def true_state(self) -> JsonObject:
         arm, c = self._arm, self.server.controller
         return {
             "joints_rad": arm.joints_rad.tolist(),
             "controller_joints_rad": arm.controller_joints_rad.tolist(),
             "moving": any(c.velocity_rad_s),
-            "dh": arm.dh.tolist(),
+            "dh": arm.true_dh.tolist(),
             "known_dh": arm.known_dh.tolist(),
             "nominal_dh": arm.nominal_dh.tolist(),
             "base_flange": arm.base_flange().tolist(),
@@ -84,6 +84,6 @@ class UniversalRobot:
         }
 
 
-def create(world: World, table: Mapping[str, Any]) -> UniversalRobot:
+def create_universal_robot(world: World, table: Mapping[str, Any]) -> FakeUniversalRobot:
     """Build the robot that a cell file names."""
-    return UniversalRobot(world, table)
+    return FakeUniversalRobot(world, table)

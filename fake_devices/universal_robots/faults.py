@@ -14,7 +14,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
-from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.controller import UrController
 from cellcal.fake_devices.universal_robots.frames import Vector
 from cellcal.fake_devices.universal_robots.motion import JointMove
 from cellcal.fake_devices.universal_robots.server import RTDE, UniversalRobotServer
@@ -51,45 +51,45 @@ class _OtherProgram:
 
     name = "other_client"
 
-    def __init__(self, controller: Controller, move: JointMove) -> None:
+    def __init__(self, controller: UrController, move: JointMove) -> None:
         self._controller, self._move = controller, move
 
     def step(self, dt_s: float) -> bool:
         return not self._move.advance(self._controller.point, dt_s)
 
 
-class Faults:
+class UrFaults:
     """The faults of one controller."""
 
     def __init__(self, server: UniversalRobotServer) -> None:
         self._server, self._c = server, server.controller
         self._acts: dict[str, Callable[[Mapping[str, Any]], Awaitable[None] | None]] = {
             "protective_stop": lambda p: self._c.protective_stop(float(p["unlock_after_s"])),
-            "unlock_protective_stop": self._unlock,
+            "unlock_protective_stop": self._unlock_stop,
             "emergency_stop": lambda _: self._c.emergency_stop(),
-            "release_emergency_stop": self._release,
+            "release_emergency_stop": self._release_stop,
             "program_stop": lambda _: self._c.end_program(),
-            "program_pause": self._pause,
-            "link_loss_rtde": lambda _: server.ports[RTDE].drop(),
+            "program_pause": self._pause_program,
+            "link_loss_rtde": lambda _: server.ports[RTDE].drop_connections(),
             "link_loss_all": lambda _: server.close_ports(),
-            "link_stall": lambda _: self._stall(on=True),
-            "link_restore": lambda _: self._restore(),
+            "link_stall": lambda _: self._stall_ports(on=True),
+            "link_restore": lambda _: self._restore_ports(),
             "in_use": self._in_use,
-            "speed_slider": self._slide,
+            "speed_slider": self._move_slider,
             "other_client_moves": self._other_client_moves,
             "hand_moves": self._hand_moves,
-            "frozen": self._freeze,
+            "frozen": self._freeze_rtde,
             "silent_accept": self._silent_accept,
             "not_found": lambda p: server.rtde.hidden_names.add(str(p["variable"])),
-            "local_mode": lambda _: self._remote(on=False),
-            "remote_mode": lambda _: self._remote(on=True),
+            "local_mode": lambda _: self._set_remote(on=False),
+            "remote_mode": lambda _: self._set_remote(on=True),
             "ik_failure": self._ik_failure,
             "late_script": self._late_script,
-            "touch": self._touch,
+            "touch": self._touch_once,
             "tool_switched": self._tool_switched,
         }
 
-    async def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         """Let one fault happen; refuse unknown names and parameters."""
         if name not in FAULTS:
             raise FaultRefusedError(f"no fault is called {name!r}; there are {', '.join(sorted(FAULTS))}")
@@ -100,10 +100,10 @@ class Faults:
             await pending
         return {}
 
-    def clear(self) -> None:
+    def clear_faults(self) -> None:
         """Take back everything that is not a state of the robot."""
         self._server.cable_in = True  # closed ports open with the next step
-        self._stall(on=False)
+        self._stall_ports(on=False)
         for port in self._server.ports.values():
             port.silent = False
         self._server.rtde.hidden_names.clear()
@@ -114,39 +114,39 @@ class Faults:
         self._server.loader.start_delay_s = 0.0
         self._c.remote = True
 
-    def _unlock(self, _: Mapping[str, Any]) -> None:
+    def _unlock_stop(self, _: Mapping[str, Any]) -> None:
         self._c.unlock_protective_stop()
 
-    def _release(self, parameters: Mapping[str, Any]) -> None:
+    def _release_stop(self, parameters: Mapping[str, Any]) -> None:
         self._c.release_emergency_stop()
         if parameters["power"]:
             self._c.release_brakes()
 
-    def _pause(self, _: Mapping[str, Any]) -> None:
+    def _pause_program(self, _: Mapping[str, Any]) -> None:
         self._c.pause_program()
 
-    def _stall(self, *, on: bool) -> None:
+    def _stall_ports(self, *, on: bool) -> None:
         for port in self._server.ports.values():
-            port.stall(on=on)
+            port.stall_connections(on=on)
 
-    async def _restore(self) -> None:
-        self._stall(on=False)
+    async def _restore_ports(self) -> None:
+        self._stall_ports(on=False)
         for port in self._server.ports.values():
             port.silent = False
         await self._server.open_ports()
 
-    def _slide(self, parameters: Mapping[str, Any]) -> None:
+    def _move_slider(self, parameters: Mapping[str, Any]) -> None:
         self._c.speed_fraction = min(1.0, max(0.0, float(parameters["fraction"])))
 
     def _in_use(self, _: Mapping[str, Any]) -> None:
         self._c.registers.foreign_owner = True
 
-    def _freeze(self, _: Mapping[str, Any]) -> None:
+    def _freeze_rtde(self, _: Mapping[str, Any]) -> None:
         self._server.rtde.frozen = True
 
     def _hand_moves(self, parameters: Mapping[str, Any]) -> None:
         self._c.end_program()
-        self._c.arm.place(_target(self._c.joints_rad, parameters))
+        self._c.arm.put_joints(_target_joints(self._c.joints_rad, parameters))
 
     def _silent_accept(self, parameters: Mapping[str, Any]) -> None:
         port = self._server.ports.get(int(parameters["port"]))
@@ -154,7 +154,7 @@ class Faults:
             raise FaultRefusedError(f"there is no port {parameters['port']}")
         port.silent = True
 
-    def _remote(self, *, on: bool) -> None:
+    def _set_remote(self, *, on: bool) -> None:
         self._c.remote = on
 
     def _ik_failure(self, _: Mapping[str, Any]) -> None:
@@ -163,7 +163,7 @@ class Faults:
     def _late_script(self, parameters: Mapping[str, Any]) -> None:
         self._server.loader.start_delay_s = float(parameters["delay_s"])
 
-    def _touch(self, _: Mapping[str, Any]) -> None:
+    def _touch_once(self, _: Mapping[str, Any]) -> None:
         self._c.contact_steps = 1
 
     def _tool_switched(self, parameters: Mapping[str, Any]) -> None:
@@ -177,12 +177,12 @@ class Faults:
 
     def _other_client_moves(self, parameters: Mapping[str, Any]) -> None:
         c = self._c
-        target = _target(c.joints_rad, parameters)
+        target = _target_joints(c.joints_rad, parameters)
         move = JointMove(c.joints_rad, target, float(parameters["speed"]), 1.0, c.limits_rad_s)
         c.start_program(_OtherProgram(c, move))
 
 
-def _target(joints_rad: Vector, parameters: Mapping[str, Any]) -> Vector:
+def _target_joints(joints_rad: Vector, parameters: Mapping[str, Any]) -> Vector:
     if parameters["joints"] is not None:
         target = tuple(float(value) for value in parameters["joints"])
         if len(target) != 6:

@@ -20,7 +20,7 @@ Frame = tuple[Row, Row, Row]
 IDENTITY: Frame = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
 
 
-def product(a: Frame, b: Frame) -> Frame:
+def multiply_frames(a: Frame, b: Frame) -> Frame:
     """Return a . b."""
     (b00, b01, b02, b03), (b10, b11, b12, b13), (b20, b21, b22, b23) = b
     rows = [
@@ -35,15 +35,15 @@ def product(a: Frame, b: Frame) -> Frame:
     return rows[0], rows[1], rows[2]
 
 
-def inverse(a: Frame) -> Frame:
+def invert_frame(a: Frame) -> Frame:
     """Return the inverse of a rigid frame."""
-    p = translation(a)
+    p = origin_of(a)
     columns = [(a[0][i], a[1][i], a[2][i]) for i in range(3)]
     rows = [(*c, -(c[0] * p[0] + c[1] * p[1] + c[2] * p[2])) for c in columns]
     return rows[0], rows[1], rows[2]
 
 
-def translation(a: Frame) -> tuple[float, float, float]:
+def origin_of(a: Frame) -> tuple[float, float, float]:
     """Return the origin of a frame."""
     return a[0][3], a[1][3], a[2][3]
 
@@ -94,23 +94,23 @@ def frame_of(pose: Sequence[float]) -> Frame:
 
 def pose_of(a: Frame) -> Vector:
     """Return the pose x, y, z, rx, ry, rz of a frame."""
-    return (*translation(a), *rotation_vector(a))
+    return (*origin_of(a), *rotation_vector(a))
 
 
-def difference(start: Frame, end: Frame) -> Vector:
+def frame_difference(start: Frame, end: Frame) -> Vector:
     """Return how far ``end`` is from ``start``, in base axes: translation, then rotation vector."""
-    turn = rotation_vector(product(_turned(end), inverse(_turned(start))))
-    p, r = translation(start), translation(end)
+    turn = rotation_vector(multiply_frames(_rotation_only(end), invert_frame(_rotation_only(start))))
+    p, r = origin_of(start), origin_of(end)
     return (r[0] - p[0], r[1] - p[1], r[2] - p[2], *turn)
 
 
-def moved(start: Frame, by: Sequence[float], part: float = 1.0) -> Frame:
+def move_frame(start: Frame, by: Sequence[float], part: float = 1.0) -> Frame:
     """Return ``start`` moved by a part of a difference."""
-    p = translation(start)
-    turn = product(rotation_matrix([part * value for value in by[3:6]]), _turned(start))
+    p = origin_of(start)
+    turn = multiply_frames(rotation_matrix([part * value for value in by[3:6]]), _rotation_only(start))
     at = [p[i] + part * by[i] for i in range(3)]
     return (*turn[0][:3], at[0]), (*turn[1][:3], at[1]), (*turn[2][:3], at[2])
 
 
-def _turned(a: Frame) -> Frame:
+def _rotation_only(a: Frame) -> Frame:
     return (*a[0][:3], 0.0), (*a[1][:3], 0.0), (*a[2][:3], 0.0)

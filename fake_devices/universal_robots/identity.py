@@ -16,7 +16,7 @@ _TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR20": 7, "UR30": 8, "UR15"
 
 
 @dataclass(frozen=True)
-class Identity:
+class UrIdentity:
     """Name plate and software."""
 
     model: str = "UR10e"
@@ -26,16 +26,16 @@ class Identity:
     base_rate_hz: int = 500
 
     @property
-    def software(self) -> str:
+    def software_text(self) -> str:
         """Return the dashboard's answer to PolyscopeVersion."""
         return f"URSoftware {'.'.join(map(str, self.version))} ({self.released})"
 
     @property
-    def family(self) -> str:
+    def model_family(self) -> str:
         """Return the model as the dashboard tells it, without the generation."""
         return self.model.removesuffix("e").upper()
 
     @property
     def robot_type(self) -> int:
         """Return the number of the model on the primary interface."""
-        return _TYPES.get(self.family, 0)
+        return _TYPES.get(self.model_family, 0)

@@ -20,12 +20,12 @@ _log = logging.getLogger(__name__)
 _WRITE_LIMIT_BYTES = 64 * 1024
 
 
-class Port:
+class TcpPort:
     """One TCP port and the clients on it."""
 
-    def __init__(self, host: str, number: int, connect: Callable[["Port"], "Connection"]) -> None:
+    def __init__(self, host: str, number: int, connect: Callable[["TcpPort"], "PortConnection"]) -> None:
         self.host, self.number = host, number
-        self.connections: set[Connection] = set()
+        self.connections: set[PortConnection] = set()
         self.stalled = False
         self.silent = False
         self._connect = connect
@@ -44,7 +44,7 @@ class Port:
             loop = asyncio.get_running_loop()
             self._server = await loop.create_server(lambda: self._connect(self), self.host, self.number)
 
-    def drop(self) -> None:
+    def drop_connections(self) -> None:
         """Cut every connection; the port stays open."""
         for connection in list(self.connections):
             connection.drop()
@@ -54,31 +54,31 @@ class Port:
         server, self._server = self._server, None
         if server is not None:
             server.close()
-        self.drop()
+        self.drop_connections()
         await self._empty.wait()
 
-    def enter(self, connection: "Connection") -> None:
+    def add_connection(self, connection: "PortConnection") -> None:
         """Count a client in."""
         self.connections.add(connection)
         self._empty.clear()
 
-    def leave(self, connection: "Connection") -> None:
+    def remove_connection(self, connection: "PortConnection") -> None:
         """Count a client out."""
         self.connections.discard(connection)
         if not self.connections:
             self._empty.set()
 
-    def stall(self, *, on: bool) -> None:
+    def stall_connections(self, *, on: bool) -> None:
         """Leave the sockets open without a byte in either direction, or let them speak again."""
         self.stalled = on
         for connection in self.connections:
-            connection.listen(on=not on)
+            connection.set_reading(on=not on)
 
 
-class Connection(asyncio.Protocol):
+class PortConnection(asyncio.Protocol):
     """One client. Subclasses say what is answered."""
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: TcpPort) -> None:
         self.port = port
         self._transport: asyncio.Transport | None = None
 
@@ -86,28 +86,28 @@ class Connection(asyncio.Protocol):
         """Greet, unless the cable is pulled."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        self.port.enter(self)
+        self.port.add_connection(self)
         if self.port.stalled:
-            self.listen(on=False)
-        self.greet()
+            self.set_reading(on=False)
+        self.send_greeting()
 
     def connection_lost(self, _reason: Exception | None) -> None:
         """Forget the client."""
-        self.port.leave(self)
+        self.port.remove_connection(self)
         self._transport = None
-        self.left()
+        self.on_disconnect()
 
     def data_received(self, data: bytes) -> None:
         """Pass on what arrived, unless this port plays dead."""
         if self.port.silent:
             return
         try:
-            self.received(data)
+            self.on_bytes(data)
         except ValueError as problem:
             _log.warning("port %d: %s; connection closed", self.port.number, problem)
             self.drop()
 
-    def listen(self, *, on: bool) -> None:
+    def set_reading(self, *, on: bool) -> None:
         """Read from the socket or leave the bytes in the cable."""
         if self._transport is not None and not self._transport.is_closing():
             with suppress(RuntimeError):
@@ -133,11 +133,11 @@ class Connection(asyncio.Protocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def greet(self) -> None:
+    def send_greeting(self) -> None:
         """Say what this port says first."""
 
-    def left(self) -> None:
+    def on_disconnect(self) -> None:
         """Clean up after a client."""
 
-    def received(self, data: bytes) -> None:
+    def on_bytes(self, data: bytes) -> None:
         """Handle bytes."""

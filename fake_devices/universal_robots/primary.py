@@ -13,10 +13,10 @@ Not modelled
 
 import struct
 
-from cellcal.fake_devices.universal_robots.controller import Controller
-from cellcal.fake_devices.universal_robots.ports import Port
-from cellcal.fake_devices.universal_robots.readings import Readings
-from cellcal.fake_devices.universal_robots.script_port import Loader, ScriptConnection
+from cellcal.fake_devices.universal_robots.controller import UrController
+from cellcal.fake_devices.universal_robots.ports import TcpPort
+from cellcal.fake_devices.universal_robots.readings import OutputVariables
+from cellcal.fake_devices.universal_robots.script_port import ProgramLoader, ScriptConnection
 from cellcal.fake_devices.universal_robots.states import RuntimeState, SafetyMode, joint_mode
 
 _ROBOT_STATE, _ROBOT_MESSAGE = 16, 20
@@ -24,43 +24,45 @@ _ZERO_SUB_PACKAGES = {9: 53, 8: 9, 10: 43, 11: 26, 12: 8}
 _EMERGENCY = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
 
 
-def _package(kind: int, body: bytes) -> bytes:
+def _make_package(kind: int, body: bytes) -> bytes:
     return struct.pack(">IB", 5 + len(body), kind) + body
 
 
 class RobotState:
     """Builds packages for all primary and secondary clients."""
 
-    def __init__(self, controller: Controller, readings: Readings) -> None:
+    def __init__(self, controller: UrController, readings: OutputVariables) -> None:
         self._c, self._readings = controller, readings
-        self._fixed = b"".join(_package(kind, bytes(size - 5)) for kind, size in _ZERO_SUB_PACKAGES.items())
-        self._described = self._kinematics() + self._configuration()
+        self._fixed = b"".join(
+            _make_package(kind, bytes(size - 5)) for kind, size in _ZERO_SUB_PACKAGES.items()
+        )
+        self._described = self._kinematics_package() + self._configuration_package()
 
-    def package(self) -> bytes:
+    def state_package(self) -> bytes:
         """Return the robot state of this moment."""
         parts = (
-            self._mode(),
-            self._joints(),
-            self._cartesian(),
+            self._mode_package(),
+            self._joints_package(),
+            self._cartesian_package(),
             self._described,
-            self._masterboard(),
-            _package(2, struct.pack(">bbddfBffB", 0, 0, 0.0, 0.0, 0.0, 0, 0.0, 30.0, 255)),
-            _package(7, struct.pack(">7d", *[0.0] * 7)),
+            self._masterboard_package(),
+            _make_package(2, struct.pack(">bbddfBffB", 0, 0, 0.0, 0.0, 0.0, 0, 0.0, 30.0, 255)),
+            _make_package(7, struct.pack(">7d", *[0.0] * 7)),
             self._fixed,
         )
-        return _package(_ROBOT_STATE, b"".join(parts))
+        return _make_package(_ROBOT_STATE, b"".join(parts))
 
     def version_message(self) -> bytes:
         """Return what the controller says to a new client first."""
         version, name = self._c.identity.version, b"URControl"
-        body = struct.pack(">QbbB", self._microseconds(), -2, 3, len(name)) + name
+        body = struct.pack(">QbbB", self._time_us(), -2, 3, len(name)) + name
         body += struct.pack(">BBii", version[0], version[1], version[2], version[3])
-        return _package(_ROBOT_MESSAGE, body + self._c.identity.released.encode())
+        return _make_package(_ROBOT_MESSAGE, body + self._c.identity.released.encode())
 
-    def _microseconds(self) -> int:
+    def _time_us(self) -> int:
         return int(self._c.timestamp_s * 1e6)
 
-    def _mode(self) -> bytes:
+    def _mode_package(self) -> bytes:
         c = self._c
         powered = c.robot_mode >= 4
         flags = (
@@ -72,10 +74,10 @@ class RobotState:
             c.runtime is RuntimeState.PLAYING,
             c.runtime is RuntimeState.PAUSED,
         )
-        body = struct.pack(">Q7?bB", self._microseconds(), *flags, int(c.robot_mode), 0)
-        return _package(0, body + struct.pack(">dddB", c.speed_fraction, 1.0, 1.0, 0))
+        body = struct.pack(">Q7?bB", self._time_us(), *flags, int(c.robot_mode), 0)
+        return _make_package(0, body + struct.pack(">dddB", c.speed_fraction, 1.0, 1.0, 0))
 
-    def _joints(self) -> bytes:
+    def _joints_package(self) -> bytes:
         c, mode = self._c, joint_mode(self._c.robot_mode)
         body = b"".join(
             struct.pack(
@@ -91,17 +93,17 @@ class RobotState:
             )
             for i in range(6)
         )
-        return _package(1, body)
+        return _make_package(1, body)
 
-    def _cartesian(self) -> bytes:
-        return _package(4, struct.pack(">12d", *self._readings.tcp_pose(), *self._c.tcp))
+    def _cartesian_package(self) -> bytes:
+        return _make_package(4, struct.pack(">12d", *self._readings.tcp_pose(), *self._c.tcp))
 
-    def _kinematics(self) -> bytes:
+    def _kinematics_package(self) -> bytes:
         k = self._c.kinematics.calibration
         numbers = struct.pack(">24d", *k.theta_rad, *k.a_m, *k.d_m, *k.alpha_rad)
-        return _package(5, struct.pack(">6I", *k.checksum) + numbers + struct.pack(">I", k.status))
+        return _make_package(5, struct.pack(">6I", *k.checksum) + numbers + struct.pack(">I", k.status))
 
-    def _configuration(self) -> bytes:
+    def _configuration_package(self) -> bytes:
         c, identity = self._c, self._c.identity
         arm, dh = c.arm, c.kinematics.nominal
         limits = [value for pair in zip(arm.lower_rad, arm.upper_rad, strict=True) for value in pair]
@@ -109,24 +111,24 @@ class RobotState:
         columns = [float(value) for k in (2, 1, 3, 0) for value in dh[:, k]]  # a, d, alpha, theta
         body = struct.pack(">53d", *limits, *speeds, 1.05, 1.4, 0.25, 1.2, 0.5, *columns)
         generation = 2 if identity.model.endswith("e") else 1
-        return _package(6, body + struct.pack(">4i", 0, 0, identity.robot_type, generation))
+        return _make_package(6, body + struct.pack(">4i", 0, 0, identity.robot_type, generation))
 
-    def _masterboard(self) -> bytes:
+    def _masterboard_package(self) -> bytes:
         c = self._c
         body = struct.pack(">ii", 0, c.digital_outputs)
         body += struct.pack(">bbdd", 0, 0, 0.0, 0.0)
         body += struct.pack(">bbdd", 0, 0, *c.analog_outputs)
         body += struct.pack(">ffffBBb", 35.0, 48.0, 0.6, 0.1, int(c.safety_mode), 0, 0)
-        return _package(3, body.ljust(70, b"\0"))
+        return _make_package(3, body.ljust(70, b"\0"))
 
 
 class PrimaryConnection(ScriptConnection):
     """A primary or secondary client: listens, and may upload programs."""
 
-    def __init__(self, port: Port, loader: Loader, state: RobotState) -> None:
+    def __init__(self, port: TcpPort, loader: ProgramLoader, state: RobotState) -> None:
         super().__init__(port, loader)
         self._state = state
 
-    def greet(self) -> None:
+    def send_greeting(self) -> None:
         self.send(self._state.version_message())
-        self.send(self._state.package())
+        self.send(self._state.state_package())

@@ -33,7 +33,7 @@ class Waypoint:
 
 
 @dataclass(frozen=True)
-class Program:
+class ParsedProgram:
     """What was understood of a text."""
 
     name: str
@@ -42,19 +42,19 @@ class Program:
     path: tuple[Waypoint, ...] = ()
 
 
-def understand(text: str) -> Program:
+def parse_program(text: str) -> ParsedProgram:
     """Recognise a program."""
     found = _NAME.search(text)
     name = found.group(1) if found else ""
     if "RTDE Control Script Loaded" not in text and name != "rtde_control":
-        return Program(name or "unnamed", False, path=tuple(_waypoints(text)))
+        return ParsedProgram(name or "unnamed", False, path=tuple(_parse_waypoints(text)))
     offset = _OFFSET.search(text)
     _, _, after = text.partition("# inject move path")
     body, _, _ = after.partition("\n    end")
-    return Program(name, True, int(offset.group(1)) if offset else 0, tuple(_waypoints(body)))
+    return ParsedProgram(name, True, int(offset.group(1)) if offset else 0, tuple(_parse_waypoints(body)))
 
 
-def _waypoints(body: str) -> Iterator[Waypoint]:
+def _parse_waypoints(body: str) -> Iterator[Waypoint]:
     for verb, pose, numbers, rest in _WAYPOINT.findall(body):
         options = {key: float(value) for key, value in _OPTION.findall(rest)}
         target = tuple(float(value) for value in numbers.split(","))
@@ -62,14 +62,14 @@ def _waypoints(body: str) -> Iterator[Waypoint]:
             yield Waypoint(verb, bool(pose), target, options.get("a", 1.2), options.get("v", 0.25))
 
 
-class Programs:
+class ProgramSplitter:
     """Cut the stream of a script port into programs: a line that is exactly ``end`` closes one."""
 
     def __init__(self) -> None:
         self._lines: list[str] = []
         self._rest = b""
 
-    def feed(self, data: bytes) -> Iterator[str]:
+    def split_programs(self, data: bytes) -> Iterator[str]:
         """Yield the text of every program that is complete; a single line outside a program is one too."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         for raw in lines:

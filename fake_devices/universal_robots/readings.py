@@ -16,9 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.fake_devices.universal_robots.controller import Controller
-from cellcal.fake_devices.universal_robots.frames import Vector, pose_of, product, translation
-from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, known, zero
+from cellcal.fake_devices.universal_robots.controller import UrController
+from cellcal.fake_devices.universal_robots.frames import Vector, multiply_frames, origin_of, pose_of
+from cellcal.fake_devices.universal_robots.rtde_fields import (
+    INPUT_TYPES,
+    OUTPUT_TYPES,
+    is_available,
+    zero_value,
+)
 from cellcal.fake_devices.universal_robots.states import joint_mode, safety_bits, status_bits
 
 _STILL = (0.0,) * 6
@@ -40,18 +45,18 @@ _CONSTANTS: dict[str, object] = {
 }
 
 
-class Readings:
+class OutputVariables:
     """Getters of all output variables."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: UrController) -> None:
         self._c = controller
         self._pose_for: tuple[Vector, Vector] | None = None
         self._pose: Vector = _STILL
         self._getters = self._state_getters() | self._tool_getters() | self._io_getters()
 
-    def getter(self, name: str) -> Callable[[], Any] | None:
+    def getter_for(self, name: str) -> Callable[[], Any] | None:
         """Return the function that reads a variable; None when this controller does not have it."""
-        if name not in OUTPUT_TYPES or not known(name, self._c.identity.version):
+        if name not in OUTPUT_TYPES or not is_available(name, self._c.identity.version):
             return None
         if name in self._getters:
             return self._getters[name]
@@ -60,7 +65,7 @@ class Readings:
             return lambda: registers.inputs[name]
         if name in registers.outputs:
             return lambda: registers.outputs[name]
-        value = _CONSTANTS.get(name, zero(OUTPUT_TYPES[name]))
+        value = _CONSTANTS.get(name, zero_value(OUTPUT_TYPES[name]))
         return lambda: value
 
     def tcp_pose(self) -> Vector:
@@ -68,7 +73,7 @@ class Readings:
         c = self._c
         if self._pose_for != (c.joints_rad, c.tcp):
             self._pose_for = (c.joints_rad, c.tcp)
-            self._pose = pose_of(product(c.kinematics.flange(c.joints_rad), c.flange_tool))
+            self._pose = pose_of(multiply_frames(c.kinematics.base_flange(c.joints_rad), c.flange_tool))
         return self._pose
 
     def tcp_speed(self) -> Vector:
@@ -76,8 +81,8 @@ class Readings:
         c = self._c
         if not any(c.velocity_rad_s):
             return _STILL
-        tip = translation(product(c.kinematics.flange(c.joints_rad), c.flange_tool))
-        jacobian = c.kinematics.jacobian(c.joints_rad, tip)
+        tip = origin_of(multiply_frames(c.kinematics.base_flange(c.joints_rad), c.flange_tool))
+        jacobian = c.kinematics.tip_jacobian(c.joints_rad, tip)
         return tuple((jacobian @ np.array(c.velocity_rad_s)).tolist())
 
     def _state_getters(self) -> dict[str, Callable[[], Any]]:
@@ -107,7 +112,7 @@ class Readings:
             "actual_TCP_speed": self.tcp_speed,
             "target_TCP_speed": self.tcp_speed,
             "tcp_offset": lambda: c.tcp,
-            "elbow_position": lambda: c.kinematics.elbow(c.joints_rad),
+            "elbow_position": lambda: c.kinematics.elbow_position(c.joints_rad),
             "payload": lambda: c.payload_kg,
             "payload_cog": lambda: c.cog_m,
             "payload_inertia": lambda: c.inertia,

@@ -13,43 +13,43 @@ Not modelled
 from collections.abc import Mapping
 from typing import Any
 
-from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, zero
+from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, zero_value
 
 
-class Registers:
+class GeneralRegisters:
     """Input and output registers with their owners."""
 
     def __init__(self) -> None:
-        self.inputs: dict[str, Any] = {name: zero(kind) for name, kind in INPUT_TYPES.items()}
+        self.inputs: dict[str, Any] = {name: zero_value(kind) for name, kind in INPUT_TYPES.items()}
         self.outputs: dict[str, Any] = {
-            name: zero(kind) for name, kind in OUTPUT_TYPES.items() if name.startswith("output_")
+            name: zero_value(kind) for name, kind in OUTPUT_TYPES.items() if name.startswith("output_")
         }
         self.written_at_s: dict[str, float] = {}
         self.foreign_owner = False
         self._owners: dict[str, object] = {}
 
-    def claim(self, names: list[str], owner: object) -> list[str]:
+    def claim_names(self, names: list[str], owner: object) -> list[str]:
         """Return those that belong to somebody else; take all when there are none."""
         taken = [name for name in names if self.foreign_owner or self._owners.get(name, owner) is not owner]
         if not taken:
             self._owners.update(dict.fromkeys(names, owner))
         return taken
 
-    def release(self, owner: object) -> None:
+    def release_names(self, owner: object) -> None:
         """Free everything that ``owner`` has claimed; the values stay."""
         self._owners = {name: who for name, who in self._owners.items() if who is not owner}
 
-    def write(self, values: Mapping[str, Any], now_s: float) -> None:
+    def write_inputs(self, values: Mapping[str, Any], now_s: float) -> None:
         """Take over one data package."""
         self.inputs.update(values)
         for name in values:
             self.written_at_s[name] = now_s
 
-    def integer(self, index: int) -> int:
+    def input_integer(self, index: int) -> int:
         """Return an input integer register."""
         return int(self.inputs[f"input_int_register_{index}"])
 
-    def doubles(self, first: int, count: int) -> tuple[float, ...]:
+    def input_doubles(self, first: int, count: int) -> tuple[float, ...]:
         """Return consecutive input double registers."""
         return tuple(float(self.inputs[f"input_double_register_{first + i}"]) for i in range(count))
 

@@ -16,13 +16,13 @@ from enum import IntEnum
 from struct import Struct
 from typing import Any
 
-from cellcal.fake_devices.universal_robots.rtde_fields import packed, width
+from cellcal.fake_devices.universal_robots.rtde_fields import package_layout, value_count
 
 _HEADER = Struct(">HB")
 MAX_NAME_BYTES = 2048
 
 
-class Kind(IntEnum):
+class PackageType(IntEnum):
     """Package types, ASCII letters."""
 
     MESSAGE = ord("M")
@@ -35,13 +35,13 @@ class Kind(IntEnum):
     PAUSE = ord("P")
 
 
-class Telegrams:
+class TelegramSplitter:
     """Cut a byte stream into telegrams: several in one read and halves are normal."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
-    def feed(self, data: bytes) -> Iterator[tuple[int, bytes]]:
+    def split_telegrams(self, data: bytes) -> Iterator[tuple[int, bytes]]:
         """Yield (type, payload) of every telegram that is complete."""
         self._buffer += data
         while len(self._buffer) >= 3:
@@ -55,17 +55,19 @@ class Telegrams:
             yield kind, payload
 
 
-def telegram(kind: int, payload: bytes = b"") -> bytes:
+def make_telegram(kind: int, payload: bytes = b"") -> bytes:
     """Return one telegram with its header."""
     return _HEADER.pack(3 + len(payload), kind) + payload
 
 
-def message(text: str, source: str = "RTDE", level: int = 2, protocol: int = 2) -> bytes:
+def make_message(text: str, source: str = "RTDE", level: int = 2, protocol: int = 2) -> bytes:
     """Return a text message telegram (level 0 exception, 1 error, 2 warning, 3 info)."""
     body, origin = text.encode()[:255], source.encode()[:255]
     if protocol == 1:
-        return telegram(Kind.MESSAGE, bytes([level]) + body)
-    return telegram(Kind.MESSAGE, bytes([len(body)]) + body + bytes([len(origin)]) + origin + bytes([level]))
+        return make_telegram(PackageType.MESSAGE, bytes([level]) + body)
+    return make_telegram(
+        PackageType.MESSAGE, bytes([len(body)]) + body + bytes([len(origin)]) + origin + bytes([level])
+    )
 
 
 def names_in(payload: bytes) -> list[str]:
@@ -87,23 +89,23 @@ class OutputRecipe:
     every: int  # controller steps
     recipe_id: int | None  # none in protocol 1
 
-    def layout(self) -> Struct:
+    def data_layout(self) -> Struct:
         """Return the layout of the data package."""
-        return packed(list(self.kinds), with_recipe_id=self.recipe_id is not None)
+        return package_layout(list(self.kinds), with_recipe_id=self.recipe_id is not None)
 
 
-class Packer:
+class DataPacker:
     """Turns the present values of a recipe into a data telegram."""
 
     def __init__(self, recipe: OutputRecipe) -> None:
-        self._layout = recipe.layout()
+        self._layout = recipe.data_layout()
         self._start = [] if recipe.recipe_id is None else [recipe.recipe_id]
         self._fields = [
-            (get, width(kind) > 1) for get, kind in zip(recipe.getters, recipe.kinds, strict=True)
+            (get, value_count(kind) > 1) for get, kind in zip(recipe.getters, recipe.kinds, strict=True)
         ]
-        self._header = _HEADER.pack(3 + self._layout.size, Kind.DATA)
+        self._header = _HEADER.pack(3 + self._layout.size, PackageType.DATA)
 
-    def telegram(self) -> bytes:
+    def data_telegram(self) -> bytes:
         """Return the package of this moment."""
         values: list[Any] = list(self._start)
         for get, many in self._fields:
@@ -121,14 +123,14 @@ class InputRecipe:
     names: tuple[str, ...]
     kinds: tuple[str, ...]
 
-    def values(self, payload: bytes) -> dict[str, Any] | None:
+    def unpack_values(self, payload: bytes) -> dict[str, Any] | None:
         """Return the values of a data package without its recipe id, or None when its size is wrong."""
-        layout = packed(list(self.kinds), with_recipe_id=False)
+        layout = package_layout(list(self.kinds), with_recipe_id=False)
         if len(payload) != layout.size:
             return None
         flat, found = list(layout.unpack(payload)), {}
         for name, kind in zip(self.names, self.kinds, strict=True):
-            count = width(kind)
+            count = value_count(kind)
             found[name] = tuple(flat[:count]) if count > 1 else flat[0]
             del flat[:count]
         return found

@@ -84,46 +84,46 @@ SINCE: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
 }
 
 
-def _registers(direction: str) -> dict[str, str]:
+def _register_types(direction: str) -> dict[str, str]:
     table = {f"{direction}_int_register_{i}": INT32 for i in range(48)}
     table |= {f"{direction}_double_register_{i}": DOUBLE for i in range(48)}
     return table | {f"{direction}_bit_register_{i}": BOOL for i in range(64, 128)}
 
 
-def _typed(groups: dict[str, str]) -> dict[str, str]:
+def _types_by_name(groups: dict[str, str]) -> dict[str, str]:
     return {name: kind for kind, names in groups.items() for name in names.split()}
 
 
-INPUT_TYPES: dict[str, str] = _typed(_INPUTS) | _registers("input")
+INPUT_TYPES: dict[str, str] = _types_by_name(_INPUTS) | _register_types("input")
 OUTPUT_TYPES: dict[str, str] = (
-    _typed(_OUTPUTS)
-    | _registers("output")
+    _types_by_name(_OUTPUTS)
+    | _register_types("output")
     | {name: kind for name, kind in INPUT_TYPES.items() if name.startswith("input_")}
 )
 
 
-def known(name: str, version: tuple[int, ...]) -> bool:
+def is_available(name: str, version: tuple[int, ...]) -> bool:
     """Whether a controller of this software version has the variable."""
     since = SINCE.get(name)
     if since is None:
         return True
-    wanted = since[1] if version[0] == 3 else since[0]
-    return tuple(version[:2]) >= wanted
+    first_version = since[1] if version[0] == 3 else since[0]
+    return tuple(version[:2]) >= first_version
 
 
-def zero(kind: str) -> object:
+def zero_value(kind: str) -> object:
     """Return the value of a variable nobody has set."""
     if kind in (VECTOR3D, VECTOR6D, VECTOR6INT32):
         return (0.0 if kind != VECTOR6INT32 else 0,) * (3 if kind == VECTOR3D else 6)
     return {BOOL: False, DOUBLE: 0.0}.get(kind, 0)
 
 
-def packed(kinds: list[str], *, with_recipe_id: bool) -> Struct:
+def package_layout(kinds: list[str], *, with_recipe_id: bool) -> Struct:
     """Return the big-endian layout of a data package."""
     return Struct(">" + ("B" if with_recipe_id else "") + "".join(_CODES[kind] for kind in kinds))
 
 
-def width(kind: str) -> int:
+def value_count(kind: str) -> int:
     """Return how many numbers one variable of a type has."""
     code = _CODES[kind]
     return int(code[:-1]) if len(code) > 1 else 1

@@ -15,19 +15,19 @@ import logging
 import struct
 from typing import Any
 
-from cellcal.fake_devices.universal_robots.controller import Controller
-from cellcal.fake_devices.universal_robots.ports import Connection, Port
-from cellcal.fake_devices.universal_robots.readings import Readings
+from cellcal.fake_devices.universal_robots.controller import UrController
+from cellcal.fake_devices.universal_robots.ports import PortConnection, TcpPort
+from cellcal.fake_devices.universal_robots.readings import OutputVariables
 from cellcal.fake_devices.universal_robots.rtde import (
     MAX_NAME_BYTES,
+    DataPacker,
     InputRecipe,
-    Kind,
     OutputRecipe,
-    Packer,
-    Telegrams,
-    message,
+    PackageType,
+    TelegramSplitter,
+    make_message,
+    make_telegram,
     names_in,
-    telegram,
 )
 from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES
 
@@ -39,9 +39,9 @@ NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 class RtdeServer:
     """What all RTDE clients share."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: UrController) -> None:
         self.controller = controller
-        self.readings = Readings(controller)
+        self.readings = OutputVariables(controller)
         self.hidden_names: set[str] = set()
         self.frozen = False
         self.clients: set[RtdeConnection] = set()
@@ -52,66 +52,66 @@ class RtdeServer:
         rate = self.controller.identity.base_rate_hz
         return max((rate / client.every for client in self.clients if client.started), default=0.0)
 
-    def publish(self, step: int, previous: int) -> None:
+    def publish_state(self, step: int, previous: int) -> None:
         """Send the present state to everyone whose turn came between two controller steps."""
         for client in list(self.clients):
-            client.publish(step, previous)
+            client.publish_state(step, previous)
 
 
-class RtdeConnection(Connection):
+class RtdeConnection(PortConnection):
     """One RTDE client."""
 
-    def __init__(self, port: Port, server: RtdeServer) -> None:
+    def __init__(self, port: TcpPort, server: RtdeServer) -> None:
         super().__init__(port)
         self.started = False
         self.every = 1
         self._server, self._controller = server, server.controller
-        self._telegrams = Telegrams()
+        self._telegrams = TelegramSplitter()
         self._protocol = 1
-        self._packer: Packer | None = None
+        self._packer: DataPacker | None = None
         self._last = b""
         self._inputs: dict[int, InputRecipe] = {}
         self._answers = {
-            Kind.PROTOCOL: self._negotiate,
-            Kind.VERSION: self._version,
-            Kind.OUTPUTS: self._set_up_outputs,
-            Kind.INPUTS: self._set_up_inputs,
-            Kind.START: self._start,
-            Kind.PAUSE: self._pause,
+            PackageType.PROTOCOL: self._negotiate_protocol,
+            PackageType.VERSION: self._answer_version,
+            PackageType.OUTPUTS: self._set_up_outputs,
+            PackageType.INPUTS: self._set_up_inputs,
+            PackageType.START: self._start_output,
+            PackageType.PAUSE: self._pause_output,
         }
 
-    def greet(self) -> None:
+    def send_greeting(self) -> None:
         self._server.clients.add(self)
 
-    def left(self) -> None:
+    def on_disconnect(self) -> None:
         self._server.clients.discard(self)
-        self._controller.registers.release(self)
+        self._controller.registers.release_names(self)
 
-    def received(self, data: bytes) -> None:
-        for kind, payload in self._telegrams.feed(data):
-            if kind == Kind.DATA:
+    def on_bytes(self, data: bytes) -> None:
+        for kind, payload in self._telegrams.split_telegrams(data):
+            if kind == PackageType.DATA:
                 self._take_inputs(payload)
-            elif kind == Kind.MESSAGE:
+            elif kind == PackageType.MESSAGE:
                 _log.info("RTDE client says %r", payload)
             else:
-                self._answer(kind, payload)
+                self._answer_package(kind, payload)
 
-    def _answer(self, kind: int, payload: bytes) -> None:
+    def _answer_package(self, kind: int, payload: bytes) -> None:
         try:
-            act = self._answers[Kind(kind)]
+            act = self._answers[PackageType(kind)]
         except ValueError:
-            self.send(message(f"Unsupported package type {kind}", level=1, protocol=self._protocol))
+            self.send(make_message(f"Unsupported package type {kind}", level=1, protocol=self._protocol))
             return
-        self.send(telegram(kind, act(payload)))
+        self.send(make_telegram(kind, act(payload)))
 
-    def _negotiate(self, payload: bytes) -> bytes:
-        wanted = struct.unpack(">H", payload)[0] if len(payload) == 2 else 0
-        if wanted not in (1, 2):
+    def _negotiate_protocol(self, payload: bytes) -> bytes:
+        version = struct.unpack(">H", payload)[0] if len(payload) == 2 else 0
+        if version not in (1, 2):
             return b"\0"
-        self._protocol = wanted
+        self._protocol = version
         return b"\1"
 
-    def _version(self, _payload: bytes) -> bytes:
+    def _answer_version(self, _payload: bytes) -> bytes:
         return struct.pack(">IIII", *self._controller.identity.version)
 
     def _set_up_outputs(self, payload: bytes) -> bytes:
@@ -126,7 +126,7 @@ class RtdeConnection(Connection):
 
     def _output_recipe(self, frequency_hz: float, names: list[str]) -> tuple[int, list[str]]:
         getters = [
-            None if name in self._server.hidden_names else self._server.readings.getter(name)
+            None if name in self._server.hidden_names else self._server.readings.getter_for(name)
             for name in names
         ]
         kinds = [
@@ -140,7 +140,7 @@ class RtdeConnection(Connection):
         base_hz = self._controller.identity.base_rate_hz
         self.every = max(1, round(base_hz / min(max(frequency_hz, 1.0), base_hz)))
         recipe_id = None if self._protocol == 1 else 1
-        self._packer = Packer(OutputRecipe(tuple(kinds), found, self.every, recipe_id))
+        self._packer = DataPacker(OutputRecipe(tuple(kinds), found, self.every, recipe_id))
         return 1, kinds
 
     def _set_up_inputs(self, payload: bytes) -> bytes:
@@ -149,7 +149,7 @@ class RtdeConnection(Connection):
         kinds = [NOT_FOUND if name in hidden else INPUT_TYPES.get(name, NOT_FOUND) for name in names]
         taken: set[str] = set()
         if NOT_FOUND not in kinds:
-            taken = set(self._controller.registers.claim(names, self))
+            taken = set(self._controller.registers.claim_names(names, self))
         kinds = [IN_USE if name in taken else kind for name, kind in zip(names, kinds, strict=True)]
         recipe_id = 0
         if names and len(self._inputs) < 255 and not {NOT_FOUND, IN_USE} & set(kinds):
@@ -157,25 +157,25 @@ class RtdeConnection(Connection):
             self._inputs[recipe_id] = InputRecipe(tuple(names), tuple(kinds))
         return bytes([recipe_id]) + ",".join(kinds).encode()
 
-    def _start(self, _payload: bytes) -> bytes:
+    def _start_output(self, _payload: bytes) -> bytes:
         self.started = self._packer is not None
         return bytes([self.started])
 
-    def _pause(self, _payload: bytes) -> bytes:
+    def _pause_output(self, _payload: bytes) -> bytes:
         self.started = False
         return b"\1"
 
     def _take_inputs(self, payload: bytes) -> None:
         recipe = self._inputs.get(payload[0]) if payload else None
-        values: dict[str, Any] | None = recipe.values(payload[1:]) if recipe is not None else None
+        values: dict[str, Any] | None = recipe.unpack_values(payload[1:]) if recipe is not None else None
         if values is None:
             _log.warning("RTDE data package of %d bytes fits no input recipe: ignored", len(payload))
             return
         self._controller.apply_inputs(values)
 
-    def publish(self, step: int, previous: int) -> None:
+    def publish_state(self, step: int, previous: int) -> None:
         """Send the recipe if its turn came; the next one is not late for it."""
         if self.started and self._packer is not None and step // self.every > previous // self.every:
             if not self._server.frozen or not self._last:
-                self._last = self._packer.telegram()
+                self._last = self._packer.data_telegram()
             self.send(self._last)

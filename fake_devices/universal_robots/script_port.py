@@ -15,24 +15,24 @@ import logging
 
 from cellcal.fake_devices.universal_robots.commands import ACTS
 from cellcal.fake_devices.universal_robots.control_script import ControlScript, ForeignProgram
-from cellcal.fake_devices.universal_robots.controller import Controller, RunningProgram
-from cellcal.fake_devices.universal_robots.ports import Connection, Port
-from cellcal.fake_devices.universal_robots.programs import Programs, understand
+from cellcal.fake_devices.universal_robots.controller import RunningProgram, UrController
+from cellcal.fake_devices.universal_robots.ports import PortConnection, TcpPort
+from cellcal.fake_devices.universal_robots.programs import ProgramSplitter, parse_program
 
 _log = logging.getLogger(__name__)
 
 
-class Loader:
+class ProgramLoader:
     """Turns texts into running programs."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: UrController) -> None:
         self.start_delay_s = 0.0
         self._controller = controller
         self._waiting: list[tuple[float, RunningProgram]] = []
 
-    def load(self, text: str) -> None:
+    def load_program(self, text: str) -> None:
         """Start a program, now or after the delay."""
-        program = understand(text)
+        program = parse_program(text)
         running: RunningProgram
         if program.is_control_script:
             running = ControlScript(self._controller, program, ACTS)
@@ -41,20 +41,20 @@ class Loader:
         _log.info("program %s, register offset %d", program.name, program.register_offset)
         self._waiting.append((self._controller.timestamp_s + self.start_delay_s, running))
 
-    def step(self) -> None:
+    def start_due(self) -> None:
         """Start what is due."""
         while self._waiting and self._waiting[0][0] <= self._controller.timestamp_s:
             self._controller.start_program(self._waiting.pop(0)[1])
 
 
-class ScriptConnection(Connection):
+class ScriptConnection(PortConnection):
     """A client that uploads programs."""
 
-    def __init__(self, port: Port, loader: Loader) -> None:
+    def __init__(self, port: TcpPort, loader: ProgramLoader) -> None:
         super().__init__(port)
         self._loader = loader
-        self._programs = Programs()
+        self._programs = ProgramSplitter()
 
-    def received(self, data: bytes) -> None:
-        for text in self._programs.feed(data):
-            self._loader.load(text)
+    def on_bytes(self, data: bytes) -> None:
+        for text in self._programs.split_programs(data):
+            self._loader.load_program(text)

@@ -16,13 +16,13 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from cellcal.fake_devices.keep_running import keep_running
-from cellcal.fake_devices.universal_robots.controller import ArmPort, Controller
+from cellcal.fake_devices.universal_robots.controller import ArmPort, UrController
 from cellcal.fake_devices.universal_robots.dashboard import DashboardConnection
-from cellcal.fake_devices.universal_robots.identity import Identity
-from cellcal.fake_devices.universal_robots.ports import Port
+from cellcal.fake_devices.universal_robots.identity import UrIdentity
+from cellcal.fake_devices.universal_robots.ports import TcpPort
 from cellcal.fake_devices.universal_robots.primary import PrimaryConnection, RobotState
 from cellcal.fake_devices.universal_robots.rtde_port import RtdeConnection, RtdeServer
-from cellcal.fake_devices.universal_robots.script_port import Loader, ScriptConnection
+from cellcal.fake_devices.universal_robots.script_port import ProgramLoader, ScriptConnection
 
 PRIMARY, SECONDARY, SCRIPT, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
 _SLOW_HZ = 125
@@ -33,26 +33,28 @@ _LATEST_S = 0.25  # further behind than this, steps are left out
 class UniversalRobotServer:
     """The handle of a fake controller: ``start``, ``close``, and its parts for the faults."""
 
-    def __init__(self, arm: ArmPort, address: str, identity: Identity, world_s: Callable[[], float]) -> None:
+    def __init__(
+        self, arm: ArmPort, address: str, identity: UrIdentity, world_s: Callable[[], float]
+    ) -> None:
         self.address = address
-        self.controller = Controller(arm, identity)
+        self.controller = UrController(arm, identity)
         self.rtde = RtdeServer(self.controller)
-        self.loader = Loader(self.controller)
+        self.loader = ProgramLoader(self.controller)
         self._state = RobotState(self.controller, self.rtde.readings)
         self._world_s = world_s
-        self.ports: dict[int, Port] = {
-            PRIMARY: Port(address, PRIMARY, self._primary),
-            SECONDARY: Port(address, SECONDARY, self._primary),
-            SCRIPT: Port(address, SCRIPT, lambda port: ScriptConnection(port, self.loader)),
-            RTDE: Port(address, RTDE, lambda port: RtdeConnection(port, self.rtde)),
-            DASHBOARD: Port(address, DASHBOARD, lambda port: DashboardConnection(port, self.controller)),
+        self.ports: dict[int, TcpPort] = {
+            PRIMARY: TcpPort(address, PRIMARY, self._primary_connection),
+            SECONDARY: TcpPort(address, SECONDARY, self._primary_connection),
+            SCRIPT: TcpPort(address, SCRIPT, lambda port: ScriptConnection(port, self.loader)),
+            RTDE: TcpPort(address, RTDE, lambda port: RtdeConnection(port, self.rtde)),
+            DASHBOARD: TcpPort(address, DASHBOARD, lambda port: DashboardConnection(port, self.controller)),
         }
         self._beat: asyncio.Task[None] | None = None
         self._state_due_s = 0.0
         self.cable_in = True
         self._ports_change = asyncio.Lock()
 
-    def _primary(self, port: Port) -> PrimaryConnection:
+    def _primary_connection(self, port: TcpPort) -> PrimaryConnection:
         return PrimaryConnection(port, self.loader, self._state)
 
     async def start(self) -> None:
@@ -62,14 +64,14 @@ class UniversalRobotServer:
         except OSError:
             await self.close()
             raise
-        self._beat = keep_running("time of the control box", self._run)
+        self._beat = keep_running("time of the control box", self._run_loop)
 
     async def open_ports(self) -> None:
         """Listen on every port that does not."""
         self.cable_in = True
         await self._follow_cable()
 
-    async def _listen(self) -> None:
+    async def _reopen_ports(self) -> None:
         """Open again after a fault was cleared; the address may not be free at once."""
         if not all(port.is_open for port in self.ports.values()):
             with suppress(OSError):
@@ -99,29 +101,29 @@ class UniversalRobotServer:
                 await beat
         await self.close_ports()
 
-    async def _run(self) -> None:
+    async def _run_loop(self) -> None:
         loop = asyncio.get_running_loop()
         rate_hz = self.controller.identity.base_rate_hz
         origin_s, step = loop.time(), 0
         while True:
-            target = step + self._stride(rate_hz)
+            target = step + self._step_stride(rate_hz)
             delay_s = origin_s + target / rate_hz - loop.time()
             if delay_s < -_LATEST_S:
                 target = int((loop.time() - origin_s) * rate_hz)
             await asyncio.sleep(max(0.0, delay_s))
-            self._step(target, step)
+            self._run_step(target, step)
             if self.cable_in:
-                await self._listen()
+                await self._reopen_ports()
             step = target
 
-    def _stride(self, rate_hz: int) -> int:
+    def _step_stride(self, rate_hz: int) -> int:
         return 1 if self.rtde.fastest_hz > _SLOW_HZ else max(1, rate_hz // _SLOW_HZ)
 
-    def _step(self, step: int, previous: int) -> None:
+    def _run_step(self, step: int, previous: int) -> None:
         timestamp_s = step / self.controller.identity.base_rate_hz
-        self.loader.step()
+        self.loader.start_due()
         self.controller.step(timestamp_s, self._world_s())
-        self.rtde.publish(step, previous)
+        self.rtde.publish_state(step, previous)
         if timestamp_s >= self._state_due_s:
             self._state_due_s = timestamp_s + _STATE_PERIOD_S
             self._tell_state()
@@ -129,13 +131,13 @@ class UniversalRobotServer:
     def _tell_state(self) -> None:
         listeners = [c for number in (PRIMARY, SECONDARY) for c in self.ports[number].connections]
         if listeners:
-            package = self._state.package()
+            package = self._state.state_package()
             for listener in listeners:
                 listener.send(package)
 
 
 async def serve_universal_robot(
-    arm: ArmPort, address: str, identity: Identity, world_s: Callable[[], float]
+    arm: ArmPort, address: str, identity: UrIdentity, world_s: Callable[[], float]
 ) -> UniversalRobotServer:
     """Start a fake controller on an address; ``world_s`` tells the time in which its arm moves."""
     server = UniversalRobotServer(arm, address, identity, world_s)

@@ -17,14 +17,14 @@ from cellcal.calibration.identification.parameters import GRAVITY, Priors
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.poses.arm_fit import ArmTask
 from cellcal.drivers.interfaces import Counts, Instruction, Joints, Readiness
-from cellcal.procedures.cell import Cell, MotionLimits
-from cellcal.procedures.entry import NEEDS
+from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS
 from cellcal.procedures.steps.length import LengthCapture, capture_length
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
-from cellcal.procedures.steps.measure_point import PointCapture, measure_point, tracker
+from cellcal.procedures.steps.measure_point import PointCapture, measure_point, tracker_of
 
 Method = Literal["wire", "tracker"]
 Triple = tuple[float, float, float]
@@ -59,13 +59,13 @@ class Bench:
     anchor_in_base_m: Triple  # of the wire; zero for a tracker
     range_m: float
     sigma_m: float  # of one coordinate of a reading
-    limits: MotionLimits
+    limits: MotionCaps
 
-    def nominal(self) -> RobotModel:
+    def nominal_model(self) -> RobotModel:
         """Return the arm as its maker draws it."""
         return load_model(self.model)
 
-    def task(
+    def make_task(
         self, level: int = GRAVITY, priors: Priors | None = None, arm_sigma_m: float = ARM_SIGMA_M
     ) -> ArmTask:
         """Return what a fit of this robot's captures is about."""
@@ -81,10 +81,10 @@ class Bench:
         return task if priors is None else replace(task, priors=priors)
 
 
-async def healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
+async def read_healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
     """Return the arm as it is drawn and where it stands; refuse one not ready, not mastered, or another model."""
-    condition = await cell.robot.condition()
-    mastering = None if cell.mastering is None else await cell.mastering.mastering()
+    condition = await cell.robot.read_condition()
+    mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
         raise RefusalError(
             f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
@@ -92,7 +92,7 @@ async def healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
             remedy="Clear what is wrong, then start a new run.",
         )
     model = nominal_model(cell)
-    joints_rad = (await cell.robot.joints()).joints_rad
+    joints_rad = (await cell.robot.read_joints()).joints_rad
     error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(
@@ -105,10 +105,10 @@ async def healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
 
 async def read_bench(cell: Cell, method: Method) -> Bench:
     """Read who the robot is and where it stands; refuse one that is not ready, not mastered, or another model."""
-    model, joints_rad = await healthy_arm(cell)
+    model, joints_rad = await read_healthy_arm(cell)
     identity = await cell.robot.identify()
-    mastering = None if cell.mastering is None else await cell.mastering.mastering()
-    target, anchor, range_m, sigma_m = _device(cell, method)
+    mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
+    target, anchor, range_m, sigma_m = _device_of(cell, method)
     return Bench(
         method=method,
         serial=identity.serial,
@@ -125,25 +125,25 @@ async def read_bench(cell: Cell, method: Method) -> Bench:
     )
 
 
-def _device(cell: Cell, method: Method) -> tuple[Triple, Triple, float, float]:
+def _device_of(cell: Cell, method: Method) -> tuple[Triple, Triple, float, float]:
     if method == "wire":
         at, can = cell.gauge_setup, length_gauge(cell).capabilities
         if at is None:
-            raise _lacking("gauge_setup", "Say in cell.toml where the wire is fixed and hooked.")
+            raise _missing_setup_error("gauge_setup", "Say in cell.toml where the wire is fixed and hooked.")
         return at.hook_in_flange_m, at.anchor_in_base_m, can.range_m, can.sigma_m
-    setup, sees = cell.tracker_setup, tracker(cell).capabilities
+    setup, sees = cell.tracker_setup, tracker_of(cell).capabilities
     if setup is None:
-        raise _lacking("tracker_setup", "Say in cell.toml where the target sits on the flange.")
+        raise _missing_setup_error("tracker_setup", "Say in cell.toml where the target sits on the flange.")
     return setup.target_in_flange_m, (0.0, 0.0, 0.0), sees.range_m, sees.sigma_m
 
 
-def _lacking(need: str, remedy: str) -> NeedsUnmetError:
+def _missing_setup_error(need: str, remedy: str) -> NeedsUnmetError:
     return NeedsUnmetError(
         f"this cell does not say {NEEDS[need][0]}", missing=(NEEDS[need][0],), remedy=remedy
     )
 
 
-async def same_robot(cell: Cell, epoch: int | None) -> int | None:
+async def check_same_robot(cell: Cell, epoch: int | None) -> int | None:
     """Hold that the encoders have not lost their position; a robot without an epoch is believed."""
     if epoch is None or cell.mastering is None:
         return None
@@ -199,10 +199,12 @@ def joints_of(captures: tuple[ArmCapture, ...], axes: int) -> Array:
     return np.array([capture.joints_rad for capture in captures], dtype=float).reshape(-1, axes)
 
 
-def observed(task: ArmTask, captures: tuple[ArmCapture, ...]) -> Observations:
+def observations_of(task: ArmTask, captures: tuple[ArmCapture, ...]) -> Observations:
     """Return captures as rows of a fit."""
     targets = [capture.target for capture in captures]
-    return task.observations(joints_of(captures, task.nominal().axes), values_of(captures), targets)
+    return task.to_observations(
+        joints_of(captures, task.nominal_model().axis_count), values_of(captures), targets
+    )
 
 
 def of_target(captures: tuple[ArmCapture, ...], target: int) -> tuple[ArmCapture, ...]:
@@ -210,30 +212,30 @@ def of_target(captures: tuple[ArmCapture, ...], target: int) -> tuple[ArmCapture
     return tuple(capture for capture in captures if capture.target == target)
 
 
-def apart_m(one: ArmCapture, other: ArmCapture) -> float:
+def distance_m(one: ArmCapture, other: ArmCapture) -> float:
     """Return how far two captures of one pose are from each other [m]."""
     values = values_of((one, other))
     return float(np.linalg.norm(values[1] - values[0]))
 
 
-def agree(one: ArmCapture, other: ArmCapture, sigma_m: float) -> bool:
+def captures_agree(one: ArmCapture, other: ArmCapture, sigma_m: float) -> bool:
     """Tell whether two captures of one pose may be of the same place."""
-    return apart_m(one, other) <= SPREAD_SIGMAS * sigma_m
+    return distance_m(one, other) <= SPREAD_SIGMAS * sigma_m
 
 
-def bench_before(known: Knowledge, method: Method) -> Bench | None:
+def declared_bench(knowledge: Knowledge, method: Method) -> Bench | None:
     """Return the robot as it is imagined before anybody asked it; None where too little is known of the cell."""
-    if known.model is None:
+    if knowledge.model is None:
         return None
-    device = _known_device(known, method)
+    device = _declared_device(knowledge, method)
     if device is None:
         return None
     target, anchor, range_m, sigma_m = device
     return Bench(
         method=method,
-        serial="" if known.record is None else known.record.robot_serial,
-        model=known.model.name,
-        joints_rad=(0.0,) * known.model.axes,
+        serial="" if knowledge.record is None else knowledge.record.robot_serial,
+        model=knowledge.model.name,
+        joints_rad=(0.0,) * knowledge.model.axis_count,
         counts_at_zero=(),
         drive=None,
         epoch=None,
@@ -241,17 +243,17 @@ def bench_before(known: Knowledge, method: Method) -> Bench | None:
         anchor_in_base_m=anchor,
         range_m=range_m,
         sigma_m=sigma_m,
-        limits=known.limits,
+        limits=knowledge.limits,
     )
 
 
-def _known_device(known: Knowledge, method: Method) -> tuple[Triple, Triple, float, float] | None:
+def _declared_device(knowledge: Knowledge, method: Method) -> tuple[Triple, Triple, float, float] | None:
     if method == "wire":
-        if known.gauge_setup is None or known.gauge is None:
+        if knowledge.gauge_setup is None or knowledge.gauge is None:
             return None
-        at = known.gauge_setup
-        return at.hook_in_flange_m, at.anchor_in_base_m, known.gauge.range_m, known.gauge.sigma_m
-    if known.tracker_setup is None or known.tracker is None:
+        at = knowledge.gauge_setup
+        return at.hook_in_flange_m, at.anchor_in_base_m, knowledge.gauge.range_m, knowledge.gauge.sigma_m
+    if knowledge.tracker_setup is None or knowledge.tracker is None:
         return None
-    sees = known.tracker
-    return known.tracker_setup.target_in_flange_m, (0.0, 0.0, 0.0), sees.range_m, sees.sigma_m
+    sees = knowledge.tracker
+    return knowledge.tracker_setup.target_in_flange_m, (0.0, 0.0, 0.0), sees.range_m, sees.sigma_m

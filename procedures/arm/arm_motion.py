@@ -19,9 +19,9 @@ from cellcal.calibration.motion.motion_quantities import wire_winding
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import Bench, Triple
 from cellcal.procedures.motion.approach import from_below
-from cellcal.procedures.motion.pace import Pace
-from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.surroundings import clearances
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.speed_limit import SpeedLimit
+from cellcal.procedures.surroundings import clearance_check
 from cellcal.procedures.survey import survey_motion
 
 FEWEST_POSES = 8
@@ -34,21 +34,21 @@ _HUBS, _WORTH_A_HUB = 8, 0.1  # and the share of what is left that a hub must se
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class MotionSpace:
     """What limits the motion of one series; hashable, so that a way is looked at once."""
 
     model: str
     target_in_flange_m: Triple
     wire: survey_motion.Wire | None
-    room: Room
+    room: MotionBounds
 
     @classmethod
-    def of(cls, bench: Bench, room: Room) -> "Reach":
+    def from_bench(cls, bench: Bench, room: MotionBounds) -> "MotionSpace":
         """Return the reach of a bench."""
         wire = (bench.anchor_in_base_m, bench.target_in_flange_m, bench.range_m)
         return cls(bench.model, bench.target_in_flange_m, wire if bench.method == "wire" else None, room)
 
-    def with_target(self, target_in_flange_m: Triple) -> "Reach":
+    def with_target(self, target_in_flange_m: Triple) -> "MotionSpace":
         """Return what limits the motion with wire or target at another place of the flange."""
         wire = None if self.wire is None else (self.wire[0], target_in_flange_m, self.wire[2])
         return replace(self, target_in_flange_m=target_in_flange_m, wire=wire)
@@ -63,20 +63,22 @@ class Reach:
         """Return where the target is in these postures (N, 3), by the drawing."""
         return load_model(self.model).tip_positions(joints_rad, np.array(self.target_in_flange_m))
 
-    def pace(self, speed_rad_s: float) -> Pace:
+    def speed_limit(self, speed_rad_s: float) -> SpeedLimit:
         """Return how fast its ways may be gone."""
-        return Pace(self.model, self.target_in_flange_m, speed_rad_s, self.room.capped_tip_speed_m_s)
+        return SpeedLimit(self.model, self.target_in_flange_m, speed_rad_s, self.room.capped_tip_speed_m_s)
 
     def not_checked(self) -> tuple[str, ...]:
         """Return in sentences what no check of the ways sees."""
         if self.wire is not None:
-            return survey_motion.unchecked(self.model, self.wire, self.room)
-        words = [*_collisions(self).not_checked, "the tracker's line of sight is not known"]
+            return survey_motion.unchecked_remarks(self.model, self.wire, self.room)
+        words = [*_collision_check(self).not_checked, "the tracker's line of sight is not known"]
         return tuple(words if None not in self.room.box_m() else [*words, "no workspace box known"])
 
 
 @lru_cache(maxsize=32)
-def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = None) -> tuple[Joints, ...]:
+def draw_poses(
+    reach: MotionSpace, count: int, seed: int, mouth_at_m: Triple | None = None
+) -> tuple[Joints, ...]:
     """Draw postures evenly between the joint limits; keep those that limits, box and the arm itself allow.
 
     Raises
@@ -89,7 +91,7 @@ def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = 
         return survey_motion.draw_pool(reach.model, reach.wire, reach.room, mouth, (count, seed))
     model, limits = load_model(reach.model), survey_motion.survey_limits(None, reach.room, 0.5)
     drawn = candidate_joints(model, limits, 4 * count, seed=seed, hook_in_flange_m=reach.target_in_flange_m)
-    pool = drawn[_collisions(reach).free(drawn)][:count]
+    pool = drawn[_collision_check(reach).is_free(drawn)][:count]
     if len(pool) < FEWEST_POSES:
         raise DegenerateDataError(
             f"only {len(pool)} of the postures tried keep joint limits, box and arm clear of each other",
@@ -99,13 +101,13 @@ def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = 
 
 
 Spots = tuple[
-    tuple[Reach, tuple[Joints, ...]], ...
+    tuple[MotionSpace, tuple[Joints, ...]], ...
 ]  # other targets on the flange, and postures drawn for each
 
 
 @lru_cache(maxsize=32)
 def way_to_rest(
-    reach: Reach, here_rad: Joints, pool: tuple[Joints, ...], spots: Spots = ()
+    reach: MotionSpace, here_rad: Joints, pool: tuple[Joints, ...], spots: Spots = ()
 ) -> tuple[Joints, ...]:
     """Return the corners of a free way to the posture from which most of the pool can be reached.
 
@@ -122,7 +124,7 @@ def way_to_rest(
     else:
         shares = [_coarse_share(reach, pose, pool[:_TRIED]) for pose in pool[:_TRIED]]
         best = (pool[k] for k in np.argsort(-np.array(shares), kind="stable"))
-        rests = tuple(pose for pose in best if all(_clear(other, pose) for other, _ in spots))
+        rests = tuple(pose for pose in best if all(_is_clear(other, pose) for other, _ in spots))
     if not rests:
         raise DegenerateDataError(
             "no posture keeps the arm clear of itself with the target in every point.",
@@ -131,12 +133,12 @@ def way_to_rest(
     return way_to_one(reach, here_rad, rests, pool)
 
 
-def _clear(reach: Reach, pose_rad: Joints) -> bool:
-    return bool(_collisions(reach).free(np.array([pose_rad])).all())
+def _is_clear(reach: MotionSpace, pose_rad: Joints) -> bool:
+    return bool(_collision_check(reach).is_free(np.array([pose_rad])).all())
 
 
 def way_to_one(
-    reach: Reach, here_rad: Joints, rests: tuple[Joints, ...], pool: tuple[Joints, ...]
+    reach: MotionSpace, here_rad: Joints, rests: tuple[Joints, ...], pool: tuple[Joints, ...]
 ) -> tuple[Joints, ...]:
     """Return the corners of a free way to the first of some postures that has one, through one of a pool if need be.
 
@@ -173,17 +175,17 @@ class Roadmap:
         float, ...
     ]  # of each posture, when it is gone to along the hubs: the wire about the flange
 
-    def hub(self, pose_rad: Joints) -> int:
+    def hub_at(self, pose_rad: Joints) -> int:
         """Return the hub on which a posture hangs."""
         return self.hub_of[self.poses_rad.index(pose_rad)]
 
-    def wound(self, pose_rad: Joints) -> float:
+    def winding_at(self, pose_rad: Joints) -> float:
         """Return how far the wire is wound about the flange at a posture, from where the series begins [rad]."""
         return self.wound_rad[self.poses_rad.index(pose_rad)]
 
-    def through(self, here_rad: Joints, there_rad: Joints) -> tuple[Joints, ...]:
+    def corners_between(self, here_rad: Joints, there_rad: Joints) -> tuple[Joints, ...]:
         """Return the corners of the way along the hubs, from one posture to another."""
-        up, down = self._line(self.hub(here_rad)), self._line(self.hub(there_rad))
+        up, down = self._hub_line(self.hub_at(here_rad)), self._hub_line(self.hub_at(there_rad))
         while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
             up, down = up[:-1], down[:-1]
         hubs = [self.hubs_rad[k] for k in (*up, *reversed(down[:-1]))]
@@ -193,7 +195,7 @@ class Roadmap:
             hubs = hubs[: hubs.index(there_rad)]
         return (*hubs, there_rad)
 
-    def _line(self, hub: int) -> list[int]:
+    def _hub_line(self, hub: int) -> list[int]:
         line = [hub]
         while line[-1] != 0:
             line.append(self.parents[line[-1]])
@@ -201,7 +203,7 @@ class Roadmap:
 
 
 @lru_cache(maxsize=16)
-def map_roads(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> Roadmap:
+def map_roads(reach: MotionSpace, rest_rad: Joints, pool: tuple[Joints, ...]) -> Roadmap:
     """Find free ways to as many postures as a few hubs reach; the others are left out.
 
     Raises
@@ -210,19 +212,19 @@ def map_roads(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> Roadm
         Fewer than eight can be reached.
     """
     hubs, parents = [rest_rad], [0]
-    hung: dict[Joints, _Hung] = {rest_rad: _Hung(0, 0.0)}
-    hung |= _hang(reach, rest_rad, _Hung(0, 0.0), pool)
+    hung: dict[Joints, _HubLink] = {rest_rad: _HubLink(0, 0.0)}
+    hung |= _link_to_hub(reach, rest_rad, _HubLink(0, 0.0), pool)
     while len(hubs) < _HUBS and not set(pool) <= hung.keys():
-        left = tuple(pose for pose in pool if pose not in hung)
+        remaining = tuple(pose for pose in pool if pose not in hung)
         tried = [pose for pose in hung if pose not in hubs]
         tried = tried[:: max(1, len(tried) // _TRIED)]
-        shares = [_coarse_share(reach, pose, left[: 2 * _TRIED]) for pose in tried]
+        shares = [_coarse_share(reach, pose, remaining[: 2 * _TRIED]) for pose in tried]
         if not shares or max(shares) < _WORTH_A_HUB:
             break
         best = tried[int(np.argmax(shares))]
         parents.append(hung[best].hub)
         hubs.append(best)
-        hung |= _hang(reach, best, _Hung(len(hubs) - 1, hung[best].wound_rad), left)
+        hung |= _link_to_hub(reach, best, _HubLink(len(hubs) - 1, hung[best].wound_rad), remaining)
     if len(hung) < FEWEST_POSES:
         raise DegenerateDataError(
             f"only {len(hung)} of {len(pool)} postures have a free way from where the robot would rest",
@@ -237,30 +239,32 @@ def map_roads(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> Roadm
     )
 
 
-def way_between(reach: Reach, roads: Roadmap, here_rad: Joints, there_rad: Joints) -> tuple[Joints, ...]:
+def way_between(
+    reach: MotionSpace, roads: Roadmap, here_rad: Joints, there_rad: Joints
+) -> tuple[Joints, ...]:
     """Return the corners of a free way from one posture of a roadmap to another: straight, or along its hubs."""
-    winds = roads.wound(there_rad) - roads.wound(here_rad)
+    winds = roads.winding_at(there_rad) - roads.winding_at(here_rad)
     alike = abs(wound_on_way(reach, here_rad, there_rad) - winds) < _SAME_WINDING_RAD
     if alike and way_is_free(reach, here_rad, there_rad):
         return (there_rad,)
-    return roads.through(here_rad, there_rad)
+    return roads.corners_between(here_rad, there_rad)
 
 
 def ordered_ways(
-    reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
+    reach: MotionSpace, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
 ) -> tuple[tuple[Joints, ...], ...]:
     """Return a way to each of these poses of a roadmap, the one that is reached soonest next."""
-    left, ways, pace = list(poses), [], reach.pace(_ANY_SPEED_RAD_S)
-    while left:
-        roads_there = [way_between(reach, roads, here_rad, pose) for pose in left]
-        soonest = int(np.argmin([pace.along(here_rad, (way,)).moving_s for way in roads_there]))
+    remaining, ways, pace = list(poses), [], reach.speed_limit(_ANY_SPEED_RAD_S)
+    while remaining:
+        roads_there = [way_between(reach, roads, here_rad, pose) for pose in remaining]
+        soonest = int(np.argmin([pace.time_ways(here_rad, (way,)).moving_s for way in roads_there]))
         ways.append(roads_there[soonest])
-        here_rad = left.pop(soonest)
+        here_rad = remaining.pop(soonest)
     return tuple(ways)
 
 
 def ways_through(
-    reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
+    reach: MotionSpace, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
 ) -> tuple[tuple[Joints, ...], ...]:
     """Return a way to each of these poses of a roadmap, in this order."""
     starts = (here_rad, *poses[:-1])
@@ -268,21 +272,23 @@ def ways_through(
 
 
 @dataclass(frozen=True, slots=True)
-class _Hung:
+class _HubLink:
     """On which hub a posture hangs, and how far the wire is wound there."""
 
     hub: int
     wound_rad: float
 
 
-def _hang(reach: Reach, hub_rad: Joints, hub: _Hung, poses: tuple[Joints, ...]) -> dict[Joints, _Hung]:
+def _link_to_hub(
+    reach: MotionSpace, hub_rad: Joints, hub: _HubLink, poses: tuple[Joints, ...]
+) -> dict[Joints, _HubLink]:
     """Return the postures with a free way from a hub on which the wire does not wind too far."""
     wound = {pose: hub.wound_rad + wound_on_way(reach, hub_rad, pose) for pose in poses if pose != hub_rad}
     near = [pose for pose, angle in wound.items() if abs(angle) <= _WOUND_RAD]
-    return {pose: _Hung(hub.hub, wound[pose]) for pose in near if way_is_free(reach, hub_rad, pose)}
+    return {pose: _HubLink(hub.hub, wound[pose]) for pose in near if way_is_free(reach, hub_rad, pose)}
 
 
-def wound_on_way(reach: Reach, here_rad: Joints, there_rad: Joints) -> float:
+def wound_on_way(reach: MotionSpace, here_rad: Joints, there_rad: Joints) -> float:
     """Return how far a wire winds about the flange on a straight joint move [rad]; 0 without a wire."""
     if reach.wire is None:
         return 0.0
@@ -292,7 +298,7 @@ def wound_on_way(reach: Reach, here_rad: Joints, there_rad: Joints) -> float:
 
 
 @lru_cache(maxsize=8192)
-def way_is_free(reach: Reach, here_rad: Joints, there_rad: Joints) -> bool:
+def way_is_free(reach: MotionSpace, here_rad: Joints, there_rad: Joints) -> bool:
     """Tell whether a joint move keeps limits and box, and the arm clear of itself and of what hangs on it."""
     if reach.wire is not None:
         return survey_motion.way_is_free(reach.model, reach.wire, reach.room, here_rad, there_rad)
@@ -300,17 +306,17 @@ def way_is_free(reach: Reach, here_rad: Joints, there_rad: Joints) -> bool:
     ends = np.array([here_rad, *from_below(here_rad, there_rad)])
     if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4).allowed:
         return False
-    return bool(_collisions(reach).ways_free(ends).all())
+    return bool(_collision_check(reach).is_path_free(ends).all())
 
 
-def _coarse_share(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> float:
+def _coarse_share(reach: MotionSpace, rest_rad: Joints, pool: tuple[Joints, ...]) -> float:
     """Return which share of the poses seems to have a free way from the rest, looked at in a few places."""
     share = np.linspace(0.0, 1.0, _LOOKS)[:, None, None]
     rest, ends = np.array(rest_rad), np.array(pool)
-    free = _collisions(reach).free((rest + share * (ends - rest)).reshape(-1, len(rest)))
+    free = _collision_check(reach).is_free((rest + share * (ends - rest)).reshape(-1, len(rest)))
     return float(free.reshape(_LOOKS, -1).all(axis=0).mean())
 
 
-def _collisions(reach: Reach) -> CollisionCheck:
+def _collision_check(reach: MotionSpace) -> CollisionCheck:
     wire = None if reach.wire is None else WirePath(*reach.wire)
-    return clearances(reach.model, reach.room.surroundings, wire, reach.target_in_flange_m)
+    return clearance_check(reach.model, reach.room.surroundings, wire, reach.target_in_flange_m)

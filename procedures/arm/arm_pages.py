@@ -1,25 +1,25 @@
 """What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
 
 from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.accuracy_limits import TOOL
 from cellcal.procedures.arm.arm_bench import Bench
 from cellcal.procedures.arm.calibration_plan import CalibrationPlan
-from cellcal.procedures.arm.calibration_result import Identified
+from cellcal.procedures.arm.calibration_result import ArmIdentification
 from cellcal.procedures.arm.series_rules import SeriesRules
 from cellcal.procedures.arm.tool_plan import ToolPlan
 from cellcal.procedures.forecast import Prediction
-from cellcal.procedures.limits import TOOL
-from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement
-from cellcal.procedures.verdict import Change
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves, joint_displacement
+from cellcal.procedures.verdict import ValueChange
 
 _POSTURES = 40  # of those that stand for the whole work
 
 
-def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> Moves:
+def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> PlannedMoves:
     """Return a calibration's plan as it is shown: the poses that are expected to tell most, and those that verify."""
     points = 0 if plan.tool is None else len(plan.tool.points) * (rules.point_max + rules.point_checks)
-    return Moves(
+    return PlannedMoves(
         ways_rad=(*plan.foreseen_rad, *(way for _, way in tool_ways(plan.tool))),
-        speed_rad_s=plan.foreseen().fastest_rad_s,
+        speed_rad_s=plan.expected_motion().fastest_rad_s,
         checked=WIRE_CHECKS if wired else ARM_CHECKS,
         not_checked=(*plan.not_checked, plan.shortfall),
         most=rules.max_captures + rules.checks_for(rules.max_captures) + points,
@@ -74,18 +74,25 @@ def tool_predictions(plan: ToolPlan | None) -> tuple[Prediction, ...]:
     return (tip, Prediction("axes", plan.angle_u_rad, "rad", limits))
 
 
-def zero_changes(bench: Bench, found: Identified) -> tuple[Change, ...]:
+def zero_changes(bench: Bench, found: ArmIdentification) -> tuple[ValueChange, ...]:
     """Return each joint's counts at zero before and after, and by how much its zero turns."""
-    names = bench.nominal().joint_names
+    names = bench.nominal_model().joint_names
     counts = zip(names, bench.counts_at_zero, found.mastering, strict=True)
     turned = zip(names, found.written_offsets_rad, strict=True)
     return (
-        *(Change(f"{name}: counts at zero", float(old), float(new), "count") for name, old, new in counts),
-        *(Change(f"{name}: zero turns by", 0.0, angle, "rad") for name, angle in turned),
+        *(
+            ValueChange(f"{name}: counts at zero", float(old), float(new), "count")
+            for name, old, new in counts
+        ),
+        *(ValueChange(f"{name}: zero turns by", 0.0, angle, "rad") for name, angle in turned),
     )
 
 
-def zero_displacement(bench: Bench, plan: CalibrationPlan, found: Identified) -> dict[str, float | str]:
+def zero_displacement(
+    bench: Bench, plan: CalibrationPlan, found: ArmIdentification
+) -> dict[str, float | str]:
     """Return by how much the target is displaced at most by new zeros, over postures of the work."""
     postures = plan.tests[:_POSTURES] or (bench.joints_rad,)
-    return joint_displacement(bench.nominal(), postures, found.written_offsets_rad, bench.target_in_flange_m)
+    return joint_displacement(
+        bench.nominal_model(), postures, found.written_offsets_rad, bench.target_in_flange_m
+    )

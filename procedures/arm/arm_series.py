@@ -8,13 +8,20 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
+from cellcal.procedures.arm.arm_bench import (
+    ArmCapture,
+    Bench,
+    capture_arm,
+    captures_agree,
+    distance_m,
+    noise_m,
+)
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
-from cellcal.procedures.steps.motion import follow
+from cellcal.procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, check_station
+from cellcal.procedures.steps.motion import follow_way
 from cellcal.procedures.verdict import SetAside
 
 RETURN_SIGMA_M = 1.5e-4  # of an arm that comes back to a pose after a long series, its own warmth included
@@ -22,12 +29,12 @@ ON_THE_WAY_RAD = 0.02  # an approach from below leaves the way by one degree
 
 
 @dataclass(slots=True)
-class Visits:
+class ArmVisits:
     """Where a series stands between steps; everything in it comes from findings."""
 
     run: Run
     bench: Bench
-    pace: Pace
+    pace: SpeedLimit
     samples: int
     here_rad: Joints
     taken: list[ArmCapture] = field(default_factory=list)
@@ -38,7 +45,7 @@ class Visits:
     target: int = 0  # which point of the end-effector is measured; 0: the target on the flange
     first_rad: Joints | None = None  # the pose that was gone to first
 
-    def captures(self) -> tuple[ArmCapture, ...]:
+    def valid_captures(self) -> tuple[ArmCapture, ...]:
         """Return the captures in force."""
         return tuple(self.taken)
 
@@ -47,22 +54,22 @@ class Visits:
         left_out = (SetAside(self.sources[k], LEFT_OUT) for k in rejected)
         return (*self.set_aside, *left_out)
 
-    async def rest(self, way_rad: tuple[Joints, ...]) -> None:
+    async def go_to_rest(self, way_rad: tuple[Joints, ...]) -> None:
         """Go where every pose has a free way to."""
-        await self._go("go to rest", way_rad)
+        await self._go_along("go to rest", way_rad)
 
-    async def visit(self, way_rad: tuple[Joints, ...], again: int = -1) -> None:
+    async def visit_pose(self, way_rad: tuple[Joints, ...], again: int = -1) -> None:
         """Go along a way and measure at its end; ``again`` is the capture that is doubted, -1 for none."""
         self.count += 1
         source = f"capture {self.count}"
         self.first_rad = self.first_rad or way_rad[-1]
-        found = await self._measure(f"go to pose {self.count}", source, f"pose {self.count}", way_rad)
+        found = await self._go_and_capture(f"go to pose {self.count}", source, f"pose {self.count}", way_rad)
         if again < 0:
             self.taken.append(found)
             self.sources.append(source)
             return
         self.retaken.append(again)
-        if not agree(self.taken[again], found, self.bench.sigma_m):
+        if not captures_agree(self.taken[again], found, self.bench.sigma_m):
             self.set_aside.append(SetAside(self.sources[again], MEASURED_AGAIN))
             self.taken[again], self.sources[again] = found, source
         else:
@@ -71,20 +78,22 @@ class Visits:
     async def visit_point(self, number: int, way_rad: tuple[Joints, ...]) -> None:
         """Go along a way and measure the end-effector's point at its end; its captures have numbers of their own."""
         source, label = f"capture point {number}", f"point {self.target}, pose {number}"
-        self.taken.append(await self._measure(f"go to point pose {number}", source, label, way_rad))
+        self.taken.append(await self._go_and_capture(f"go to point pose {number}", source, label, way_rad))
         self.sources.append(source)
 
-    async def change(self, number: int, target: int, pace: Pace, way_rad: tuple[Joints, ...]) -> None:
+    async def change_target(
+        self, number: int, target: int, pace: SpeedLimit, way_rad: tuple[Joints, ...]
+    ) -> None:
         """Go to where hook or target can be changed; from then on the other one is measured, at its own pace."""
-        await self._go(f"go to change {number}", way_rad)
+        await self._go_along(f"go to change {number}", way_rad)
         self.target, self.pace = target, pace
 
-    async def check(self, kind: str, number: int, way_rad: tuple[Joints, ...]) -> ArmCapture:
+    async def check_pose(self, kind: str, number: int, way_rad: tuple[Joints, ...]) -> ArmCapture:
         """Go along a way and measure at its end for a check; the capture takes part in no fit."""
         label = f"{kind} {number}"
-        return await self._measure(f"go to {label}", f"capture {label}", label, way_rad)
+        return await self._go_and_capture(f"go to {label}", f"capture {label}", label, way_rad)
 
-    async def hold_device(self, way_rad: tuple[Joints, ...]) -> float:
+    async def check_device(self, way_rad: tuple[Joints, ...]) -> float:
         """Measure the first pose once more at the end; return how far it then is [m].
 
         Raises
@@ -92,25 +101,27 @@ class Visits:
         StationMovedError
             Tripod, hook or base moved meanwhile: the captures cannot be put together.
         """
-        again = await self.check("station", 1, way_rad)
-        return held_device(self.bench, self.taken[0], again)
+        again = await self.check_pose("station", 1, way_rad)
+        return device_shift_m(self.bench, self.taken[0], again)
 
-    async def _measure(self, move: str, step: str, label: str, way_rad: tuple[Joints, ...]) -> ArmCapture:
-        await self._go(move, way_rad)
+    async def _go_and_capture(
+        self, move: str, step: str, label: str, way_rad: tuple[Joints, ...]
+    ) -> ArmCapture:
+        await self._go_along(move, way_rad)
         return await self.run.step(
             step, capture_arm, label, self.samples, self.bench.method, target=self.target
         )
 
-    async def _go(self, move: str, way_rad: tuple[Joints, ...]) -> None:
+    async def _go_along(self, move: str, way_rad: tuple[Joints, ...]) -> None:
         planned = (self.here_rad, *way_rad)
         wired = (
             self.bench.method == "wire" and not self.target
         )  # the gate knows the hook of the cell file only
-        await self.run.move(move, go_on, planned, self.pace, wired=wired)
+        await self.run.move(move, go_on_along, planned, self.pace, wired=wired)
         self.here_rad = way_rad[-1]
 
 
-def held_device(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
+def device_shift_m(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
     """Return how far two captures of one pose are apart [m]; refuse more than arm and device scatter.
 
     A person does not bring the arm to quite the same joints: what these differ by is left to the arm.
@@ -119,8 +130,8 @@ def held_device(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
     tips = model.tip_positions(joints, np.array(bench.target_in_flange_m))
     sigma_m = float(np.hypot(RETURN_SIGMA_M, np.linalg.norm(tips[1] - tips[0])))
     if isinstance(first, PointCapture) and isinstance(again, PointCapture):
-        return hold_station(first, again, sigma_m)
-    distance = apart_m(first, again)
+        return check_station(first, again, sigma_m)
+    distance = distance_m(first, again)
     if distance > SAME_SIGMAS * float(np.hypot(sigma_m, np.hypot(noise_m(first), noise_m(again)))):
         raise StationMovedError(
             f"{again.label}: the wire is {distance * 1e3:.3f} mm longer or shorter than in {first.label}",
@@ -129,25 +140,27 @@ def held_device(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
     return distance
 
 
-async def go_on(cell: Cell, planned_rad: tuple[Joints, ...], pace: Pace, *, wired: bool) -> Joints:
+async def go_on_along(
+    cell: Cell, planned_rad: tuple[Joints, ...], pace: SpeedLimit, *, wired: bool
+) -> Joints:
     """Go along a planned way from the posture it begins at; one that was begun is gone on with where the arm stands.
 
     Back to its beginning, or straight to a corner that lies behind, no way was checked.
     """
-    here = (await cell.robot.joints()).joints_rad
-    way = left_of(planned_rad, here)
-    return await follow(cell, way, pace.joint_speed_rad_s, wired=wired, pace=pace)
+    here = (await cell.robot.read_joints()).joints_rad
+    way = remaining_corners(planned_rad, here)
+    return await follow_way(cell, way, pace.joint_speed_rad_s, wired=wired, pace=pace)
 
 
-def left_of(planned_rad: tuple[Joints, ...], here_rad: Joints) -> tuple[Joints, ...]:
+def remaining_corners(planned_rad: tuple[Joints, ...], here_rad: Joints) -> tuple[Joints, ...]:
     """Return the corners that are left of a way for an arm that stands on it; all of them if it stands elsewhere."""
     legs = pairwise(np.array(planned_rad))
-    gaps = [_gap(start, end, np.array(here_rad)) for start, end in legs]
+    gaps = [_line_gap(start, end, np.array(here_rad)) for start, end in legs]
     on = [k for k, gap in enumerate(gaps) if gap <= ON_THE_WAY_RAD]
     return planned_rad[1 + (max(on) if on else 0) :]
 
 
-def _gap(start_rad: Array, end_rad: Array, here_rad: Array) -> float:
+def _line_gap(start_rad: Array, end_rad: Array, here_rad: Array) -> float:
     """Return how far a posture is from a straight joint move, in the joint that is off most [rad]."""
     way = end_rad - start_rad
     length = float(way @ way)

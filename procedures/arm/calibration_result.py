@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import not_identified
 from cellcal.calibration.identification.offset_acceptance import accept_offsets
 from cellcal.calibration.identification.parameters import OFFSETS
@@ -15,20 +15,20 @@ from cellcal.calibration.identification.tip_uncertainty import offset_slopes
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
-    believed_sigma,
     errors_at,
+    fit_placement,
     found_correlations,
     found_parameters,
     outlook_from,
-    placed,
     predicted_sigma,
-    target_u,
+    reading_sigma,
+    target_expanded_u,
 )
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.drivers.interfaces import Counts
-from cellcal.procedures.arm.arm_bench import ArmCapture, joints_of, observed, of_target, values_of
-from cellcal.procedures.arm.calibration_plan import Series, fitted, fixed_plan_captures
+from cellcal.procedures.arm.arm_bench import ArmCapture, joints_of, observations_of, of_target, values_of
+from cellcal.procedures.arm.calibration_plan import CalibrationSeries, fit_captures, fixed_plan_captures
 from cellcal.procedures.arm.tool_result import FoundTool, find_tool
 
 OFFSETS_EXPLAIN = (
@@ -37,7 +37,7 @@ OFFSETS_EXPLAIN = (
 
 
 @dataclass(frozen=True, slots=True)
-class FoundOffset:
+class JointOffset:
     """One joint's zero as a table of four numbers a joint has it: true minus shown, U with k = 2."""
 
     name: str
@@ -47,7 +47,7 @@ class FoundOffset:
 
 
 @dataclass(frozen=True, slots=True)
-class Hidden:
+class HiddenParameter:
     """What these readings cannot tell."""
 
     parameter: str
@@ -56,7 +56,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, slots=True)
-class HoldOut:
+class HoldOutErrors:
     """Errors of readings at poses that took no part in the fit, a coordinate [m]."""
 
     captures: int
@@ -74,31 +74,31 @@ class HoldOut:
         return chi_square_limit(self.degrees_of_freedom)
 
     @property
-    def as_predicted(self) -> bool:
+    def is_as_predicted(self) -> bool:
         """Whether the errors are no larger than the stated uncertainty allows."""
         return self.chi_square <= self.most_chi_square
 
     @property
-    def offsets_explain(self) -> bool:
+    def is_explained_by_offsets(self) -> bool:
         """Whether joint zeros alone predict the check poses as well as the whole model."""
         return self.offsets_only_rms_m <= OFFSETS_EXPLAIN * self.after_rms_m
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class ArmIdentification:
     """The arm as found, with all that may be believed of it."""
 
     arm: CalibratedArm
-    offsets: tuple[FoundOffset, ...]
+    offsets: tuple[JointOffset, ...]
     offsets_accepted: (
         str  # pass | fail | undecided against the acceptance angular standard deviation; "" if not asked
     )
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[HiddenParameter, ...]
     tip_u_m: float  # k = 2, over the work: RMS …
     tip_u_max_m: float  # … and at the worst posture
     residual_rms_m: float
     rejected: tuple[int, ...]  # captures, from 0
-    hold_out: HoldOut
+    hold_out: HoldOutErrors
     captures: int
     fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
     mastering: Counts  # counts at zero that would take the joint zeros away; empty if that cannot be said
@@ -106,7 +106,7 @@ class Identified:
     tool: FoundTool | None = None  # where points of the end-effector were measured, too
 
     @property
-    def saving(self) -> str:
+    def saving_text(self) -> str:
         """What choosing the poses saved, in words."""
         if self.fixed_plan_captures is None:
             return f"{self.captures} captures; evenly drawn poses do not reach this U at all"
@@ -118,18 +118,18 @@ class Identified:
 
 
 def identify_arm(
-    series: Series, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]
-) -> Identified:
+    series: CalibrationSeries, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]
+) -> ArmIdentification:
     """Fit the arm to the captures, and see what that is worth at the check poses."""
-    task, plan = series.task(), series.plan
-    robust = fitted(task, captures)
-    u_m, u_max_m = target_u(outlook_from(task, robust), series.test_poses())
+    task, plan = series.make_task(), series.plan
+    robust = fit_captures(task, captures)
+    u_m, u_max_m = target_expanded_u(outlook_from(task, robust), series.test_poses())
     state, goal = robust.fit.state, plan.goal
-    kept = np.delete(errors_at(state, observed(task, captures)), robust.rejected, axis=1)
+    kept_errors = np.delete(errors_at(state, observations_of(task, captures)), robust.rejected, axis=1)
     accepted = ""
     if goal.offset_sigma_rad is not None:
         accepted = accept_offsets(robust, goal.offset_sigma_rad, goal.offsets_of).verdict.value
-    zero, turned = _mastering(series, captures)
+    zero, turned = _corrected_mastering(series, captures)
     x, y, z = (float(v) for v in state.flange_tool[:3, 3])
     arm = CalibratedArm(
         robot_serial=series.bench.serial,
@@ -141,14 +141,14 @@ def identify_arm(
         fitted_joints_rad=tuple(capture.joints_rad for capture in captures),
         correlations=found_correlations(robust.fit),
     )
-    return Identified(
+    return ArmIdentification(
         arm=arm,
-        offsets=_offsets(robust.fit),
+        offsets=_joint_offsets(robust.fit),
         offsets_accepted=accepted,
-        hidden=tuple(Hidden(h.parameter, h.partner, h.cure) for h in not_identified(robust.fit)),
+        hidden=tuple(HiddenParameter(h.parameter, h.partner, h.cure) for h in not_identified(robust.fit)),
         tip_u_m=u_m,
         tip_u_max_m=u_max_m,
-        residual_rms_m=_rms(kept),
+        residual_rms_m=_rms_of(kept_errors),
         rejected=tuple(int(k) for k in robust.rejected),
         hold_out=_hold_out(task, captures, of_target(checks, 0)),
         captures=len(of_target(captures, 0)),
@@ -161,7 +161,7 @@ def identify_arm(
     )
 
 
-def after_mastering(
+def arm_after_mastering(
     arm: CalibratedArm, written_rad: tuple[float, ...], counts_at_zero: Counts
 ) -> CalibratedArm:
     """Return the parameters as they are once some of the zeros were written into the robot."""
@@ -172,63 +172,67 @@ def after_mastering(
 
 
 def errors_after(
-    series: Series,
+    series: CalibrationSeries,
     captures: tuple[ArmCapture, ...],
     written_rad: tuple[float, ...],
     finals: tuple[ArmCapture, ...],
 ) -> float:
     """Return the RMS error [m] of readings after the zeros were written, against what the fit says of them."""
-    task, joints = series.task(), joints_of(finals, len(written_rad))
-    as_before = task.observations(joints - np.array(written_rad), values_of(finals))
-    return _rms(errors_at(fitted(task, captures).fit.state, as_before))
+    task, joints = series.make_task(), joints_of(finals, len(written_rad))
+    as_before = task.to_observations(joints - np.array(written_rad), values_of(finals))
+    return _rms_of(errors_at(fit_captures(task, captures).fit.state, as_before))
 
 
-def _hold_out(task: ArmTask, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]) -> HoldOut:
-    seen, robust = observed(task, checks), fitted(task, captures)
-    nominal = placed(task, observed(task, captures), {}).state
-    before, after = errors_at(nominal, seen), errors_at(robust.fit.state, seen)
-    zeros = errors_at(fitted(task, captures, OFFSETS).fit.state, seen)
-    sigma = np.hypot(predicted_sigma(robust.fit, task, seen.joints_rad), believed_sigma(task, robust))
-    return HoldOut(
+def _hold_out(
+    task: ArmTask, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]
+) -> HoldOutErrors:
+    check_rows, robust = observations_of(task, checks), fit_captures(task, captures)
+    nominal = fit_placement(task, observations_of(task, captures), {}).state
+    before, after = errors_at(nominal, check_rows), errors_at(robust.fit.state, check_rows)
+    zeros = errors_at(fit_captures(task, captures, OFFSETS).fit.state, check_rows)
+    sigma = np.hypot(predicted_sigma(robust.fit, task, check_rows.joints_rad), reading_sigma(task, robust))
+    return HoldOutErrors(
         captures=len(checks),
-        before_rms_m=_rms(before),
+        before_rms_m=_rms_of(before),
         before_max_m=float(np.linalg.norm(before, axis=0).max()),
-        after_rms_m=_rms(after),
+        after_rms_m=_rms_of(after),
         after_max_m=float(np.linalg.norm(after, axis=0).max()),
-        offsets_only_rms_m=_rms(zeros),
+        offsets_only_rms_m=_rms_of(zeros),
         chi_square=float(((after / sigma) ** 2).sum()),
         degrees_of_freedom=int(after.size),
     )
 
 
-def _offsets(fit: Fit) -> tuple[FoundOffset, ...]:
+def _joint_offsets(fit: ArmFit) -> tuple[JointOffset, ...]:
     parameters = {p.name: p for p in found_parameters(fit)}
     found = []
     for name, slope in offset_slopes(fit).items():
         sigma = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0))
-        known = sigma < 0.5 * parameters[name].prior
-        found.append(FoundOffset(name, parameters[name].value, 2.0 * sigma, known))
+        is_known = sigma < 0.5 * parameters[name].prior
+        found.append(JointOffset(name, parameters[name].value, 2.0 * sigma, is_known))
     return tuple(found)
 
 
-def _mastering(series: Series, captures: tuple[ArmCapture, ...]) -> tuple[Counts, tuple[float, ...]]:
+def _corrected_mastering(
+    series: CalibrationSeries, captures: tuple[ArmCapture, ...]
+) -> tuple[Counts, tuple[float, ...]]:
     """Return counts at zero without the joint zeros that are known, and by how much that turns each joint."""
     drive, zero = series.bench.drive, series.bench.counts_at_zero
     if drive is None or not zero:
         return (), ()
-    fit = fitted(series.task(), captures, OFFSETS).fit
-    known = {p.name: p.value for p in found_parameters(fit) if p.role == "offset" and p.known}
+    fit = fit_captures(series.make_task(), captures, OFFSETS).fit
+    known_offsets = {p.name: p.value for p in found_parameters(fit) if p.role == "offset" and p.is_determined}
     model = load_model(series.bench.model)
-    coupled = np.array([known.get(f"J{k + 1} offset", 0.0) for k in range(model.axes)])
-    return _written(drive, zero, np.linalg.solve(model.joint_coupling, coupled))
+    coupled = np.array([known_offsets.get(f"J{k + 1} offset", 0.0) for k in range(model.axis_count)])
+    return _written_counts(drive, zero, np.linalg.solve(model.joint_coupling, coupled))
 
 
-def _written(drive: DriveTrain, zero: Counts, turned_rad: Array) -> tuple[Counts, tuple[float, ...]]:
+def _written_counts(drive: DriveTrain, zero: Counts, turned_rad: Array) -> tuple[Counts, tuple[float, ...]]:
     per_count = np.array(drive.radians_per_count)
     change = np.rint(np.linalg.solve(per_count, turned_rad))
     counts = tuple(int(before - by) for before, by in zip(zero, change, strict=True))
     return counts, tuple(float(angle) for angle in per_count @ change)
 
 
-def _rms(errors_m: Array) -> float:
+def _rms_of(errors_m: Array) -> float:
     return float(np.sqrt(np.mean(errors_m**2)))

@@ -2,53 +2,53 @@
 
 import math
 
-from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
-from cellcal.procedures.arm.calibration_result import Identified
+from cellcal.procedures.accuracy_limits import CHECK, limits_in_force, limits_text
+from cellcal.procedures.arm.calibration_result import ArmIdentification
+from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration
 from cellcal.procedures.arm.tool_write import UNTOLD_AXES, tool_figures
-from cellcal.procedures.judged_write import frame_changes
-from cellcal.procedures.limits import CHECK, chosen, told
 from cellcal.procedures.verdict import (
-    Change,
     Characteristic,
-    Verdict,
-    enough,
-    held,
-    judged,
+    ProcedureVerdict,
+    ValueChange,
+    judge_value,
     known_within,
-    stated,
+    state_evidence,
+    state_fact,
+    state_figure,
 )
+from cellcal.procedures.write_review import frame_changes
 
 
-def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
+def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) -> ProcedureVerdict:
     """Return the verdict: by poses that were not fitted, and by what was asked for."""
     found, out = result.identified, result.identified.hold_out
-    limits = chosen(CHECK, spec.accuracy_class, spec.limits)
-    seen = "along the wire" if spec.method == "wire" else "a coordinate"
+    limits = limits_in_force(CHECK, spec.accuracy_class, spec.limits)
+    direction_text = "along the wire" if spec.method == "wire" else "a coordinate"
     doubt_m = out.after_rms_m / math.sqrt(2.0 * out.degrees_of_freedom)
-    return Verdict(
+    return ProcedureVerdict(
         (
-            judged(
-                f"RMS error at poses that were not fitted, {seen}", out.after_rms_m, "m",
+            judge_value(
+                f"RMS error at poses that were not fitted, {direction_text}", out.after_rms_m, "m",
                 u=doubt_m, limit=limits.check_rms_m, degrees_of_freedom=out.degrees_of_freedom,
             ),
-            held(
-                "the check poses agree with the stated uncertainty", out.as_predicted,
+            state_fact(
+                "the check poses agree with the stated uncertainty", out.is_as_predicted,
                 "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
                 limit=out.most_chi_square,
             ),
-            *_goals(spec, found),
+            *_goal_figures(spec, found),
             *(() if found.tool is None else tool_figures(found.tool, spec.limits_of_tool())),
-            stated("largest error at poses that were not fitted", out.after_max_m, "m"),
-            stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
-            stated("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
-            *_zeros(found),
+            state_figure("largest error at poses that were not fitted", out.after_max_m, "m"),
+            state_figure("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
+            state_figure("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
+            *_zero_figures(found),
         ),
-        limits_from=told(spec.accuracy_class, spec.limits),
+        limits_from=limits_text(spec.accuracy_class, spec.limits),
         not_verified=_not_verified(spec, result),
-        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ()), *_of_tool(result)),
+        remarks=(found.saving_text, *((result.why_ended,) if result.why_ended else ()), *_tool_remarks(result)),
         changes=(
-            Change("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
-            Change("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
+            ValueChange("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
+            ValueChange("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
             *(() if result.tool is None else frame_changes(result.tool.before, result.tool.read_back)),
         ),
         set_aside=result.set_aside,
@@ -56,7 +56,7 @@ def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) ->
     )  # fmt: skip
 
 
-def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, ...]:
+def _goal_figures(spec: RobotCalibration, found: ArmIdentification) -> tuple[Characteristic, ...]:
     figures = []
     if spec.tip_u_m is not None:
         name = "target over the work, RMS of what the parameters leave open"
@@ -69,25 +69,28 @@ def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, .
         )
         holds, limit = found.offsets_accepted == "pass", spec.offset_sigma_rad
         figures.append(
-            enough(
+            state_evidence(
                 "acceptance angular standard deviation", holds, rule, found=largest, limit=limit, unit="rad"
             )
         )
     return tuple(figures)
 
 
-def _of_tool(result: CalibrationResult) -> tuple[str, ...]:
+def _tool_remarks(result: CalibrationResult) -> tuple[str, ...]:
     found, not_written = result.identified.tool, result.tool_not_written
     if found is None:
         return ()
     counts = ", ".join(map(str, found.captures))
-    told = f"Captures at the points of the end-effector: {counts}"
-    return (told, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
+    message = f"Captures at the points of the end-effector: {counts}"
+    return (message, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
 
 
-def _zeros(found: Identified) -> tuple[Characteristic, ...]:
-    known = (offset for offset in found.offsets if offset.known)
-    return tuple(stated(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0) for o in known)
+def _zero_figures(found: ArmIdentification) -> tuple[Characteristic, ...]:
+    known_offsets = (offset for offset in found.offsets if offset.known)
+    return tuple(
+        state_figure(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0)
+        for o in known_offsets
+    )
 
 
 def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from cellcal.calibration.poses.next_pose import spread_order
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import Bench, Triple
 from cellcal.procedures.arm.arm_motion import (
-    Reach,
+    MotionSpace,
     Roadmap,
     draw_poses,
     map_roads,
@@ -24,8 +24,8 @@ from cellcal.procedures.arm.arm_motion import (
     ways_through,
     wound_on_way,
 )
-from cellcal.procedures.motion.pace import Pace, Paced
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
 from cellcal.procedures.survey.survey_motion import survey_limits
 
 SHRINK, SMALLEST_SHARE = 0.8, 0.3
@@ -47,7 +47,7 @@ class CubeRules(Protocol):
     @property
     def seed(self) -> int: ...
     @property
-    def room(self) -> Room: ...
+    def room(self) -> MotionBounds: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,21 +61,21 @@ class CubePlan:
     first_round_rad: tuple[tuple[Joints, ...], ...]
     round_rad: tuple[tuple[Joints, ...], ...]
     way_to_rest_rad: tuple[Joints, ...]
-    pace: Pace
+    pace: SpeedLimit
     not_checked: tuple[str, ...]
 
-    def round(self) -> Paced:
+    def round_motion(self) -> TimedMotion:
         """Return how far and how long the arm goes once round the cube."""
-        return self.pace.along(self.tests_rad[-1], self.round_rad)
+        return self.pace.time_ways(self.tests_rad[-1], self.round_rad)
 
-    def paced(self, cycles: int) -> Paced:
+    def total_motion(self, cycles: int) -> TimedMotion:
         """Return how far and how long the arm goes in all, with so many rounds."""
-        begun = self.pace.along(self.way_to_rest_rad[-1], (*self.placing_rad, *self.first_round_rad))
-        return begun + self.round().times(cycles - 1)
+        begun = self.pace.time_ways(self.way_to_rest_rad[-1], (*self.placing_rad, *self.first_round_rad))
+        return begun + self.round_motion().repeat_motion(cycles - 1)
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _TestPose:
     """A test pose with the hub on which it hangs, and how far a wire is wound there."""
 
     pose_rad: Joints
@@ -91,7 +91,7 @@ def plan_cube(bench: Bench, rules: CubeRules) -> CubePlan:
     DegenerateDataError
         Not even a cube of a third of the size can.
     """
-    reach = Reach.of(bench, rules.room)
+    reach = MotionSpace.from_bench(bench, rules.room)
     drawn = draw_poses(reach, rules.candidates, rules.seed)
     to_rest = way_to_rest(reach, bench.joints_rad, drawn)
     roads = map_roads(reach, to_rest[-1], drawn)
@@ -105,7 +105,7 @@ def plan_cube(bench: Bench, rules: CubeRules) -> CubePlan:
         (*roads.hub_of, *(one.hub for one in found)),
         (*roads.wound_rad, *(one.wound_rad for one in found)),
     )
-    placing = _placing(reach, roads, to_rest[-1], rules.placing, len(tests))
+    placing = _ways_to_placing(reach, roads, to_rest[-1], rules.placing, len(tests))
     here = placing[-1][-1]
     return CubePlan(
         centre_m=centre,
@@ -115,18 +115,20 @@ def plan_cube(bench: Bench, rules: CubeRules) -> CubePlan:
         first_round_rad=ways_through(reach, roads, here, tests),
         round_rad=ways_through(reach, roads, tests[-1], tests),
         way_to_rest_rad=to_rest,
-        pace=reach.pace(bench.limits.speed_rad_s),
+        pace=reach.speed_limit(bench.limits.speed_rad_s),
         not_checked=reach.not_checked(),
     )
 
 
 def _largest_cube(
-    bench: Bench, reach: Reach, roads: Roadmap, wanted: tuple[tuple[Triple, ...], float]
-) -> tuple[Triple, float, tuple[_Found, ...]]:
+    bench: Bench, reach: MotionSpace, roads: Roadmap, largest: tuple[tuple[Triple, ...], float]
+) -> tuple[Triple, float, tuple[_TestPose, ...]]:
     """Return the largest cube that has its five poses; of those as large, the one that is gone round soonest."""
-    centres, side = wanted
-    while side >= SMALLEST_SHARE * wanted[1]:
-        fives = [(centre, _five(bench, reach, roads, cube_positions(centre, side))) for centre in centres]
+    centres, side = largest
+    while side >= SMALLEST_SHARE * largest[1]:
+        fives = [
+            (centre, _five_poses(bench, reach, roads, cube_positions(centre, side))) for centre in centres
+        ]
         whole = [(centre, found) for centre, found in fives if len(found) == FULL_POSES]
         if whole:
             centre, found = min(whole, key=lambda one: _turned_rad(one[1]))
@@ -139,7 +141,7 @@ def _largest_cube(
     )
 
 
-def _dense_places(reach: Reach, roads: Roadmap, side_m: float) -> tuple[Triple, ...]:
+def _dense_places(reach: MotionSpace, roads: Roadmap, side_m: float) -> tuple[Triple, ...]:
     """Return places, to the centimetre and apart, about which the target can be put in most postures."""
     targets = reach.targets_m(np.array(roads.poses_rad))
     apart = np.linalg.norm(targets[:, None] - targets[None], axis=2)
@@ -151,14 +153,14 @@ def _dense_places(reach: Reach, roads: Roadmap, side_m: float) -> tuple[Triple, 
     return tuple((x, y, z) for x, y, z in places)
 
 
-def _turned_rad(found: tuple[_Found, ...]) -> float:
+def _turned_rad(found: tuple[_TestPose, ...]) -> float:
     """Return the way of the slowest joint once round these poses."""
     poses = np.array([one.pose_rad for one in (*found, found[0])])
     return float(np.abs(np.diff(poses, axis=0)).max(axis=1).sum())
 
 
-def _placing(
-    reach: Reach, roads: Roadmap, rest_rad: Joints, count: int, tests: int
+def _ways_to_placing(
+    reach: MotionSpace, roads: Roadmap, rest_rad: Joints, count: int, tests: int
 ) -> tuple[tuple[Joints, ...], ...]:
     """Return ways to poses far from each other and from the test poses."""
     every = np.array(roads.poses_rad)
@@ -167,9 +169,9 @@ def _placing(
     return ordered_ways(reach, roads, rest_rad, tuple(roads.poses_rad[k] for k in chosen))
 
 
-def _five(bench: Bench, reach: Reach, roads: Roadmap, places_m: Array) -> tuple[_Found, ...]:
+def _five_poses(bench: Bench, reach: MotionSpace, roads: Roadmap, places_m: Array) -> tuple[_TestPose, ...]:
     """Return a posture for each place, as long as there is one."""
-    found: list[_Found] = []
+    found: list[_TestPose] = []
     for place in places_m:
         pose = _posture_at(bench, reach, roads, place, found)
         if pose is None:
@@ -179,32 +181,32 @@ def _five(bench: Bench, reach: Reach, roads: Roadmap, places_m: Array) -> tuple[
 
 
 def _posture_at(
-    bench: Bench, reach: Reach, roads: Roadmap, place_m: Array, found: Sequence[_Found]
-) -> _Found | None:
+    bench: Bench, reach: MotionSpace, roads: Roadmap, place_m: Array, found: Sequence[_TestPose]
+) -> _TestPose | None:
     """Return a posture that puts the target at a place: one of those found, or a drawn one, moved there.
 
     The first found is the cube's middle: about it the arm turns least, and its attitude changes least.
     """
     every = np.array(roads.poses_rad)
     nearest = np.argsort(np.linalg.norm(reach.targets_m(every) - place_m, axis=1))[:_TRIED]
-    drawn = (_Found(roads.poses_rad[k], roads.hub_of[k], roads.wound_rad[k]) for k in nearest)
+    drawn = (_TestPose(roads.poses_rad[k], roads.hub_of[k], roads.wound_rad[k]) for k in nearest)
     limits = survey_limits(reach.wire, reach.room, 0.5)
     for near in (*found, *drawn):
         moved = _moved_to(bench, reach, np.array(near.pose_rad), place_m)
         if (
             moved is None
-            or not allowed_postures(bench.nominal(), moved[None], limits, reach.target_in_flange_m)[0]
+            or not allowed_postures(bench.nominal_model(), moved[None], limits, reach.target_in_flange_m)[0]
         ):
             continue
         pose = tuple(float(q) for q in moved)
         if way_is_free(reach, roads.hubs_rad[near.hub], pose):
-            return _Found(pose, near.hub, near.wound_rad + wound_on_way(reach, near.pose_rad, pose))
+            return _TestPose(pose, near.hub, near.wound_rad + wound_on_way(reach, near.pose_rad, pose))
     return None
 
 
-def _moved_to(bench: Bench, reach: Reach, joints_rad: Array, place_m: Array) -> Array | None:
+def _moved_to(bench: Bench, reach: MotionSpace, joints_rad: Array, place_m: Array) -> Array | None:
     """Return the joints nearby that put the target there, by Newton's steps; None if they do not end."""
-    model, target = bench.nominal(), np.array(reach.target_in_flange_m)
+    model, target = bench.nominal_model(), np.array(reach.target_in_flange_m)
     joints = joints_rad.copy()
     for _ in range(_STEPS):
         tips, jacobian = model.tip_jacobian(joints[None], target)

@@ -7,12 +7,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from cellcal.calibration.drift.causes import telling_order
+from cellcal.calibration.drift.causes import most_informative_order
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import Bench, Method
 from cellcal.procedures.arm.arm_motion import (
-    Reach,
+    MotionSpace,
     draw_poses,
     map_roads,
     way_is_free,
@@ -20,8 +20,8 @@ from cellcal.procedures.arm.arm_motion import (
     way_to_rest,
 )
 from cellcal.procedures.forecast import Knowledge
-from cellcal.procedures.motion.pace import Pace, Paced
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
 from cellcal.procedures.run import RefusalError
 
 REPEAT_M = 3e-5  # how well an arm of this class comes back to a pose from the same side, one coordinate
@@ -40,7 +40,7 @@ class DriftRules:
     samples: Annotated[int, Field(ge=1, le=1000)] = 5
     probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.9  # from which a cause is named
     seed: Annotated[int, Field(ge=0)] = 1
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,29 +49,29 @@ class DriftPlan:
 
     ways_rad: tuple[tuple[Joints, ...], ...]
     way_to_rest_rad: tuple[Joints, ...]
-    pace: Pace
+    pace: SpeedLimit
     not_checked: tuple[str, ...]
 
-    def paced(self, poses: int | None = None) -> Paced:
+    def total_motion(self, poses: int | None = None) -> TimedMotion:
         """Return how far and how long the arm goes to the first so many poses, or to all."""
-        return self.pace.along(self.way_to_rest_rad[-1], self.ways_rad[:poses])
+        return self.pace.time_ways(self.way_to_rest_rad[-1], self.ways_rad[:poses])
 
 
 def plan_reference(bench: Bench, rules: DriftRules) -> DriftPlan:
     """Plan the poses at which the causes of a change look most different; each with a free way from the rest."""
-    reach = Reach.of(bench, rules.room)
+    reach = MotionSpace.from_bench(bench, rules.room)
     drawn = draw_poses(reach, rules.candidates, rules.seed)
     to_rest = way_to_rest(reach, bench.joints_rad, drawn)
     roads = map_roads(reach, to_rest[-1], drawn)
     near = tuple(pose for pose, hub in zip(roads.poses_rad[1:], roads.hub_of[1:], strict=True) if hub == 0)
     sigma_m = math.sqrt(2.0) * math.hypot(bench.sigma_m / 2.0, REPEAT_M)
-    order = telling_order(bench.task(), np.array(near), sigma_m, rules.poses)
-    return _planned(bench, reach, to_rest, tuple(near[k] for k in order))
+    order = most_informative_order(bench.make_task(), np.array(near), sigma_m, rules.poses)
+    return _make_plan(bench, reach, to_rest, tuple(near[k] for k in order))
 
 
 def plan_check(bench: Bench, reference: DriftReference, rules: DriftRules) -> DriftPlan:
     """Plan the way to the poses of a reference."""
-    reach = Reach.of(bench, rules.room)
+    reach = MotionSpace.from_bench(bench, rules.room)
     drawn = draw_poses(reach, rules.candidates, rules.seed)
     rest = reference.rest_rad
     to_rest = way_to_one(reach, bench.joints_rad, (rest,), drawn)
@@ -82,22 +82,24 @@ def plan_check(bench: Bench, reference: DriftReference, rules: DriftRules) -> Dr
             code="procedure.unreachable",
             remedy="Give the workspace and wire that the reference was taken with, or take a new one (renew).",
         )
-    return _planned(bench, reach, to_rest, reference.poses_rad)
+    return _make_plan(bench, reach, to_rest, reference.poses_rad)
 
 
-def _planned(bench: Bench, reach: Reach, to_rest: tuple[Joints, ...], poses: tuple[Joints, ...]) -> DriftPlan:
+def _make_plan(
+    bench: Bench, reach: MotionSpace, to_rest: tuple[Joints, ...], poses: tuple[Joints, ...]
+) -> DriftPlan:
     rest = to_rest[-1]
     ways = tuple((rest, pose) for pose in poses)  # always by way of the rest: the same approach every time
-    return DriftPlan(ways, to_rest, reach.pace(bench.limits.speed_rad_s), reach.not_checked())
+    return DriftPlan(ways, to_rest, reach.speed_limit(bench.limits.speed_rad_s), reach.not_checked())
 
 
-def noise_before_m(known: Knowledge, method: Method, samples: int) -> float:
+def noise_before_m(knowledge: Knowledge, method: Method, samples: int) -> float:
     """Return the standard deviation [m] of one coordinate of a capture, as its device will state it; 0 unknown."""
     if method == "wire":
-        gauge = known.gauge
+        gauge = knowledge.gauge
         # noise alone: what a wire gets wrong every time is the same in both rounds
         return (
             0.0 if gauge is None else math.hypot(gauge.sigma_m / 2.0 / math.sqrt(samples), gauge.resolution_m)
         )
-    sees = known.tracker
+    sees = knowledge.tracker
     return 0.0 if sees is None else sees.sigma_m + sees.sigma_per_m * ASSUMED_DISTANCE_M

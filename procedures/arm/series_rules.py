@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, Triple
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.plans import MotionBounds
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class SeriesRules:
     point_candidates: Annotated[int, Field(ge=16, le=2000)] = 90
     seat_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = 2e-5  # of hook or target in a point, each axis
     drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005)] = 0.0  # of a point's place on the drawing
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
 
     @property
     def point_sigma_m(self) -> float:

@@ -13,12 +13,12 @@ from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_u
 from cellcal.calibration.points.fixture import Triple
 from cellcal.calibration.poses.arm_fit import point_covariance, point_rows
-from cellcal.calibration.poses.measurement_poses import Outlook
-from cellcal.calibration.poses.next_pose import best_for, spread_order
+from cellcal.calibration.poses.measurement_poses import MeasurementOutlook
+from cellcal.calibration.poses.next_pose import choose_for_unknowns, spread_order
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import ArmCapture
 from cellcal.procedures.arm.arm_motion import (
-    Reach,
+    MotionSpace,
     Roadmap,
     Spots,
     draw_poses,
@@ -27,7 +27,7 @@ from cellcal.procedures.arm.arm_motion import (
     way_between,
 )
 from cellcal.procedures.arm.series_rules import SeriesRules
-from cellcal.procedures.motion.pace import Pace, Paced
+from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
 
 # Of a limit: what a point promises before the arm is known as well as it will be.
 _PROMISE = 0.78
@@ -51,19 +51,19 @@ class ToolGoal:
         """Return where the points roughly are in the flange [m]."""
         return points_in_flange(self.rough_flange_tool, self.points_in_tool_m)
 
-    def u(self, covariance_m2: Array) -> tuple[float, float]:
+    def expanded_uncertainties(self, covariance_m2: Array) -> tuple[float, float]:
         """Return U (k = 2) of tip [m] and axes [rad] once the points are known so well."""
         return tool_u(self.rough_flange_tool, self.points_in_tool_m, covariance_m2, self.point_sigma_m)
 
-    def enough(self, least: int, point: int) -> Callable[[int, Outlook], bool]:
+    def stop_rule(self, least: int, point: int) -> Callable[[int, MeasurementOutlook], bool]:
         """Return whether so many captures of a point are expected to do."""
-        return lambda count, known: count >= least and self.promised_by(known, point)
+        return lambda count, outlook: count >= least and self.is_promised_by(outlook, point)
 
-    def promised_by(self, known: Outlook, point: int) -> bool:
+    def is_promised_by(self, outlook: MeasurementOutlook, point: int) -> bool:
         """Tell whether the goal would be met if every point were known as this one is; points count from 1."""
         at = slice(3 * point - 3, 3 * point)
-        every = np.kron(np.eye(len(self.points_in_tool_m)), point_covariance(known)[at, at])
-        tip_u_m, angle_u_rad = self.u(np.asarray(every, dtype=np.float64))
+        every = np.kron(np.eye(len(self.points_in_tool_m)), point_covariance(outlook)[at, at])
+        tip_u_m, angle_u_rad = self.expanded_uncertainties(np.asarray(every, dtype=np.float64))
         return tip_u_m <= _PROMISE * self.tip_u_m and angle_u_rad <= _PROMISE * self.angle_u_rad
 
 
@@ -85,16 +85,16 @@ class ToolPlan:
     captures: tuple[int, ...]  # expected at each
     tip_u_m: float  # expected after them, k = 2
     angle_u_rad: float
-    paces: tuple[Pace, ...] = ()
+    paces: tuple[SpeedLimit, ...] = ()
 
-    def foreseen(self, rest_rad: Joints) -> Paced:
+    def expected_motion(self, rest_rad: Joints) -> TimedMotion:
         """Return how far and how long the arm is expected to go."""
         ways = zip(self.paces, self.points, strict=True)
-        tours = [pace.along(rest_rad, point.foreseen_rad) for pace, point in ways]
+        tours = [pace.time_ways(rest_rad, point.foreseen_rad) for pace, point in ways]
         return sum(tours[1:], start=tours[0])
 
 
-def draw_points(reach: Reach, goal: ToolGoal, rules: SeriesRules) -> Spots:
+def draw_points(reach: MotionSpace, goal: ToolGoal, rules: SeriesRules) -> Spots:
     """Draw postures for every point; the wire's housing stays as it is turned for the flange."""
     mouth_at_m = rules.mouth_at_m or reach.mouth_at_m(rules.seed)
     reaches = tuple(reach.with_target(point) for point in goal.points_m())
@@ -105,7 +105,7 @@ def draw_points(reach: Reach, goal: ToolGoal, rules: SeriesRules) -> Spots:
 
 
 def plan_points(
-    standing: tuple[Joints, Spots], goal: ToolGoal, rules: SeriesRules, known: Outlook
+    standing: tuple[Joints, Spots], goal: ToolGoal, rules: SeriesRules, outlook: MeasurementOutlook
 ) -> ToolPlan:
     """Plan the poses of every point from the rest, and foresee how many of them will do after the flange's."""
     rest_rad, spots = standing
@@ -116,34 +116,34 @@ def plan_points(
         reserved = spread_order(every, reach.targets_m(every), rules.point_checks)
         checks = tuple(roads.poses_rad[1 + k] for k in reserved)
         pool = tuple(pose for pose in roads.poses_rad[1:] if pose not in checks)
-        turn = best_for(
-            known.of_target(number),
+        turn = choose_for_unknowns(
+            outlook.of_target(number),
             np.array(pool),
-            place_rows(known, number),
-            goal.enough(rules.point_min, number),
+            place_rows(outlook, number),
+            goal.stop_rule(rules.point_min, number),
             most=rules.point_max,
         )
-        known = replace(turn.after, observe=known.observe)
+        outlook = replace(turn.after, observe=outlook.observe)
         best = tuple(pool[k] for k in turn.order)
         ways = ordered_ways(reach, roads, rest_rad, best)
         ways += ordered_ways(reach, roads, ways[-1][-1], checks)
         ways += (way_between(reach, roads, ways[-1][-1], rest_rad),)
         plans.append(PointPlan(roads, pool, checks, ways))
         counts.append(len(best))
-    return ToolPlan(tuple(plans), tuple(counts), *goal.u(point_covariance(known)))
+    return ToolPlan(tuple(plans), tuple(counts), *goal.expanded_uncertainties(point_covariance(outlook)))
 
 
-def place_rows(known: Outlook, point: int) -> Rows:
+def place_rows(outlook: MeasurementOutlook, point: int) -> Rows:
     """Return which unknowns are the place of a point; points count from 1."""
-    return point_rows(known)[3 * point - 3 : 3 * point]
+    return point_rows(outlook)[3 * point - 3 : 3 * point]
 
 
-def unseen(pool: tuple[Joints, ...], captures: tuple[ArmCapture, ...]) -> Array:
+def unmeasured_poses(pool: tuple[Joints, ...], captures: tuple[ArmCapture, ...]) -> Array:
     """Return the poses of a pool that were not measured yet."""
     poses = np.array(pool)
     if not captures:
         return poses
-    seen = np.array([capture.joints_rad for capture in captures])
-    apart = np.abs(poses[:, None, :] - seen[None]).max(axis=2).min(axis=1)
-    left: Array = poses[apart > _SAME_POSE_RAD]
-    return left
+    measured = np.array([capture.joints_rad for capture in captures])
+    apart = np.abs(poses[:, None, :] - measured[None]).max(axis=2).min(axis=1)
+    remaining: Array = poses[apart > _SAME_POSE_RAD]
+    return remaining

@@ -10,15 +10,15 @@ from cellcal.calibration.points.end_effector import tool_through
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
-    believed_sigma,
     errors_at,
+    further_target_points,
     outlook_from,
     point_covariance,
-    points_found,
     predicted_sigma,
+    reading_sigma,
 )
 from cellcal.calibration.uncertainty import chi_square_limit
-from cellcal.procedures.arm.arm_bench import ArmCapture, observed, of_target
+from cellcal.procedures.arm.arm_bench import ArmCapture, observations_of, of_target
 from cellcal.procedures.arm.tool_plan import ToolGoal
 
 
@@ -38,7 +38,7 @@ class PointChecks:
         return chi_square_limit(self.degrees_of_freedom)
 
     @property
-    def as_predicted(self) -> bool:
+    def is_as_predicted(self) -> bool:
         """Whether the errors are no larger than the stated uncertainty allows."""
         return self.chi_square <= self.most_chi_square
 
@@ -67,10 +67,10 @@ def find_tool(
     checks: tuple[ArmCapture, ...],
 ) -> FoundTool:
     """Return the tool frame through the points as the fit of everything has them."""
-    points, covariance = points_found(robust.fit.state), point_covariance(outlook_from(task, robust))
+    points, covariance = further_target_points(robust.fit.state), point_covariance(outlook_from(task, robust))
     tool = tool_through(goal.rough_flange_tool, goal.points_in_tool_m, points, covariance, goal.point_sigma_m)
     alone = covariance + goal.point_sigma_m**2 * np.eye(len(covariance))
-    turn = tool.flange_tool.rotation()
+    turn = tool.flange_tool.rotation_matrix()
     own = turn.T @ alone @ turn if tool.placed is None else np.array(tool.placed.covariance)
     return FoundTool(
         flange_tool=tool.flange_tool,
@@ -80,18 +80,18 @@ def find_tool(
         placed=tool.placed,
         points_in_flange_m=points,
         captures=tuple(len(of_target(captures, k)) for k in range(1, 1 + len(points))),
-        checks=_checked(task, robust, checks),
+        checks=_check_points(task, robust, checks),
     )
 
 
-def _checked(task: ArmTask, robust: RobustFit, checks: tuple[ArmCapture, ...]) -> PointChecks:
-    seen = observed(task, checks)
-    errors = errors_at(robust.fit.state, seen)
-    known = np.zeros(len(seen))
-    for target in np.unique(seen.mounting):
-        rows = seen.mounting == target
-        known[rows] = predicted_sigma(robust.fit, task, seen.joints_rad[rows], int(target))
-    sigma = np.hypot(known, believed_sigma(task, robust))
+def _check_points(task: ArmTask, robust: RobustFit, checks: tuple[ArmCapture, ...]) -> PointChecks:
+    observations = observations_of(task, checks)
+    errors = errors_at(robust.fit.state, observations)
+    variances = np.zeros(len(observations))
+    for target in np.unique(observations.mounting):
+        rows = observations.mounting == target
+        variances[rows] = predicted_sigma(robust.fit, task, observations.joints_rad[rows], int(target))
+    sigma = np.hypot(variances, reading_sigma(task, robust))
     return PointChecks(
         captures=len(checks),
         rms_m=float(np.sqrt(np.mean(errors**2))),

@@ -10,15 +10,23 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.fixture import PlacedPoints
 from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.accuracy_limits import ToolLimits
 from cellcal.procedures.arm.tool_result import FoundTool
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.judged_write import ask_to_write, shift_told
-from cellcal.procedures.limits import ToolLimits
-from cellcal.procedures.questions import accept
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.end_effector import bad_shape
+from cellcal.procedures.steps.end_effector import bad_shape_error
 from cellcal.procedures.steps.write import write_and_read_back
-from cellcal.procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated
+from cellcal.procedures.verdict import (
+    FAIL,
+    PASS,
+    Characteristic,
+    ProcedureVerdict,
+    known_within,
+    state_fact,
+    state_figure,
+)
+from cellcal.procedures.write_review import ask_to_write, shift_text
 
 UNTOLD_AXES = "the orientation: one point tells x, y, z only"
 
@@ -67,14 +75,14 @@ def frame_figures(found: ToolByPoints, tip_m: float, axes_rad: float) -> tuple[C
     return (
         tip,
         known_within("axes", "rad", u=found.angle_u_rad / 2.0, limit=axes_rad),
-        held(
+        state_fact(
             "shape of the points",
-            found.placed.consistent(),
+            found.placed.is_consistent(),
             "chi square of the points found against the drawing, 99.9 %",
             found=found.placed.chi_square,
             limit=found.placed.most_chi_square,
         ),
-        stated("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
+        state_figure("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
     )
 
 
@@ -84,16 +92,16 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     checks = found.checks
     rule = "chi square of the errors against what was predicted, 99.9 %"
     return (
-        *(stated(f"tip {axis} in the flange", value, "m") for axis, value in places),
+        *(state_figure(f"tip {axis} in the flange", value, "m") for axis, value in places),
         *frame_figures(found, limits.tip_m, limits.orientation_rad),
-        held(
+        state_fact(
             "the points' check poses agree with the stated uncertainty",
-            checks.as_predicted,
+            checks.is_as_predicted,
             rule,
             found=checks.chi_square,
             limit=checks.most_chi_square,
         ),
-        stated("RMS error at the points' check poses", checks.rms_m, "m"),
+        state_figure("RMS error at the points' check poses", checks.rms_m, "m"),
     )
 
 
@@ -109,30 +117,32 @@ def tool_words(found: ToolByPoints, name: str = "Tool") -> str:
     return f"{name}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {u_mm:.3f} mm (k=2). {axes}."
 
 
-def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str:
+def not_written_reason(found: FoundTool, verdict: ProcedureVerdict, order: ToolOrder) -> str:
     """Return why the tool frame stays as it is; empty where it may be written."""
     if order.write_anyway:
         return ""
-    shape = bad_shape(found.placed, found)
+    shape = bad_shape_error(found.placed, found)
     if shape is not None:
         return str(shape)
-    if verdict.word is FAIL:
+    if verdict.overall_decision is FAIL:
         return "the verdict is FAIL"
-    open_left = [f.name for f in _of_tool(verdict.characteristics) if f.decision is not PASS]
+    open_left = [f.name for f in _tool_figures(verdict.characteristics) if f.decision is not PASS]
     return f"measure more: {', '.join(open_left)}" if open_left else ""
 
 
-def shown_tool(found: ToolByPoints, verdict: Verdict, order: ToolOrder) -> Instruction:
+def tool_instruction(found: ToolByPoints, verdict: ProcedureVerdict, order: ToolOrder) -> Instruction:
     """Return the question whether the tool frame is written, with what it is and what it was."""
-    told = " ".join((tool_words(found, f"Tool {order.number}"), shift_told(order.before, found.flange_tool)))
-    asked = Instruction("accept_tool", told)
-    return ask_to_write(asked, verdict, order.before, found.flange_tool, order.write_anyway, lever_m=0.0)
+    text = " ".join((tool_words(found, f"Tool {order.number}"), shift_text(order.before, found.flange_tool)))
+    instruction = Instruction("accept_tool", text)
+    return ask_to_write(
+        instruction, verdict, order.before, found.flange_tool, order.write_anyway, lever_m=0.0
+    )
 
 
-async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
+async def write_tool(run: Run, found: FoundTool, verdict: ProcedureVerdict, order: ToolOrder) -> WrittenTool:
     """Show the tool frame old and new, and write it once somebody accepted it."""
-    shown = shown_tool(found, verdict, order)
-    await run.step("accept the tool", accept, shown, sha256_of(to_jsonable_python(found.flange_tool)))
+    shown = tool_instruction(found, verdict, order)
+    await run.step("accept the tool", ask_acceptance, shown, sha256_of(to_jsonable_python(found.flange_tool)))
     read_back = await run.write("write the tool frame", write_and_read_back, order.number, found.flange_tool)
     return WrittenTool(
         order.number,
@@ -146,5 +156,5 @@ async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOr
     )
 
 
-def _of_tool(figures: Iterable[Characteristic]) -> list[Characteristic]:
+def _tool_figures(figures: Iterable[Characteristic]) -> list[Characteristic]:
     return [figure for figure in figures if figure.name in ("tip", "axes") and figure.decision is not None]

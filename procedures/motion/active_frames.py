@@ -27,7 +27,7 @@ class FramesChangedError(ProcedureError):
     code = "procedure.frames_changed"
 
 
-async def same_frames(cell: Cell) -> None:
+async def check_same_frames(cell: Cell) -> None:
     """Hold that the tool, user frame and payload are those that this run began with.
 
     Raises
@@ -40,10 +40,11 @@ async def same_frames(cell: Cell) -> None:
     now = await cell.frames.active_frames()
     if cell.motion.frames is None:
         cell.motion.frames = now
-    changed = changes(cell.motion.frames, now)
+    changed = frame_changes(cell.motion.frames, now)
     if changed:
         raise FramesChangedError(
-            f"the robot does not work with what this run began with: {told(changed)}", remedy=cure(changed)
+            f"the robot does not work with what this run began with: {changes_text(changed)}",
+            remedy=cure_text(changed),
         )
 
 
@@ -66,64 +67,64 @@ def refuse_unnamed(named: ActiveFrames, now: ActiveFrames | None) -> None:
                 f"the cell file names {what} {want}, and this robot does not tell it",
                 remedy=f"Take {what} out of [robot.active], and look on the pendant yourself.",
             )
-    changed = changes(named, told_now)
+    changed = frame_changes(named, told_now)
     if changed:
         raise FramesChangedError(
-            f"the robot does not work with what the cell file names: {told(changed)}",
-            remedy=cure(changed, "start again"),
+            f"the robot does not work with what the cell file names: {changes_text(changed)}",
+            remedy=cure_text(changed, "start again"),
         )
 
 
-def changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
+def frame_changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
     """Return each difference as a sentence, and what undoes it. What one of them does not tell is no difference."""
     found = (
-        _selected("tool", was.tool_number, now.tool_number),
-        _edited(was, now),
-        _selected("user frame", was.user_frame_number, now.user_frame_number),
-        _loaded(was.payload_kg, now.payload_kg),
+        _selection_change("tool", was.tool_number, now.tool_number),
+        _tool_change(was, now),
+        _selection_change("user frame", was.user_frame_number, now.user_frame_number),
+        _payload_change(was.payload_kg, now.payload_kg),
     )
     return tuple(change for change in found if change is not None)
 
 
-def told(changed: Iterable[Change]) -> str:
+def changes_text(changed: Iterable[Change]) -> str:
     """Return all differences as one clause."""
     return "; ".join(sentence for sentence, _ in changed)
 
 
-def cure(changed: Iterable[Change], then: str = "resume") -> str:
+def cure_text(changed: Iterable[Change], then: str = "resume") -> str:
     """Return what a technician does about the differences."""
     words = ", ".join(undo for _, undo in changed)
     return f"{words[:1].upper()}{words[1:]}, then {then}."
 
 
-def untold(frames: ActiveFrames | None) -> tuple[str, ...]:
+def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
     """Return, for a certificate, what this robot could not be asked while the run went on."""
-    known = frames or ActiveFrames()
+    known_frames = frames or ActiveFrames()
     parts = (
-        ("the tool", known.tool_number is None and known.flange_tool is None),
-        ("the user frame", known.user_frame_number is None),
-        ("the payload", known.payload_kg is None),
+        ("the tool", known_frames.tool_number is None and known_frames.flange_tool is None),
+        ("the user frame", known_frames.user_frame_number is None),
+        ("the payload", known_frames.payload_kg is None),
     )
     unknown = [what for what, missing in parts if missing]
     return (_UNTOLD.format(what=" or ".join(unknown)),) if unknown else ()
 
 
-def _selected(what: str, was: int | None, now: int | None) -> Change | None:
+def _selection_change(what: str, was: int | None, now: int | None) -> Change | None:
     if was is None or now is None or was == now:
         return None
     return f"{what} {now} is active, and not {what} {was}", f"select {what} {was} on the pendant again"
 
 
-def _edited(was: ActiveFrames, now: ActiveFrames) -> Change | None:
+def _tool_change(was: ActiveFrames, now: ActiveFrames) -> Change | None:
     before, after = was.flange_tool, now.flange_tool
-    if before is None or after is None or was.tool_number != now.tool_number or same_pose(before, after):
+    if before is None or after is None or was.tool_number != now.tool_number or is_same_pose(before, after):
         return None
     name = "the active tool" if was.tool_number is None else f"tool {was.tool_number}"
-    undo = f"set {name} to {_place(before)} on the pendant again"
-    return f"{name} is at {_place(after)}, and not at {_place(before)}", undo
+    undo = f"set {name} to {_pose_text(before)} on the pendant again"
+    return f"{name} is at {_pose_text(after)}, and not at {_pose_text(before)}", undo
 
 
-def _loaded(was: float | None, now: float | None) -> Change | None:
+def _payload_change(was: float | None, now: float | None) -> Change | None:
     if was is None or now is None or abs(was - now) <= PAYLOAD_KG:
         return None
     return (
@@ -132,16 +133,16 @@ def _loaded(was: float | None, now: float | None) -> Change | None:
     )
 
 
-def _place(pose: Pose) -> str:
+def _pose_text(pose: Pose) -> str:
     x, y, z = (value * 1e3 for value in pose.position_m)
     w, *turn = pose.quaternion
     turned = ", ".join(f"{value:.5f}" for value in (w, *turn))
     return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (quaternion {turned})"
 
 
-def same_pose(left: Pose, right: Pose) -> bool:
+def is_same_pose(first: Pose, second: Pose) -> bool:
     """Whether two poses are equal as far as a controller can store them."""
-    apart_m = math.dist(left.position_m, right.position_m)
-    cosine = min(abs(sum(a * b for a, b in zip(left.quaternion, right.quaternion, strict=True))), 1.0)
+    apart_m = math.dist(first.position_m, second.position_m)
+    cosine = min(abs(sum(a * b for a, b in zip(first.quaternion, second.quaternion, strict=True))), 1.0)
     chord = math.sqrt(max(2.0 - 2.0 * cosine, 0.0))  # half the angle; acos would lose eight digits here
     return apart_m <= WRITTEN_M and 2.0 * chord <= WRITTEN_RAD

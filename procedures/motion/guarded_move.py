@@ -8,14 +8,14 @@ from typing import Any
 from cellcal.drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion import motion_gate
-from cellcal.procedures.motion.latch import TimedJoints
-from cellcal.procedures.motion.motion_gate import Care
+from cellcal.procedures.motion.joint_history import TimedJoints
+from cellcal.procedures.motion.motion_gate import MotionCare
 
 READ_PAUSE_S = 0.005
 
 
 @dataclass(slots=True)
-class Travel:
+class GuardedTravel:
     """What was seen on the way."""
 
     readings: list[TimedJoints] = field(default_factory=list)
@@ -23,16 +23,16 @@ class Travel:
 
 
 async def move_until_contact(
-    cell: Cell, probe: TouchProbe, stops: Sequence[Joints], speed_rad_s: float, care: Care
-) -> Travel:
+    cell: Cell, probe: TouchProbe, stops: Sequence[Joints], speed_rad_s: float, care: MotionCare
+) -> GuardedTravel:
     """Move from stop to stop until the contact closes; the arm stands when this returns or raises."""
-    travel, enough = Travel(), asyncio.Event()
-    watching = asyncio.create_task(probe.touched())
-    recording = asyncio.create_task(_record(cell.robot, travel.readings, enough))
+    travel, enough = GuardedTravel(), asyncio.Event()
+    watching = asyncio.create_task(probe.wait_for_touch())
+    recording = asyncio.create_task(_record_joints(cell.robot, travel.readings, enough))
     try:
         for stop in stops:
             going = motion_gate.move_along(cell, [stop], speed_rad_s, care=care)
-            await _move(going, watching, recording)
+            await _move_guarded(going, watching, recording)
             if watching.done():
                 break
         # a touch may still be on its way
@@ -41,12 +41,12 @@ async def move_until_contact(
         enough.set()
         await recording
     finally:
-        await _end(watching, recording)
-    travel.readings.append(await _timed(cell.robot))
+        await _end_tasks(watching, recording)
+    travel.readings.append(await _read_timed(cell.robot))
     return travel
 
 
-async def _move(
+async def _move_guarded(
     going: Coroutine[Any, Any, None], watching: asyncio.Task[ContactEdge], recording: asyncio.Task[None]
 ) -> None:
     """Move unless and until one of the guards ends: a cancelled move stops. Raise what went wrong with any."""
@@ -54,26 +54,26 @@ async def _move(
     try:
         await asyncio.wait({moving, watching, recording}, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        await _end(moving)
+        await _end_tasks(moving)
     for task in (moving, watching, recording):
         if task.done() and not task.cancelled() and (trouble := task.exception()) is not None:
             raise trouble
 
 
-async def _record(robot: Robot, readings: list[TimedJoints], enough: asyncio.Event) -> None:
+async def _record_joints(robot: Robot, readings: list[TimedJoints], enough: asyncio.Event) -> None:
     """Read the joints over and over, and end between two readings: a cancelled one may cost the link."""
     while not enough.is_set():
-        readings.append(await _timed(robot))
+        readings.append(await _read_timed(robot))
         await asyncio.sleep(READ_PAUSE_S)
 
 
-async def _timed(robot: Robot) -> TimedJoints:
-    asked_s = _now()
-    reading = await robot.joints()
+async def _read_timed(robot: Robot) -> TimedJoints:
+    asked_s = _loop_time()
+    reading = await robot.read_joints()
     return TimedJoints(asked_s, reading.taken_at_s, reading.joints_rad, reading.device_time_s)
 
 
-async def _end(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> None:
+async def _end_tasks(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> None:
     """Cancel what still runs and wait for its end, also when we are cancelled ourselves; then re-raise."""
     cancelled: asyncio.CancelledError | None = None
     for task in tasks:
@@ -90,5 +90,5 @@ async def _end(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> None:
         raise cancelled
 
 
-def _now() -> float:
+def _loop_time() -> float:
     return asyncio.get_running_loop().time()  # the clock of the readings

@@ -11,12 +11,11 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
 from cellcal.calibration.mastering.pose_design import candidate_joints, next_poses
-from cellcal.calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
+from cellcal.calibration.mastering.recovery_walk import JogTiming, WalkPlanner, nearby_joints
 from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures, check_moves
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.cell import MotionLimits as SpeedLimits
+from cellcal.procedures.cell import MotionCaps as SpeedLimits
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above
-from cellcal.procedures.motion.pace import Pace as JogPace
 from cellcal.procedures.motion.plan_ways import (
     as_joints,
     corners_allowed,
@@ -25,10 +24,11 @@ from cellcal.procedures.motion.plan_ways import (
     walk_allowed,
     way_allowed,
 )
-from cellcal.procedures.motion.plans import MotionPlan, Room, checked, motion_limits, timed
-from cellcal.procedures.motion.turn_doubt import Turns, lost_limits, posture_doubt
+from cellcal.procedures.motion.plans import MotionBounds, MotionPlan, checked_plan, motion_limits, timed_plan
+from cellcal.procedures.motion.speed_limit import SpeedLimit as JogPace
+from cellcal.procedures.motion.turn_uncertainty import Turns, lost_limits, posture_uncertainty
 from cellcal.procedures.motors import MotorState
-from cellcal.procedures.surroundings import clearances
+from cellcal.procedures.surroundings import clearance_check
 
 SAME_POSE_RAD = 0.02
 SPARE_CANDIDATES = 60
@@ -41,7 +41,7 @@ FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture 
 _SEEDS_TRIED = 2
 
 
-def jogging_pace(model: str, limits: SpeedLimits, room: Room) -> JogPace:
+def jogging_timing(model: str, limits: SpeedLimits, room: MotionBounds) -> JogPace:
     """Return the pace of turns of single axes, while a robot does not know where it is."""
     return JogPace(model, (0.0, 0.0, 0.0), limits.jog_speed_rad_s, room.capped_tip_speed_m_s)
 
@@ -49,7 +49,7 @@ def jogging_pace(model: str, limits: SpeedLimits, room: Room) -> JogPace:
 def plan_first(
     record: MasteringRecord,
     state: MotorState,
-    room: Room,
+    room: MotionBounds,
     here_rad: Joints,
     poses: int,
     doubt_turns: Turns,
@@ -58,45 +58,47 @@ def plan_first(
     model, limits = load_model(record.model), lost_limits(state, record, room, doubt_turns)
     planner = walk_planner(model, record, limits, state)
     here = np.array(here_rad)
-    for tried in (walk for seed in range(_SEEDS_TRIED) for walk in planner.walks(here, poses, seed=seed)):
+    for tried in (
+        walk for seed in range(_SEEDS_TRIED) for walk in planner.plan_walks(here, poses, seed=seed)
+    ):
         walk = list(tried)
         if walk_allowed(model, here, walk, limits):
             break
     else:  # hard by a limit: the record's own poses, as many as can be reached
         kit = record.capture_joints_rad()
-        order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
+        order = next_poses(model, record, np.empty((0, model.axis_count)), kit, min(poses, len(kit)))
         walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
     if not walk:
-        raise unreachable(here, limits)
-    return timed(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+        raise unreachable_error(here, limits)
+    return timed_plan(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
 def plan_next(
     record: MasteringRecord,
     state: MotorState,
-    room: Room,
+    room: MotionBounds,
     here_rad: Joints,
     measured: tuple[Joints, ...],
     doubt_turns: Turns,
 ) -> MotionPlan:
     """Plan one more capture: the reachable pose that tells most for the time it takes, given what is measured."""
     search = _NextPose(record, state, room, here_rad, measured, doubt_turns)
-    plan = search.best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
+    plan = search.plan_best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
     if plan is None:
-        raise unreachable(np.array(here_rad), search.limits())
+        raise unreachable_error(np.array(here_rad), search.motion_limits())
     return plan
 
 
 def plan_finer(
     record: MasteringRecord,
     state: MotorState,
-    room: Room,
+    room: MotionBounds,
     here_rad: Joints,
     measured: tuple[Joints, ...],
     doubt_turns: Turns,
 ) -> MotionPlan | None:
     """Plan one more capture for offsets that are no whole turns, or none where no pose makes them much surer."""
-    return _NextPose(record, state, room, here_rad, measured, doubt_turns).best(
+    return _NextPose(record, state, room, here_rad, measured, doubt_turns).plan_best(
         THOROUGH_EFOLD_S, least_gain=FINER_GAIN
     )
 
@@ -107,28 +109,28 @@ class _NextPose:
 
     record: MasteringRecord
     state: MotorState
-    room: Room
+    room: MotionBounds
     here_rad: Joints
     measured: tuple[Joints, ...]
     doubt_turns: Turns
 
-    def limits(self) -> MotionLimits:
+    def motion_limits(self) -> MotionLimits:
         """Return what each way keeps."""
         return lost_limits(self.state, self.record, self.room, self.doubt_turns)
 
-    def best(self, efold_s: float, *, least_gain: float = 0.0) -> MotionPlan | None:
+    def plan_best(self, efold_s: float, *, least_gain: float = 0.0) -> MotionPlan | None:
         """Return a plan of the best pose that is worth it and can be reached."""
         record, speed = self.record, self.state.limits.jog_speed_rad_s
-        model, limits = load_model(record.model), self.limits()
+        model, limits = load_model(record.model), self.motion_limits()
         here = np.array(self.here_rad)
-        known = np.array(self.measured).reshape(-1, model.axes)
+        measured_rad = np.array(self.measured).reshape(-1, model.axis_count)
         near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
-        found = unmeasured(candidates(model, record, limits, near), self.measured)
+        found = unmeasured_postures(candidate_postures(model, record, limits, near), self.measured)
         planner = walk_planner(model, record, limits, self.state)
-        worth, gain = planner.worth(here, known, found, efold_s=efold_s)
+        worth, gain = planner.rate_candidates(here, measured_rad, found, efold_s=efold_s)
         for index in np.argsort(-worth):
             if gain[index] >= least_gain and way_allowed(model, here, found[index], limits, one_by_one=True):
-                return timed(model, self.here_rad, [found[index]], limits, speed, one_by_one=True)
+                return timed_plan(model, self.here_rad, [found[index]], limits, speed, one_by_one=True)
         return None
 
 
@@ -143,7 +145,7 @@ class FinalPlan:
 def plan_finals(
     record: MasteringRecord,
     state: MotorState,
-    room: Room,
+    room: MotionBounds,
     checks: tuple[Joints, ...],
     poses: int,
     doubt_turns: Turns,
@@ -154,7 +156,7 @@ def plan_finals(
     """
     model, limits = load_model(record.model), lost_limits(state, record, room, doubt_turns)
     here = np.array(checks[-1])
-    earlier = np.array(checks[:-1]).reshape(-1, model.axes)
+    earlier = np.array(checks[:-1]).reshape(-1, model.axis_count)
     ordered = travel_order(model, checks[-1], earlier, limits)[:poses] or [here]
     ways: list[Array] = []
     sides: list[bool] = []
@@ -164,11 +166,13 @@ def plan_finals(
         sides.append(bool(ways) and corners_allowed(model, here, [*ways, above], limits))
         ways.append(above if sides[-1] else corners_of(at, pose, False))
         at = pose
-    return FinalPlan(checked(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides))
+    return FinalPlan(
+        checked_plan(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides)
+    )
 
 
 def compare_drawn(
-    record: MasteringRecord, state: MotorState, room: Room, measured: tuple[Joints, ...]
+    record: MasteringRecord, state: MotorState, room: MotionBounds, measured: tuple[Joints, ...]
 ) -> DrawnWalk | None:
     """Compare the captures of a recovery with evenly drawn ones; None where there is no walk to compare."""
     if len(measured) < 2:
@@ -179,7 +183,7 @@ def compare_drawn(
 
 
 def index_travel(
-    record: MasteringRecord, here_rad: Joints, turns: float, room: Room, doubt_turns: Turns
+    record: MasteringRecord, here_rad: Joints, turns: float, room: MotionBounds, doubt_turns: Turns
 ) -> Joints:
     """Return by how much to turn each joint so that its motor passes its index: towards mid-range, if that is free.
 
@@ -192,21 +196,21 @@ def index_travel(
         tip_speed_m_s=math.inf,
         box_low_m=low,
         box_high_m=high,
-        clearances=clearances(record.model, room.surroundings),
-        doubt=posture_doubt(record.drive, doubt_turns),
+        clearances=clearance_check(record.model, room.surroundings),
+        position_uncertainty=posture_uncertainty(record.drive, doubt_turns),
     )
     middle = (model.lower_rad + model.upper_rad) / 2.0
     per_turn = np.abs(np.diag(record.drive.radians_per_turn())) * turns
     here, travel = np.array(here_rad), np.where(np.array(here_rad) > middle, -per_turn, per_turn)
-    for axis in range(model.axes):
+    for axis in range(model.axis_count):
         for turn in (travel[axis], -travel[axis]):
             beyond = turn if turn > 0 else turn - OVERSHOOT_RAD
-            there = here + np.eye(model.axes)[axis] * beyond
+            there = here + np.eye(model.axis_count)[axis] * beyond
             verdict = check_moves(model, here, there[None], limits, speed_rad_s=1e-3, stops=[False])
             if verdict.allowed:
                 travel[axis] = turn
                 break
-        here = here + np.eye(model.axes)[axis] * travel[axis]
+        here = here + np.eye(model.axis_count)[axis] * travel[axis]
     return tuple(float(v) for v in travel)
 
 
@@ -214,20 +218,22 @@ def walk_planner(
     model: RobotModel, record: MasteringRecord, limits: MotionLimits, state: MotorState
 ) -> WalkPlanner:
     """Return what compares walks of this robot by what they tell and the time they take."""
-    hook = record.lengths()[1].hook_in_flange_m
-    pace = Pace(speed_rad_s=state.limits.jog_speed_rad_s, settle_s=state.limits.settle_s)
+    hook = record.wire_lengths()[1].hook_in_flange_m
+    pace = JogTiming(speed_rad_s=state.limits.jog_speed_rad_s, settle_s=state.limits.settle_s)
     return WalkPlanner(model, record, lambda joints: allowed_postures(model, joints, limits, hook), pace)
 
 
-def candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits, near: Array) -> Array:
+def candidate_postures(
+    model: RobotModel, record: MasteringRecord, limits: MotionLimits, near: Array
+) -> Array:
     """Return postures to choose from: those (M, n) [rad] drawn near that are allowed, the record's, and others."""
-    hook = record.lengths()[1].hook_in_flange_m
+    hook = record.wire_lengths()[1].hook_in_flange_m
     near = near[allowed_postures(model, near, limits, hook)]
     spread = candidate_joints(model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=hook)
     return np.vstack([near, record.capture_joints_rad(), spread])
 
 
-def unmeasured(candidates: Array, measured: tuple[Joints, ...]) -> Array:
+def unmeasured_postures(candidates: Array, measured: tuple[Joints, ...]) -> Array:
     """Return those (M, n) of the candidates (N, n) [rad] at which nothing was measured yet."""
     if not measured:
         return candidates
@@ -236,21 +242,25 @@ def unmeasured(candidates: Array, measured: tuple[Joints, ...]) -> Array:
     return unmeasured
 
 
-def unreachable(here: Array, limits: MotionLimits) -> DegenerateDataError:
+def unreachable_error(here: Array, limits: MotionLimits) -> DegenerateDataError:
     """Say that no pose can be reached, and what is too near where the arm stands, if it is that."""
-    why, remedy = _trouble(here, limits), "Jog the robot towards the middle of its range, then resume."
-    told = "none of the poses still needed can be reached from here without breaking a limit"
-    return DegenerateDataError(f"{told}: {why}" if why else told, remedy=remedy)
+    why, remedy = _collision_text(here, limits), "Jog the robot towards the middle of its range, then resume."
+    message = "none of the poses still needed can be reached from here without breaking a limit"
+    return DegenerateDataError(f"{message}: {why}" if why else message, remedy=remedy)
 
 
-def _trouble(here: Array, limits: MotionLimits) -> str:
-    near = None if limits.clearances is None else limits.clearances.distances(here[None], limits.doubt)
-    if near is None or not near.broken()[0]:
+def _collision_text(here: Array, limits: MotionLimits) -> str:
+    near = (
+        None
+        if limits.clearances is None
+        else limits.clearances.compute_clearances(here[None], limits.position_uncertainty)
+    )
+    if near is None or not near.is_broken()[0]:
         return ""
     k = int(np.argmax(near.excess[0]))
     apart_mm, kept_mm = 1e3 * near.found[0, k], 1e3 * near.limit[0, k]
-    doubt_mm = 0.0 if near.doubt is None else 1e3 * near.doubt[0, k]
+    doubt_mm = 0.0 if near.uncertainty is None else 1e3 * near.uncertainty[0, k]
     return (
-        f"{near.told[k]}: {apart_mm:.0f} mm, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
+        f"{near.quantity_names[k]}: {apart_mm:.0f} mm, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
         "turns that are not known yet"
     )

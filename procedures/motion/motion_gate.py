@@ -16,18 +16,18 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.doubt import PostureDoubt
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
-from cellcal.procedures.cell import Cell, MotionLevel, MotionMemory
-from cellcal.procedures.motion.active_frames import same_frames
-from cellcal.procedures.motion.by_hand import jog_by_hand, move_by_hand
-from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.cell import Cell, MotionApproval, MotionLevel
+from cellcal.procedures.motion.active_frames import check_same_frames
+from cellcal.procedures.motion.manual_moves import jog_by_hand, move_by_hand
+from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.motors import PositionLostAgainError, axis_jog
-from cellcal.procedures.questions import ask
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
-from cellcal.procedures.surroundings import clearances
+from cellcal.procedures.surroundings import clearance_check
 
 MARGIN_RAD = 0.034907  # 2 deg from a joint's limit: plans keep 3, and stops from below overshoot by 1
 HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
@@ -52,7 +52,7 @@ class OffTargetError(ProcedureError):
     code = "procedure.off_target"
 
 
-class Care(Enum):
+class MotionCare(Enum):
     """What a way has to keep, besides limits and the arm's distance from itself."""
 
     FREE = "free"  # distances to what stands in the cell
@@ -61,15 +61,15 @@ class Care(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Jog:
+class JogMove:
     """A turn of one joint alone. ``here_rad``: where the arm most likely stands, to within ``doubt``."""
 
     axis: int
     delta_rad: float
     speed_rad_s: float
     here_rad: Joints | None = None  # None: nobody knows, and nothing is checked
-    doubt: PostureDoubt | None = None
-    care: Care = Care.WIRED
+    doubt: PositionUncertainty | None = None
+    care: MotionCare = MotionCare.WIRED
     began_rad: Joints | None = None  # where the turn began, if this is its end: no nearer than it was there
 
 
@@ -78,9 +78,9 @@ async def move_along(
     way_rad: Sequence[Joints],
     speed_rad_s: float,
     *,
-    care: Care = Care.FREE,
-    pace: Pace | None = None,
-    doubt: PostureDoubt | None = None,
+    care: MotionCare = MotionCare.FREE,
+    pace: SpeedLimit | None = None,
+    doubt: PositionUncertainty | None = None,
 ) -> None:
     """Bring the arm along corners to the last one, by whoever moves this robot; no leg faster than its ``pace``.
 
@@ -97,34 +97,34 @@ async def move_along(
     FramesChangedError
         The active tool, user frame or payload is not the one that this run began with.
     """
-    here = await _ready(cell, Readiness.READY)
-    speeds = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s, doubt=doubt)
+    here = await _read_ready(cell, Readiness.READY)
+    speeds = _check_and_cap(cell, care, here.joints_rad, way_rad, speed_rad_s, doubt=doubt)
     if pace is not None:
-        speeds = tuple(map(min, speeds, pace.on_legs(here.joints_rad, way_rad)))
+        speeds = tuple(map(min, speeds, pace.leg_speeds(here.joints_rad, way_rad)))
     if cell.level is not MotionLevel.COMMANDED:
-        wired = care is Care.WIRED
+        wired = care is MotionCare.WIRED
         await move_by_hand(cell, way_rad, min(speeds), HAND_TOLERANCE_RAD, wired=wired)
         return
-    await _approved(cell, here.joints_rad, way_rad, max(speeds))
+    await _ensure_approved(cell, here.joints_rad, way_rad, max(speeds))
     for corner, speed in zip(way_rad, speeds, strict=True):
-        await _still_ours(cell)
+        await _check_still_allowed(cell)
         await cell.robot.move_joints(tuple(corner), speed_rad_s=speed)
 
 
-async def jog_axis(cell: Cell, jog: Jog) -> None:
+async def jog_axis(cell: Cell, jog: JogMove) -> None:
     """Turn one joint, also of a robot that does not know where it is; raises as ``move_along``."""
-    await _ready(cell, Readiness.READY, Readiness.POSITION_LOST)
+    await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST)
     speed = min(jog.speed_rad_s, cell.limits.jog_speed_rad_s)
     _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
     if jog.here_rad is not None:
         target = tuple(q + jog.delta_rad * (k == jog.axis) for k, q in enumerate(jog.here_rad))
         began = jog.began_rad or jog.here_rad
-        speed = min(_capped(cell, jog.care, began, [target], speed, stops=False, doubt=jog.doubt))
+        speed = min(_check_and_cap(cell, jog.care, began, [target], speed, stops=False, doubt=jog.doubt))
     if cell.level is not MotionLevel.COMMANDED:
         await jog_by_hand(cell, jog.axis, jog.delta_rad, speed, HAND_TOLERANCE_RAD)
         return
-    await _approved(cell, None, (), speed)
-    await _still_ours(cell)
+    await _ensure_approved(cell, None, (), speed)
+    await _check_still_allowed(cell)
     await axis_jog(cell).jog_axis(jog.axis, jog.delta_rad, speed_rad_s=speed)
 
 
@@ -146,17 +146,17 @@ def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> No
 
 def check_way(  # noqa: PLR0913 - as _capped
     cell: Cell,
-    care: Care,
+    care: MotionCare,
     here_rad: Joints,
     way_rad: Sequence[Joints],
     speed_rad_s: float,
     *,
     stops: bool = True,
-    doubt: PostureDoubt | None = None,
+    doubt: PositionUncertainty | None = None,
 ) -> MotionVerdict:
     """Check a way from where the arm stands. The last corner has to keep every limit if the arm ``stops`` there."""
-    model = _model(cell)
-    limits = _limits(cell, care, doubt)
+    model = _model_of(cell)
+    limits = _motion_limits(cell, care, doubt)
     at = [False] * (len(way_rad) - 1) + [stops]
     tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
     if limits.wire is not None:
@@ -165,48 +165,50 @@ def check_way(  # noqa: PLR0913 - as _capped
     return check_moves(model, here_rad, ways, limits, speed_rad_s=speed_rad_s, tip_in_flange_m=tip, stops=at)
 
 
-def _limits(cell: Cell, care: Care, doubt: PostureDoubt | None) -> MotionLimits:
-    known, model = cell.surroundings, _model(cell)
-    wire = _wire(cell) if care is Care.WIRED else None
+def _motion_limits(cell: Cell, care: MotionCare, doubt: PositionUncertainty | None) -> MotionLimits:
+    surroundings, model = cell.surroundings, _model_of(cell)
+    wire = _wire_path(cell) if care is MotionCare.WIRED else None
     shapes = replace(
-        known, margin_m=SLACK_SHARE * known.margin_m, wire_margin_m=SLACK_SHARE * known.wire_margin_m
+        surroundings,
+        margin_m=SLACK_SHARE * surroundings.margin_m,
+        wire_margin_m=SLACK_SHARE * surroundings.wire_margin_m,
     )
-    if care is Care.TOUCHING:
+    if care is MotionCare.TOUCHING:
         shapes = replace(shapes, blocks=(), balls=(), planes=())
     return MotionLimits(
         joint_margin_rad=MARGIN_RAD,
         mastering_uncertainty_rad=() if doubt is None else doubt.bodies_rad,
-        doubt=doubt,
+        position_uncertainty=doubt,
         joint_speed_rad_s=cell.limits.speed_rad_s,
-        tip_speed_m_s=cell.limits.tip_speed_m_s * known.speed_share,
-        box_low_m=known.box_low_m,
-        box_high_m=known.box_high_m,
-        smallest_singular_value=_STRAIGHT if care is Care.TOUCHING else None,
+        tip_speed_m_s=cell.limits.tip_speed_m_s * surroundings.speed_share,
+        box_low_m=surroundings.box_low_m,
+        box_high_m=surroundings.box_high_m,
+        smallest_singular_value=_STRAIGHT if care is MotionCare.TOUCHING else None,
         wire=wire,
-        clearances=clearances(model.name, shapes, wire),
+        clearances=clearance_check(model.name, shapes, wire),
     )
 
 
-def _wire(cell: Cell) -> WirePath | None:
+def _wire_path(cell: Cell) -> WirePath | None:
     if cell.gauge is None or cell.gauge_setup is None:
         return None
     at, range_m = cell.gauge_setup, cell.gauge.capabilities.range_m
     return WirePath(at.anchor_in_base_m, at.hook_in_flange_m, range_m, wrap_rad=WRAP_RAD)
 
 
-def _capped(  # noqa: PLR0913 - one way needs all of it
+def _check_and_cap(  # noqa: PLR0913 - one way needs all of it
     cell: Cell,
-    care: Care,
+    care: MotionCare,
     here_rad: Joints,
     way_rad: Sequence[Joints],
     speed_rad_s: float,
     *,
     stops: bool = True,
-    doubt: PostureDoubt | None = None,
+    doubt: PositionUncertainty | None = None,
 ) -> tuple[float, ...]:
     """Refuse a way that is not free; return for each leg the speed at which no part of the arm exceeds its cap."""
     _refuse_no_number((speed_rad_s, *here_rad, *(q for corner in way_rad for q in corner)))
-    model = _model(cell)
+    model = _model_of(cell)
     fastest_joint = min(cell.limits.speed_rad_s, float(np.min(model.max_speed_rad_s)))
     speed = min(speed_rad_s, fastest_joint)
     verdict = check_way(cell, care, here_rad, way_rad, speed, stops=stops, doubt=doubt)
@@ -227,10 +229,10 @@ def _refuse_no_number(numbers: Sequence[float]) -> None:
         )
 
 
-async def _ready(cell: Cell, *allowed: Readiness) -> JointReading:
+async def _read_ready(cell: Cell, *allowed: Readiness) -> JointReading:
     """Return a fresh reading of a robot that may be moved; a lost robot's joints mean nothing."""
-    _hold(cell)
-    condition = await cell.robot.condition()
+    _check_permit(cell)
+    condition = await cell.robot.read_condition()
     if condition.readiness not in allowed:
         name, words, remedy = cell.robot.name, condition.message, condition.remedy
         if condition.readiness is Readiness.UNREACHABLE:
@@ -238,12 +240,12 @@ async def _ready(cell: Cell, *allowed: Readiness) -> JointReading:
         if condition.readiness is Readiness.STOPPED:
             raise MotionStoppedError(name, words, remedy=remedy)
         raise RefusedError(name, words or "the robot is not ready to move", remedy=remedy)
-    await _same_encoders(cell)
-    await same_frames(cell)
+    await _check_same_encoders(cell)
+    await check_same_frames(cell)
     if Readiness.POSITION_LOST in allowed:
-        return JointReading((), moving=False, taken_at_s=_now())
-    reading = await cell.robot.joints()
-    if reading.moving or _now() - reading.taken_at_s > STALE_S:
+        return JointReading((), moving=False, taken_at_s=_loop_time())
+    reading = await cell.robot.read_joints()
+    if reading.moving or _loop_time() - reading.taken_at_s > STALE_S:
         what = "moves already" if reading.moving else "shows a state that is too old"
         raise MotionRefusedError(
             f"the robot {what}: no move is commanded on top of it",
@@ -252,14 +254,14 @@ async def _ready(cell: Cell, *allowed: Readiness) -> JointReading:
     return reading
 
 
-async def _still_ours(cell: Cell) -> None:
+async def _check_still_allowed(cell: Cell) -> None:
     """Look right before a command at what may have changed while a person was asked or a corner was gone."""
-    _hold(cell)
-    await _same_encoders(cell)
-    await same_frames(cell)
+    _check_permit(cell)
+    await _check_same_encoders(cell)
+    await check_same_frames(cell)
 
 
-async def _same_encoders(cell: Cell) -> None:
+async def _check_same_encoders(cell: Cell) -> None:
     if cell.mastering is None:
         return
     epoch, memory = await cell.mastering.encoder_epoch(), cell.motion
@@ -272,79 +274,81 @@ async def _same_encoders(cell: Cell) -> None:
         )
 
 
-def _hold(cell: Cell) -> None:
+def _check_permit(cell: Cell) -> None:
     if cell.permit is not None:
-        cell.permit.hold()
+        cell.permit.check_held()
 
 
-async def _approved(
+async def _ensure_approved(
     cell: Cell, here_rad: Joints | None, way_rad: Sequence[Joints], speed_rad_s: float
 ) -> None:
     """Have a person agree to each single move, unless a plan was approved or the shapes of the cell are known.
 
     What was agreed to a shift ago is asked again, whatever it was: a run may have waited over night.
     """
-    await _recently(cell, here_rad)
-    await _no_faster(cell, here_rad)
-    if cell.surroundings.known or cell.motion.approved:
+    await _ensure_recent(cell, here_rad)
+    await _check_override(cell, here_rad)
+    if cell.surroundings.is_known or cell.motion.approved:
         return
-    deltas = "" if here_rad is None else _turns(here_rad, way_rad[-1])
+    deltas = "" if here_rad is None else _turns_text(here_rad, way_rad[-1])
     words = (
         "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
         f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
     )
-    await _agreed(cell, Instruction("approve_move", words), here_rad)
+    await _ask_agreement(cell, Instruction("approve_move", words), here_rad)
 
 
-async def _recently(cell: Cell, here_rad: Joints | None) -> None:
+async def _ensure_recent(cell: Cell, here_rad: Joints | None) -> None:
     memory = cell.motion
     if memory.agreed_at_s is None:
-        memory.agreed_at_s = _now()  # this entry's first move; the cell file allows it
-    if _now() - memory.agreed_at_s <= AGREED_S:
+        memory.agreed_at_s = _loop_time()  # this entry's first move; the cell file allows it
+    if _loop_time() - memory.agreed_at_s <= AGREED_S:
         return
     words = "This run was allowed to move the robot more than 8 hours ago. Look at the robot. May it move?"
-    await _agreed(cell, Instruction("may_still_move", words), here_rad)
-    memory.agree(_now())
+    await _ask_agreement(cell, Instruction("may_still_move", words), here_rad)
+    memory.note_approval(_loop_time())
 
 
-async def _no_faster(cell: Cell, here_rad: Joints | None) -> None:
+async def _check_override(cell: Cell, here_rad: Joints | None) -> None:
     """Have a person agree to an override above the one that the arm was watched at; below, nobody is asked."""
     if cell.override is None:
         return
     memory = cell.motion
-    while (now := await cell.override.speed_override()) > (before := _watched(memory, now)) + SAME_OVERRIDE:
+    while (now := await cell.override.speed_override()) > (
+        before := _watched_override(memory, now)
+    ) + SAME_OVERRIDE:
         words = (
             f"The speed override stands at {now * 100:.0f} %, and was {before * 100:.0f} % at most while this run "
             "moved the robot. Nothing recorded is lost. Look at the robot. May it move that fast?"
         )
-        await _agreed(cell, Instruction("may_move_faster", words), here_rad)
+        await _ask_agreement(cell, Instruction("may_move_faster", words), here_rad)
         memory.override = now
 
 
-def _watched(memory: MotionMemory, now: float) -> float:
+def _watched_override(memory: MotionApproval, now: float) -> float:
     """Return the highest override agreed to: that of this entry's first move, until somebody says more."""
     if memory.override is None:
         memory.override = now
     return memory.override
 
 
-async def _agreed(cell: Cell, asked: Instruction, here_rad: Joints | None) -> None:
+async def _ask_agreement(cell: Cell, instruction: Instruction, here_rad: Joints | None) -> None:
     """Have a person agree to motion, and see that the robot stands as it did when it was asked."""
-    stood = await _counts(cell) if here_rad is None else None
-    await ask(cell, asked)
-    await _as_asked(cell, here_rad, stood)
+    stood = await _read_counts(cell) if here_rad is None else None
+    await ask_confirmation(cell, instruction)
+    await _check_unmoved(cell, here_rad, stood)
 
 
-async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:
+async def _check_unmoved(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:
     """Look again: an answer may take minutes, and the way was checked from where the arm stood before.
 
     A robot that does not know where it is shows by its motors' counts whether it was turned.
     """
     if here_rad is not None:
-        now = await _ready(cell, Readiness.READY)
+        now = await _read_ready(cell, Readiness.READY)
         turned_rad = np.array(now.joints_rad) - here_rad
     else:
-        await _ready(cell, Readiness.READY, Readiness.POSITION_LOST)
+        await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST)
         turned_rad = await _turned_rad(cell, stood)
     if np.abs(turned_rad).max() > cell.limits.joint_tolerance_rad:
         raise MotionRefusedError(
@@ -353,7 +357,7 @@ async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -
         )
 
 
-async def _counts(cell: Cell) -> Counts | None:
+async def _read_counts(cell: Cell) -> Counts | None:
     return None if cell.mastering is None else await cell.mastering.encoder_counts()
 
 
@@ -362,20 +366,20 @@ async def _turned_rad(cell: Cell, stood: Counts | None) -> Array:
     if cell.mastering is None or stood is None:
         return np.zeros(1)
     drive, now = await cell.mastering.drive_train(), await cell.mastering.encoder_counts()
-    return drive.joints(np.array(now), np.array(stood))
+    return drive.to_joints(np.array(now), np.array(stood))
 
 
-def _turns(here_rad: Joints, there_rad: Joints) -> str:
+def _turns_text(here_rad: Joints, there_rad: Joints) -> str:
     turns = [math.degrees(b - a) for a, b in zip(here_rad, there_rad, strict=True)]
-    told = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
-    return f" {told} deg" if told else ""
+    turn_texts = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
+    return f" {turn_texts} deg" if turn_texts else ""
 
 
-def _model(cell: Cell) -> RobotModel:
+def _model_of(cell: Cell) -> RobotModel:
     if cell.model is None:
         raise NeedsUnmetError("no kinematic model of the robot is known", missing=("model",))
     return cell.model
 
 
-def _now() -> float:
+def _loop_time() -> float:
     return asyncio.get_running_loop().time()  # the clock of the readings

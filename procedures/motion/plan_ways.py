@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sampled
+from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sample_motion
 from cellcal.calibration.motion.motion_quantities import wire_side, wire_winding
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.motion.approach import axis_by_axis, from_below
@@ -23,19 +23,19 @@ def travel_order(
     A wire winds up over many legs: each leg is looked at with all before it.
     """
     start = np.array(start_rad)
-    here, left = start, list(poses)
+    here, remaining = start, list(poses)
     ordered: list[Array] = []
-    while left:
-        left.sort(key=lambda pose: travel_rad(here, pose, one_by_one))
+    while remaining:
+        remaining.sort(key=lambda pose: travel_rad(here, pose, one_by_one))
         reachable = (
             k
-            for k, pose in enumerate(left)
+            for k, pose in enumerate(remaining)
             if walk_allowed(model, start, [*ordered, pose], limits, one_by_one=one_by_one)
         )
         nearest = next(reachable, None)
         if nearest is None:
             break
-        here = left.pop(nearest)
+        here = remaining.pop(nearest)
         ordered.append(here)
     return ordered
 
@@ -53,7 +53,9 @@ def corners_of(here: Array, there: Array, one_by_one: bool) -> Array:
     )
 
 
-def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, wound: float) -> float | None:
+def winding_after(
+    model: RobotModel, limits: MotionLimits, here: Array, there: Array, wound: float
+) -> float | None:
     """Return how far the wire is wound after a joint move; None where the move, or the way back, is not free.
 
     The wire is followed at the samples at which a plan is checked, so that what is wound leg by leg is what the
@@ -68,7 +70,7 @@ def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, w
     ):
         return None
     places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
-    owner, path, _ = sampled(here, way, limits.clearances)
+    owner, path, _ = sample_motion(here, way, limits.clearances)
     winds = wire_winding(model, np.vstack([here, path]), places)
     unwound = abs(winds[-1]) < SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
     if not unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:

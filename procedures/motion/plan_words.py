@@ -4,26 +4,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cellcal.procedures.motion.pace import Paced
+from cellcal.procedures.motion.speed_limit import TimedMotion
 
 PER_POSE_S = 4.0  # to come to rest and measure
 
 
 @dataclass(frozen=True, slots=True)
-class Tour:
+class PlanTour:
     """How far a plan goes: its stops, and the ways between them at their pace."""
 
     stops: int
-    paced: Paced
+    paced: TimedMotion
     hands: str = ""  # what a person does in between, which takes its own time
 
     @property
-    def minutes(self) -> float:
+    def duration_min(self) -> float:
         """How long it takes, about."""
         return (self.paced.moving_s + self.stops * PER_POSE_S) / 60.0
 
 
-def plan_words(what: str, tour: Tour, not_checked: Sequence[str]) -> str:
+def plan_words(what: str, tour: PlanTour, not_checked: Sequence[str]) -> str:
     """Return the words of a plan; ``what`` says what moves, and to what end."""
     hands = f", and the time to {tour.hands}" if tour.hands else ""
     left_out = "; ".join(not_checked) or "nothing is left out"
@@ -31,6 +31,6 @@ def plan_words(what: str, tour: Tour, not_checked: Sequence[str]) -> str:
         f"What moves: {what}.\n"
         f"How far: about {math.degrees(tour.paced.travel_rad):.0f} deg of the slowest joint in all, none faster than "
         f"{math.degrees(tour.paced.fastest_rad_s):.1f} deg/s; every way keeps limits and distances or is not gone.\n"
-        f"How long: about {max(tour.minutes, 1.0):.0f} min{hands}.\n"
+        f"How long: about {max(tour.duration_min, 1.0):.0f} min{hands}.\n"
         f"Not checked: {left_out}. Look: is nobody near, are no cables or hoses in the way? May it move?"
     )

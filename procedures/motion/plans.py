@@ -12,20 +12,26 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.pose_design import kit_poses
-from cellcal.calibration.motion.doubt import PostureDoubt
-from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves, seem_free
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves, seems_free
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.wires.model import WirePrior
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.motion.detours import ways_through
-from cellcal.procedures.motion.plan_ways import arrive, as_way, corners_of, refuse_broken, wire_has_side
+from cellcal.procedures.motion.plan_ways import (
+    as_way,
+    corners_of,
+    refuse_broken,
+    winding_after,
+    wire_has_side,
+)
 from cellcal.procedures.motors import MotorState
-from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings, clearances
+from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings, clearance_check
 
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class MotionBounds:
     """What motion must keep to, and how far a lost robot may be from where it seems to be."""
 
     lost_turns: Annotated[int, Field(ge=0, le=50)] = 2
@@ -50,8 +56,8 @@ class Room:
 
     def box_m(self) -> tuple[Triple | None, Triple | None]:
         """Return the corners of the workspace: of the run, or else of the cell file."""
-        known = self.surroundings
-        return (self.box_low_m or known.box_low_m, self.box_high_m or known.box_high_m)
+        surroundings = self.surroundings
+        return (self.box_low_m or surroundings.box_low_m, self.box_high_m or surroundings.box_high_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +73,7 @@ class MotionPlan:
     ] = ()  # to each pose, with the corners in between; empty: straight
     speeds_rad_s: tuple[float, ...] = ()  # of each way, as fast as its own corners allow
     moving_s: float = 0.0  # with each way at its own speed, or each turn of a single axis
-    doubt: PostureDoubt | None = None  # about where the arm stands: kept again right before each move
+    doubt: PositionUncertainty | None = None  # about where the arm stands: kept again right before each move
 
 
 def wire_prior(state: MotorState) -> WirePrior:
@@ -81,7 +87,7 @@ def wire_prior(state: MotorState) -> WirePrior:
     )
 
 
-def motion_limits(state: MotorState, drive: DriveTrain, room: Room) -> MotionLimits:
+def motion_limits(state: MotorState, drive: DriveTrain, room: MotionBounds) -> MotionLimits:
     """Return the limits of motion while up to ``room.lost_turns`` turns of every motor are unknown."""
     doubt = room.lost_turns * np.abs(drive.radians_per_turn()).sum(axis=1)
     at = state.gauge_setup
@@ -100,11 +106,11 @@ def motion_limits(state: MotorState, drive: DriveTrain, room: Room) -> MotionLim
         box_low_m=low,
         box_high_m=high,
         wire=wire,
-        clearances=clearances(state.model, room.surroundings, wire),
+        clearances=clearance_check(state.model, room.surroundings, wire),
     )
 
 
-def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan:
+def plan_kit(state: MotorState, room: MotionBounds, poses: int, seed: int) -> MotionPlan:
     """Plan the captures of a mastering record from where the robot stands."""
     model, limits = load_model(state.model), motion_limits(state, state.drive, room)
     here = np.array(state.joints_rad)
@@ -116,11 +122,11 @@ def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan
         poses,
         seed=seed,
         usable=lambda drawn: np.logical_and.reduce(
-            [seem_free(model, here, drawn, limits), wire_has_side(model, drawn, limits)]
+            [seems_free(model, here, drawn, limits), wire_has_side(model, drawn, limits)]
         ),
     )
-    ways = ways_through(state.joints_rad, kit, partial(arrive, model, limits))
-    if len(ways) < min(poses, model.axes + 6):
+    ways = ways_through(state.joints_rad, kit, partial(winding_after, model, limits))
+    if len(ways) < min(poses, model.axis_count + 6):
         raise DegenerateDataError(
             f"only {len(ways)} of {poses} planned poses can be reached without breaking a limit",
             remedy="Move the robot nearer to the middle of its range, or move the wire's anchor.",
@@ -130,11 +136,11 @@ def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan
         before = way[-2] if len(way) > 1 else before
         gone.append(np.array([*way[:-1], *corners_of(before, way[-1], False)]))
         before = way[-1]
-    plan = checked(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
+    plan = checked_plan(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
     return replace(plan, ways_rad=tuple(map(as_way, ways)))
 
 
-def timed(
+def timed_plan(
     model: RobotModel,
     start_rad: Joints,
     poses: list[Array],
@@ -143,15 +149,15 @@ def timed(
     *,
     one_by_one: bool = False,
 ) -> MotionPlan:
-    """Return the plan of poses that are gone to one after the other; as ``checked``."""
+    """Return the plan of poses that are gone to one after the other; as ``checked_plan``."""
     ways, here = [], np.array(start_rad)
     for pose in poses:
         ways.append(corners_of(here, pose, one_by_one))
         here = pose
-    return checked(model, start_rad, ways, limits, speed_rad_s, each_leg=one_by_one)
+    return checked_plan(model, start_rad, ways, limits, speed_rad_s, each_leg=one_by_one)
 
 
-def checked(
+def checked_plan(
     model: RobotModel,
     start_rad: Joints,
     ways: list[Array],
@@ -180,5 +186,5 @@ def checked(
         not_checked=verdict.not_checked,
         speeds_rad_s=tuple(float(v) for v in speed_rad_s / fastest),
         moving_s=float(np.sum(steps * (too_fast if each_leg else fastest[way_of])) / speed_rad_s),
-        doubt=limits.doubt,
+        doubt=limits.position_uncertainty,
     )

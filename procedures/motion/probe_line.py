@@ -43,7 +43,7 @@ class ProbeLine:
         share = float((np.array(joints_rad) - self.start_rad) @ self.way_rad / (self.way_rad @ self.way_rad))
         return float(np.interp(share, np.linspace(0.0, 1.0, len(self.travelled_m)), self.travelled_m))
 
-    def holds(self, joints_rad: Joints) -> bool:
+    def is_on_line(self, joints_rad: Joints) -> bool:
         """Tell whether joints lie on the line, as far as an arm stands where it was sent."""
         beside = np.array(joints_rad) - self.joints_at(self.distance_of(joints_rad))
         return bool(np.abs(beside).max() < _BESIDE_RAD)
@@ -67,8 +67,8 @@ def probe_line(model: RobotModel, tip_in_flange_m: Place, start_rad: Joints, end
     """
     start, end = np.array(start_rad, dtype=float), np.array(end_rad, dtype=float)
     tip = np.array(tip_in_flange_m, dtype=float)
-    if start.shape != (model.axes,) or end.shape != start.shape:
-        raise DegenerateDataError(f"start and end of an approach are {model.axes} joints each")
+    if start.shape != (model.axis_count,) or end.shape != start.shape:
+        raise DegenerateDataError(f"start and end of an approach are {model.axis_count} joints each")
     if not np.isfinite([*start, *end, *tip]).all():
         raise DegenerateDataError("an approach needs finite joints and a finite tip")
     joints = start + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - start)

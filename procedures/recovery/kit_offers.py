@@ -8,12 +8,12 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
-from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, outlook
+from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, predict_kit_recovery
 from cellcal.drivers.interfaces import Counts, Joints
-from cellcal.procedures.arm.arm_motion import Reach, draw_poses
+from cellcal.procedures.arm.arm_motion import MotionSpace, draw_poses
 from cellcal.procedures.forecast import PERSON_S
 from cellcal.procedures.instruments import Instruments
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.recovery.recovery_kit import KitSpec, is_strong, kit_places
 from cellcal.procedures.steps.kit_bench import KitBench
 
@@ -44,12 +44,12 @@ class KitOffer:
     postures_rad: tuple[Joints, ...]  # of the places but the nests, in order
 
     @property
-    def strong(self) -> bool:
+    def is_strong(self) -> bool:
         """Whether it would tell all motors, and its check places would show any wrong turn."""
         return is_strong(self.outlook)
 
     @property
-    def minutes(self) -> float:
+    def duration_min(self) -> float:
         """How long a person takes to record it."""
         return len(kit_places(self.spec)) * PERSON_S / 60.0
 
@@ -66,12 +66,12 @@ class KitOffers:
     offers: tuple[KitOffer, ...]
     missing: tuple[str, ...]
 
-    def named(self, name: str) -> KitOffer | None:
+    def offer_named(self, name: str) -> KitOffer | None:
         """Return one of them."""
         return next((offer for offer in self.offers if offer.name == name), None)
 
 
-def offers_at(bench: KitBench, room: Room, own: KitSpec | None, seed: int) -> KitOffers:
+def offers_at(bench: KitBench, room: MotionBounds, own: KitSpec | None, seed: int) -> KitOffers:
     """Design every kit that a cell has the means for; with settings of an engineer's own, that one alone."""
     robot = (bench.motors.drive, bench.motors.mastering.counts_at_zero)
     return design_offers(bench.model, robot, bench.instruments, room, (own, seed))
@@ -81,22 +81,22 @@ def design_offers(
     model_name: str,
     robot: tuple[DriveTrain, Counts],
     instruments: Instruments,
-    room: Room,
+    room: MotionBounds,
     how: tuple[KitSpec | None, int],
 ) -> KitOffers:
     """Design the kits from what is known of a robot and its cell; pure."""
     own, seed = how
     model, missing, offers = load_model(model_name), list[str](), list[KitOffer]()
-    wanted = _means(instruments) if own is None else ((name_of(own, instruments), own),)
-    for name, spec in wanted:
+    kit_specs = _kit_specs(instruments) if own is None else ((name_of(own, instruments), own),)
+    for name, spec in kit_specs:
         if isinstance(spec, str):
             missing.append(f"{name}: {spec}")
             continue
         try:
-            offers.append(_designed(model, robot, name, spec, (room, seed)))
+            offers.append(_design_offer(model, robot, name, spec, (room, seed)))
         except DegenerateDataError as error:
             missing.append(f"{name}: {error.message}")
-    ranked = sorted(offers, key=lambda offer: (not offer.strong, offer.widest_u_rad))
+    ranked = sorted(offers, key=lambda offer: (not offer.is_strong, offer.widest_u_rad))
     return KitOffers(tuple(ranked), tuple(missing))
 
 
@@ -120,26 +120,31 @@ def plan_of(spec: KitSpec) -> KitPlan:
     )
 
 
-def one_more_posture(bench: KitBench, room: Room, spec: KitSpec, kit: RecoveryKit, seed: int) -> Joints:
+def one_more_posture(
+    bench: KitBench, room: MotionBounds, spec: KitSpec, kit: RecoveryKit, seed: int
+) -> Joints:
     """Return where one more place would help a recorded kit most."""
     robot = (bench.motors.drive, bench.motors.mastering.counts_at_zero)
     model = load_model(bench.model)
     kind = replace(spec, kind="point") if spec.kind == "seat" else spec
-    more = design_kit(model, robot, plan_of(kind), _candidates(spec, model, (room, seed + 1))[:20], known=kit)
-    return _joints(robot, more.places[-1].counts)
+    more = design_kit(
+        model, robot, plan_of(kind), _candidate_postures(spec, model, (room, seed + 1))[:20], existing_kit=kit
+    )
+    return _joints_at(robot, more.places[-1].counts)
 
 
-def told_offers(found: KitOffers) -> str:
+def offers_text(found: KitOffers) -> str:
     """Return the kits side by side, a line each, for a person who chooses."""
     lines = [
-        f"{offer.name}: {offer.words}; about {offer.minutes:.0f} minutes by hand. After a loss every zero would be "
-        f"known within {_degrees(offer)}" + ("" if offer.strong else ". TOO WEAK: it would be refused")
+        f"{offer.name}: {offer.words}; about {offer.duration_min:.0f} minutes by hand. After a loss every zero would be "
+        f"known within {_degrees_text(offer)}"
+        + ("" if offer.is_strong else ". TOO WEAK: it would be refused")
         for offer in found.offers
     ]
     return "\n".join([*lines, *(f"not here: {line}" for line in found.missing)])
 
 
-def _degrees(offer: KitOffer) -> str:
+def _degrees_text(offer: KitOffer) -> str:
     per_axis = ", ".join(f"{math.degrees(u):.3f}" for u in offer.outlook.offset_u_rad)
     return (
         f"{per_axis} deg (J1 on, k=2; whole turns come back exactly, chance "
@@ -147,7 +152,7 @@ def _degrees(offer: KitOffer) -> str:
     )
 
 
-def _means(instruments: Instruments) -> tuple[tuple[str, KitSpec | str], ...]:
+def _kit_specs(instruments: Instruments) -> tuple[tuple[str, KitSpec | str], ...]:
     tip, sigma_tip = instruments.probe_tip_m, OWN_SIGMA_M
     if tip is None:
         tip, sigma_tip = instruments.tool_tip_m, TOOL_SIGMA_M
@@ -171,29 +176,29 @@ def _means(instruments: Instruments) -> tuple[tuple[str, KitSpec | str], ...]:
     return tuple(found)
 
 
-def _designed(
+def _design_offer(
     model: RobotModel,
     robot: tuple[DriveTrain, Counts],
     name: str,
     spec: KitSpec,
-    how: tuple[Room, int],
+    how: tuple[MotionBounds, int],
 ) -> KitOffer:
-    kit = design_kit(model, robot, plan_of(spec), _candidates(spec, model, how))
+    kit = design_kit(model, robot, plan_of(spec), _candidate_postures(spec, model, how))
     places = [place for place in kit.places if place.kind != "nest"]
-    told = {
+    kind_texts = {
         "probe": f"{len(places)} marks touched with the probe",
         "pin": f"{len(places)} marks or holes met with a pointed tip or a pin",
         "seat": f"one keyed seat and {spec.check_points} marks for checking",
         "tracker": f"{len(places)} postures seen by the tracker, and {spec.nests} fixed nests",
     }[name]
-    postures = tuple(_joints(robot, place.counts) for place in places)
-    return KitOffer(name, told, spec, outlook(model, kit, robot), postures)
+    postures = tuple(_joints_at(robot, place.counts) for place in places)
+    return KitOffer(name, kind_texts, spec, predict_kit_recovery(model, kit, robot), postures)
 
 
-def _candidates(spec: KitSpec, model: RobotModel, how: tuple[Room, int]) -> np.ndarray:
+def _candidate_postures(spec: KitSpec, model: RobotModel, how: tuple[MotionBounds, int]) -> np.ndarray:
     """Return postures (C, n) that a person can bring the tool to: the wrist bent, for marks the tip downwards."""
     room, seed = how
-    reach = Reach(model.name, spec.tip_in_flange_m, None, room)
+    reach = MotionSpace(model.name, spec.tip_in_flange_m, None, room)
     drawn = np.array(draw_poses(reach, 8 * CANDIDATES, seed))
     bent = np.abs(drawn[:, -2]) > _LOWEST_WRIST_RAD
     if spec.kind != "target":
@@ -204,6 +209,6 @@ def _candidates(spec: KitSpec, model: RobotModel, how: tuple[Room, int]) -> np.n
     return found
 
 
-def _joints(robot: tuple[DriveTrain, Counts], counts: Counts) -> Joints:
-    joints = robot[0].joints(np.array(counts), np.array(robot[1]))
+def _joints_at(robot: tuple[DriveTrain, Counts], counts: Counts) -> Joints:
+    joints = robot[0].to_joints(np.array(counts), np.array(robot[1]))
     return tuple(float(q) for q in joints)

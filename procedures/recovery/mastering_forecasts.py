@@ -7,11 +7,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
-from cellcal.calibration.mastering.kit_design import KitOutlook, outlook
+from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.calibration.mastering.place_recovery import places_to_fit
-from cellcal.calibration.mastering.pose_design import predict
+from cellcal.calibration.mastering.pose_design import predict_turns
 from cellcal.calibration.wires.reference import fit_wire_reference
 from cellcal.drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
+from cellcal.procedures.accuracy_limits import MASTERING
 from cellcal.procedures.forecast import (
     ANSWER_S,
     PERSON_S,
@@ -20,17 +21,16 @@ from cellcal.procedures.forecast import (
     Knowledge,
     PlannedPose,
     Prediction,
-    wire_lacking,
+    missing_wire_setup,
 )
-from cellcal.procedures.limits import MASTERING
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD
 from cellcal.procedures.motion.lost_plans import index_travel, plan_first
-from cellcal.procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
-from cellcal.procedures.motion.turn_doubt import first_doubt
+from cellcal.procedures.motion.plans import MotionBounds, MotionPlan, plan_kit, wire_prior
+from cellcal.procedures.motion.turn_uncertainty import first_uncertainty
 from cellcal.procedures.motors import MotorState
 from cellcal.procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
+from cellcal.procedures.recovery.position_alarms import INDEX_TURNS
 from cellcal.procedures.recovery.recovery_kit import KitSpec
-from cellcal.procedures.recovery.waking import INDEX_TURNS
 
 ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
 ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame nobody has read yet
@@ -38,7 +38,7 @@ POWER_CYCLE_S = 120.0
 
 
 def forecast_record(
-    known: Knowledge, room: Room, captures: tuple[int, int], how: tuple[KitSpec | None, int]
+    knowledge: Knowledge, room: MotionBounds, captures: tuple[int, int], how: tuple[KitSpec | None, int]
 ) -> Forecast:
     """Plan the captures of a record as the procedure would, from where the robot is assumed to stand.
 
@@ -46,22 +46,22 @@ def forecast_record(
     that could be recorded beside the lengths, or in their stead, are told with them.
     """
     (poses, samples), (kit, seed) = captures, how
-    assumed = _assumed(known)
-    state = state_of(known)
+    assumed = _assumption_texts(knowledge)
+    state = state_of(knowledge)
     if state is None:
         return Forecast(0.0, assumed=assumed)
     plan = plan_kit(state, room, poses, seed)
-    rehearsed = _rehearsed(state, plan)
+    rehearsed = _rehearse_record(state, plan)
     moves_s = plan.moving_s + len(plan.poses_rad) * OVERSHOOT_RAD / plan.speed_rad_s
-    capture_s = len(plan.poses_rad) * (3.0 * known.limits.settle_s + samples * SAMPLE_S)
+    capture_s = len(plan.poses_rad) * (3.0 * knowledge.limits.settle_s + samples * SAMPLE_S)
     return Forecast(
         duration_s=2.0 * ANSWER_S + moves_s + capture_s,
-        poses=_labelled(plan, "pose"),
+        poses=_label_poses(plan, "pose"),
         speed_rad_s=max(plan.speeds_rad_s),
         predictions=(
-            _turns(rehearsed, np.array(plan.poses_rad)),
-            _offsets(rehearsed, np.array(plan.poses_rad)),
-            *_kits(_offers(known, room, kit, seed)),
+            _turn_prediction(rehearsed, np.array(plan.poses_rad)),
+            _offset_prediction(rehearsed, np.array(plan.poses_rad)),
+            *_kit_predictions(_design_offers(knowledge, room, kit, seed)),
         ),
         assumed=assumed,
         not_checked=plan.not_checked,
@@ -69,60 +69,66 @@ def forecast_record(
 
 
 def forecast_recovery(
-    known: Knowledge, room: Room, captures: tuple[int, int, int], samples: int, index_speed_rad_s: float
+    knowledge: Knowledge,
+    room: MotionBounds,
+    captures: tuple[int, int, int],
+    samples: int,
+    index_speed_rad_s: float,
 ) -> Forecast:
     """Plan the first captures after a loss; checks and final checks are counted at the same pace.
 
     ``captures`` are the first ones, those at check poses, and the final ones.
     """
-    record = known.record
-    state = state_of(known)
+    record = knowledge.record
+    state = state_of(knowledge)
     if record is None or record.wire is None or state is None:
-        return Forecast(0.0, assumed=_assumed(known), lacks=wire_lacking(known))
+        return Forecast(0.0, assumed=_assumption_texts(knowledge), lacks=missing_wire_setup(knowledge))
     first, checks, finals = captures
-    here = _here(record, known.last_counts)
-    doubt = first_doubt(room, len(here), seen=known.last_counts is not None)
+    here = _start_joints(record, knowledge.last_counts)
+    doubt = first_uncertainty(room, len(here), is_measured=knowledge.last_counts is not None)
     plan = plan_first(record, state, room, here, first, doubt)
     share = (first + checks + finals) / max(len(plan.poses_rad), 1)
     backwards_s = (
         len(plan.poses_rad) * len(here) * OVERSHOOT_RAD / plan.speed_rad_s
     )  # every second axis, twice
-    capture_s = (len(here) + 1) * known.limits.settle_s + samples * SAMPLE_S
+    capture_s = (len(here) + 1) * knowledge.limits.settle_s + samples * SAMPLE_S
     walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
     joints = np.array(plan.poses_rad)
     return Forecast(
-        duration_s=_waking_s(known, record, room, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
-        poses=_labelled(plan, "capture"),
+        duration_s=_index_time_s(knowledge, record, room, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
+        poses=_label_poses(plan, "capture"),
         speed_rad_s=plan.speed_rad_s,
-        predictions=(_turns(record, joints), _offsets(record, joints)),
-        assumed=(*_assumed(known), *_WAKING),
+        predictions=(_turn_prediction(record, joints), _offset_prediction(record, joints)),
+        assumed=(*_assumption_texts(knowledge), *_WAKING),
         not_checked=(*plan.not_checked, "check poses are chosen when the turns are known"),
     )
 
 
-def forecast_place_recovery(known: Knowledge, room: Room, index_speed_rad_s: float) -> Forecast:
+def forecast_place_recovery(knowledge: Knowledge, room: MotionBounds, index_speed_rad_s: float) -> Forecast:
     """Tell which places of the record's kit would be found again after a loss, and what they would tell."""
-    record = known.record
-    lacks = _lacks(known)
+    record = knowledge.record
+    lacks = _missing_need_texts(knowledge)
     if record is None or record.kit is None or lacks:
         return Forecast(0.0, lacks=lacks)
     kit, fitted = record.kit, places_to_fit(record)
-    seen = outlook(load_model(record.model), kit, (record.drive, record.counts_at_zero))
-    left = [place.place for place in kit.places if place.kind != "nest" and place.place not in fitted]
+    kit_outlook = predict_kit_recovery(load_model(record.model), kit, (record.drive, record.counts_at_zero))
+    check_places = [place.place for place in kit.places if place.kind != "nest" and place.place not in fitted]
     visits = [
         *((f"place {k}", number) for k, number in enumerate(fitted, 1)),
-        *((f"check place {k}", number) for k, number in enumerate(left, 1)),
-        ("final place", left[-1] if left else fitted[-1]),
+        *((f"check place {k}", number) for k, number in enumerate(check_places, 1)),
+        ("final place", check_places[-1] if check_places else fitted[-1]),
     ]
     by_hand = len(visits) + sum(place.kind == "nest" for place in kit.places)
     return Forecast(
-        duration_s=_waking_s(known, record, room, index_speed_rad_s) + by_hand * PERSON_S + 3.0 * ANSWER_S,
-        poses=tuple(PlannedPose(label, _posture(record, kit, number)) for label, number in visits),
-        predictions=_by_places(seen),
+        duration_s=_index_time_s(knowledge, record, room, index_speed_rad_s)
+        + by_hand * PERSON_S
+        + 3.0 * ANSWER_S,
+        poses=tuple(PlannedPose(label, _posture_of(record, kit, number)) for label, number in visits),
+        predictions=_place_predictions(kit_outlook),
         assumed=(
             *_WAKING,
             "a person finds each place again within a minute; the postures are those of the record",
-            *(line for line in _assumed(known) if line.startswith("the robot stands")),
+            *(line for line in _assumption_texts(knowledge) if line.startswith("the robot stands")),
         ),
     )
 
@@ -130,53 +136,57 @@ def forecast_place_recovery(known: Knowledge, room: Room, index_speed_rad_s: flo
 _WAKING = ("the battery is exchanged and the power cycled within two minutes",)
 
 
-def _lacks(known: Knowledge) -> tuple[str, ...]:
-    if known.record is None:
+def _missing_need_texts(knowledge: Knowledge) -> tuple[str, ...]:
+    if knowledge.record is None:
         return ("a mastering record of this robot, taken before the loss",)
-    if known.record.kit is None:
+    if knowledge.record.kit is None:
         return ("a recovery kit in the record: touched points, a keyed seat or targets",)
-    seen = any(place.kind in ("target", "nest") for place in known.record.kit.places)
-    if seen and known.tracker is None:
+    is_visible = any(place.kind in ("target", "nest") for place in knowledge.record.kit.places)
+    if is_visible and knowledge.tracker is None:
         return ("the tracker that the record's targets were seen with",)
     return ()
 
 
-def _waking_s(known: Knowledge, record: MasteringRecord, room: Room, index_speed_rad_s: float) -> float:
+def _index_time_s(
+    knowledge: Knowledge, record: MasteringRecord, room: MotionBounds, index_speed_rad_s: float
+) -> float:
     """Return how long it takes until every motor has passed its index."""
-    here = _here(record, known.last_counts)
-    doubt = first_doubt(room, len(here), seen=known.last_counts is not None)
-    speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
+    here = _start_joints(record, knowledge.last_counts)
+    doubt = first_uncertainty(room, len(here), is_measured=knowledge.last_counts is not None)
+    speed = min(index_speed_rad_s, knowledge.limits.jog_speed_rad_s)
     return POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS, room, doubt))) / speed
 
 
-def _posture(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joints:
+def _posture_of(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joints:
     place = next(place for place in kit.places if place.place == number)
-    joints = record.drive.joints(np.array(place.counts), np.array(record.counts_at_zero))
+    joints = record.drive.to_joints(np.array(place.counts), np.array(record.counts_at_zero))
     return tuple(float(q) for q in joints)
 
 
-def _by_places(seen: KitOutlook) -> tuple[Prediction, ...]:
+def _place_predictions(kit_outlook: KitOutlook) -> tuple[Prediction, ...]:
     words = (
-        f"the chance that all lost turns are found right with these places is {seen.success_probability:.6f}; "
-        f"a wrong turn would show at {seen.check_sigmas:.0f} deviations at the places for checking"
+        f"the chance that all lost turns are found right with these places is {kit_outlook.success_probability:.6f}; "
+        f"a wrong turn would show at {kit_outlook.check_sigmas:.0f} deviations at the places for checking"
     )
     return (
-        Prediction("turns of the least known motor", 2.0 * max(seen.sigma_turns), "turn", sentence=words),
+        Prediction(
+            "turns of the least known motor", 2.0 * max(kit_outlook.sigma_turns), "turn", sentence=words
+        ),
         Prediction(
             "new zero of the least known axis, were every motor exchanged",
-            max(seen.offset_u_rad),
+            max(kit_outlook.offset_u_rad),
             "rad",
             {name: limit.axis_rad for name, limit in MASTERING.items()},
         ),
     )
 
 
-def forecast_places(known: Knowledge, room: Room, own: KitSpec | None, seed: int) -> Forecast:
+def forecast_places(knowledge: Knowledge, room: MotionBounds, own: KitSpec | None, seed: int) -> Forecast:
     """Design the kits as the procedure would; each is told with the error that it would leave."""
-    if known.model is None:
-        return Forecast(0.0, assumed=_assumed(known))
-    offers = _offers(known, room, own, seed)
-    minutes = offers.offers[0].minutes if offers.offers else 0.0
+    if knowledge.model is None:
+        return Forecast(0.0, assumed=_assumption_texts(knowledge))
+    offers = _design_offers(knowledge, room, own, seed)
+    minutes = offers.offers[0].duration_min if offers.offers else 0.0
     return Forecast(
         duration_s=60.0 * minutes + 2.0 * ANSWER_S,
         poses=tuple(
@@ -185,8 +195,8 @@ def forecast_places(known: Knowledge, room: Room, own: KitSpec | None, seed: int
         )
         if offers.offers
         else (),
-        predictions=_kits(offers),
-        assumed=(*(line for line in _assumed(known) if line.startswith("gears")), *_TIPS),
+        predictions=_kit_predictions(offers),
+        assumed=(*(line for line in _assumption_texts(knowledge) if line.startswith("gears")), *_TIPS),
         lacks=() if offers.offers else offers.missing,
         not_checked=offers.missing,
     )
@@ -197,17 +207,17 @@ _TIPS = (
 )
 
 
-def _offers(known: Knowledge, room: Room, own: KitSpec | None, seed: int) -> KitOffers:
-    assert known.model is not None
-    record = known.record
-    drive = _drive(known.model) if record is None else record.drive
-    zero = (0,) * known.model.axes if record is None else record.counts_at_zero
-    tool = known.instruments.tool_tip_m or ASSUMED_TIP_M
-    found = replace(known.instruments, tool_tip_m=tool)
-    return design_offers(known.model.name, (drive, zero), found, room, (own, seed))
+def _design_offers(knowledge: Knowledge, room: MotionBounds, own: KitSpec | None, seed: int) -> KitOffers:
+    assert knowledge.model is not None
+    record = knowledge.record
+    drive = _nominal_drive(knowledge.model) if record is None else record.drive
+    zero = (0,) * knowledge.model.axis_count if record is None else record.counts_at_zero
+    tool = knowledge.instruments.tool_tip_m or ASSUMED_TIP_M
+    found = replace(knowledge.instruments, tool_tip_m=tool)
+    return design_offers(knowledge.model.name, (drive, zero), found, room, (own, seed))
 
 
-def _kits(offers: KitOffers) -> tuple[Prediction, ...]:
+def _kit_predictions(offers: KitOffers) -> tuple[Prediction, ...]:
     """Return a line for each kit that could be recorded: what it would leave open of the least known axis."""
     limits = {name: limit.axis_rad for name, limit in MASTERING.items()}
     return tuple(
@@ -216,31 +226,31 @@ def _kits(offers: KitOffers) -> tuple[Prediction, ...]:
             offer.widest_u_rad,
             "rad",
             limits,
-            _worth(offer),
+            _offer_text(offer),
         )
         for offer in offers.offers
     )
 
 
-def _worth(offer: KitOffer) -> str:
-    told = [
+def _offer_text(offer: KitOffer) -> str:
+    offer_texts = [
         offer.words,
-        f"about {offer.minutes:.0f} minutes by hand",
+        f"about {offer.duration_min:.0f} minutes by hand",
         f"whole turns would be found right with a chance of {offer.outlook.success_probability:.6f}",
         f"check places show a wrong turn at {offer.outlook.check_sigmas:.0f} deviations",
-        *(() if offer.strong else ("too weak, it would be refused",)),
+        *(() if offer.is_strong else ("too weak, it would be refused",)),
     ]
-    return "; ".join(told)
+    return "; ".join(offer_texts)
 
 
-def _turns(record: MasteringRecord, joints: np.ndarray) -> Prediction:
-    probability, sigmas = predict(load_model(record.model), record, joints)
+def _turn_prediction(record: MasteringRecord, joints: np.ndarray) -> Prediction:
+    probability, sigmas = predict_turns(load_model(record.model), record, joints)
     words = f"the chance that all lost turns are found right with these poses is {probability:.6f}"
     return Prediction("turns of the least known motor", 2.0 * float(max(sigmas)), "turn", sentence=words)
 
 
-def _offsets(record: MasteringRecord, joints: np.ndarray) -> Prediction:
-    _, sigmas = predict(load_model(record.model), record, joints)
+def _offset_prediction(record: MasteringRecord, joints: np.ndarray) -> Prediction:
+    _, sigmas = predict_turns(load_model(record.model), record, joints)
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
     return Prediction(
         "new zero of the least known axis, were its motor exchanged",
@@ -250,14 +260,14 @@ def _offsets(record: MasteringRecord, joints: np.ndarray) -> Prediction:
     )
 
 
-def _rehearsed(state: MotorState, plan: MotionPlan) -> MasteringRecord:
+def _rehearse_record(state: MotorState, plan: MotionPlan) -> MasteringRecord:
     """Return the record that a robot without any error would give at the planned poses."""
     model, prior, zero = load_model(state.model), wire_prior(state), state.mastering.counts_at_zero
     joints = np.array(plan.poses_rad)
     tips = model.tip_positions(joints, np.array(prior.hook_in_flange_m))
     lengths = np.linalg.norm(tips - np.array(prior.anchor_in_base_m), axis=1) + prior.zero_m
     sigmas = np.full(len(lengths), state.gauge_sigma_m)
-    counts = state.drive.counts(joints, np.array(zero))
+    counts = state.drive.to_counts(joints, np.array(zero))
     captures = tuple(
         WireCapture(tuple(int(c) for c in row), float(length), state.gauge_sigma_m)
         for row, length in zip(counts, lengths, strict=True)
@@ -279,43 +289,47 @@ def _rehearsed(state: MotorState, plan: MotionPlan) -> MasteringRecord:
     )
 
 
-def _labelled(plan: MotionPlan, what: str) -> tuple[PlannedPose, ...]:
+def _label_poses(plan: MotionPlan, what: str) -> tuple[PlannedPose, ...]:
     return tuple(PlannedPose(f"{what} {k}", pose) for k, pose in enumerate(plan.poses_rad, 1))
 
 
-def _here(record: MasteringRecord, last_counts: Counts | None) -> Joints:
+def _start_joints(record: MasteringRecord, last_counts: Counts | None) -> Joints:
     if last_counts is None or len(last_counts) != len(record.counts_at_zero):
         return record.reference_joints_rad
-    joints = record.drive.joints(np.array(last_counts), np.array(record.counts_at_zero))
+    joints = record.drive.to_joints(np.array(last_counts), np.array(record.counts_at_zero))
     return tuple(float(q) for q in joints)
 
 
-def _assumed(known: Knowledge) -> tuple[str, ...]:
-    told = f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"
-    if known.record is None:
+def _assumption_texts(knowledge: Knowledge) -> tuple[str, ...]:
+    sentence = f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"
+    if knowledge.record is None:
         return (
-            told,
+            sentence,
             f"gears of {ASSUMED_RATIO:g}:1: the true ones are read from the controller",
             "the robot stands with every joint at zero, or as near as its limits allow",
         )
-    if known.last_counts is None:
-        return told, "the robot stands where its record was taken"
-    return told, "the robot stands where it was last seen healthy"
+    if knowledge.last_counts is None:
+        return sentence, "the robot stands where its record was taken"
+    return sentence, "the robot stands where it was last seen healthy"
 
 
-def state_of(known: Knowledge) -> MotorState | None:
+def state_of(knowledge: Knowledge) -> MotorState | None:
     """Return what reading the motors would say, as far as it is known; None where too little is."""
-    model, setup, gauge, record = known.model, known.gauge_setup, known.gauge, known.record
+    model, setup, gauge, record = knowledge.model, knowledge.gauge_setup, knowledge.gauge, knowledge.record
     if model is None or setup is None or gauge is None:
         return None
-    drive = _drive(model) if record is None else record.drive
-    zero = (0,) * model.axes if record is None else record.counts_at_zero
-    here = _middle(model) if record is None or not record.measured else _here(record, known.last_counts)
+    drive = _nominal_drive(model) if record is None else record.drive
+    zero = (0,) * model.axis_count if record is None else record.counts_at_zero
+    here = (
+        _middle_joints(model)
+        if record is None or not record.is_measured
+        else _start_joints(record, knowledge.last_counts)
+    )
     return MotorState(
         identity=Identity("", model.name, "", ""),
         condition=Condition(Readiness.READY),
         model=model.name,
-        counts=tuple(int(c) for c in drive.counts(np.array(here), np.array(zero))),
+        counts=tuple(int(c) for c in drive.to_counts(np.array(here), np.array(zero))),
         joints_rad=here,
         mastering=MasteringData(zero, mastered=True),
         drive=drive,
@@ -323,16 +337,18 @@ def state_of(known: Knowledge) -> MotorState | None:
         gauge_setup=setup,
         gauge_range_m=gauge.range_m,
         gauge_sigma_m=gauge.sigma_m,
-        limits=replace(known.limits),
+        limits=replace(knowledge.limits),
     )
 
 
-def _drive(model: RobotModel) -> DriveTrain:
+def _nominal_drive(model: RobotModel) -> DriveTrain:
     per_count = 2.0 * math.pi / ASSUMED_RATIO / ASSUMED_COUNTS
-    rows = np.eye(model.axes) * per_count
-    return DriveTrain(tuple(tuple(float(v) for v in row) for row in rows), (ASSUMED_COUNTS,) * model.axes)
+    rows = np.eye(model.axis_count) * per_count
+    return DriveTrain(
+        tuple(tuple(float(v) for v in row) for row in rows), (ASSUMED_COUNTS,) * model.axis_count
+    )
 
 
-def _middle(model: RobotModel) -> Joints:
+def _middle_joints(model: RobotModel) -> Joints:
     margin = 0.1
     return tuple(float(v) for v in np.clip(0.0, model.lower_rad + margin, model.upper_rad - margin))

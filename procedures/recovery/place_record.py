@@ -10,16 +10,16 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.mastering.counts import MasteringRecord, RecoveryKit
 from cellcal.drivers.interfaces import Instruction, Joints
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.entry import Phase
-from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.questions import accept
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.procedure_definition import Phase
+from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.recovery.kit_offers import (
     KitOffer,
     KitOffers,
     offers_at,
+    offers_text,
     one_more_posture,
-    told_offers,
 )
 from cellcal.procedures.recovery.recovery_kit import (
     KitProspect,
@@ -27,7 +27,7 @@ from cellcal.procedures.recovery.recovery_kit import (
     kit_places,
     kit_prospect,
     refuse_weak,
-    visited,
+    visit_near,
 )
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.steps.kit_bench import KitBench, choose_kit
@@ -49,7 +49,7 @@ class RecordedPlaces:
 
 
 async def record_places(
-    run: Run, bench: KitBench, blank: MasteringRecord, how: tuple[KitSpec | None, Room, int]
+    run: Run, bench: KitBench, blank: MasteringRecord, how: tuple[KitSpec | None, MotionBounds, int]
 ) -> RecordedPlaces:
     """Choose a kit, have its places visited, and see that a recovery would be decided and confirmed by them.
 
@@ -62,26 +62,33 @@ async def record_places(
     """
     own, room, seed = how
     offers = await run.solve("compare the kits", offers_at, bench, room, own, seed)
-    chosen = await _choose(run, offers, own)
+    chosen = await _choose_kit(run, offers, own)
     if max(chosen.outlook.sigma_turns) > HOPELESS_TURNS:  # no number of places would help
-        seen = chosen.outlook
-        refuse_weak(bench.model, KitProspect(seen.success_probability, seen.sigma_turns, seen.fitted, seen))
+        kit_outlook = chosen.outlook
+        refuse_weak(
+            bench.model,
+            KitProspect(
+                kit_outlook.success_probability, kit_outlook.sigma_turns, kit_outlook.fitted, kit_outlook
+            ),
+        )
     visits = []
     postures = _with_nests(chosen)
     for k, (what, near) in enumerate(zip(kit_places(chosen.spec), postures, strict=True), 1):
-        visits.append(await visited(run, chosen.spec, k, what, near))
+        visits.append(await visit_near(run, chosen.spec, k, what, near))
     further = 0
     while True:
         kit = RecoveryKit(chosen.spec.tip_in_flange_m, tuple(visits), chosen.spec.sigma_tip_m)
         record = replace(blank, kit=kit)
         prospect = await run.solve(f"predict a recovery by places {further + 1}", kit_prospect, record)
-        if prospect.strong or further >= MOST_FURTHER:
+        if prospect.is_strong or further >= MOST_FURTHER:
             break
         further += 1
         near = await run.solve(
             f"choose one more place {further}", one_more_posture, bench, room, chosen.spec, kit, seed
         )
-        visits.append(await visited(run, chosen.spec, len(visits) + 1, _another(chosen, len(visits)), near))
+        visits.append(
+            await visit_near(run, chosen.spec, len(visits) + 1, _another_place(chosen, len(visits)), near)
+        )
     refuse_weak(bench.model, prospect)
     return RecordedPlaces(record, prospect, chosen, offers, len(visits))
 
@@ -99,7 +106,7 @@ def place_phases(own: KitSpec | None) -> tuple[Phase, ...]:
     )
 
 
-async def _choose(run: Run, offers: KitOffers, own: KitSpec | None) -> KitOffer:
+async def _choose_kit(run: Run, offers: KitOffers, own: KitSpec | None) -> KitOffer:
     if not offers.offers:
         raise RefusalError(
             f"this cell offers no kit of places: {'; '.join(offers.missing)}",
@@ -107,20 +114,20 @@ async def _choose(run: Run, offers: KitOffers, own: KitSpec | None) -> KitOffer:
             remedy="Do one of these, then start a new run; or record with a draw-wire.",
             evidence=offers,
         )
-    table = told_offers(offers)
+    table = offers_text(offers)
     if own is not None:
         question = Instruction(
             "use_kit", f"What this kit would leave open after a loss:\n{table}\nRecord its places?"
         )
-        await run.step("choose the kit", accept, question, sha256_of(to_jsonable_python(offers)))
+        await run.step("choose the kit", ask_acceptance, question, sha256_of(to_jsonable_python(offers)))
         return offers.offers[0]
     text = (
         f"Which places shall be recorded, so that a lost zero is found again? The smallest error first:\n{table}\n"
         f"Type a name; nothing is {offers.offers[0].name}."
     )
     names = tuple(offer.name for offer in offers.offers)
-    said = await run.step("choose the kit", choose_kit, text, names)
-    found = offers.named(said.kit)
+    answer = await run.step("choose the kit", choose_kit, text, names)
+    found = offers.offer_named(answer.kit)
     assert found is not None  # the step returns one of the names
     return found
 
@@ -130,6 +137,6 @@ def _with_nests(chosen: KitOffer) -> tuple[Joints | None, ...]:
     return (*(None,) * nests, *chosen.postures_rad)
 
 
-def _another(chosen: KitOffer, number: int) -> tuple[PlaceKind, int, str]:
+def _another_place(chosen: KitOffer, number: int) -> tuple[PlaceKind, int, str]:
     kind: PlaceKind = "point" if chosen.spec.kind == "seat" else chosen.spec.kind
     return (kind, number, f"place {number + 1}")

@@ -13,16 +13,16 @@ from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, 
 from cellcal.calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Counts, Instruction
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.motors import Motors
-from cellcal.procedures.questions import accept
+from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.recovery.recovery_result import (
-    Effort,
+    RecoveryEffort,
     RecoveryResult,
-    controller_was_right,
-    refused,
-    restored,
-    told_correction,
+    correction_instruction,
+    is_controller_right,
+    refused_result,
+    restored_result,
 )
 from cellcal.procedures.recovery.recovery_spec import (
     MasteringRecoverySpec,
@@ -30,9 +30,9 @@ from cellcal.procedures.recovery.recovery_spec import (
     refuse_unknown_axes,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.steps.mastering import read_motors_alone, same_epoch
+from cellcal.procedures.steps.mastering import check_same_epoch, read_motors_alone
 from cellcal.procedures.steps.place import PlaceKind, visit_place
-from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
+from cellcal.procedures.steps.write import check_still_in_force, restore_mastering, write_mastering
 
 SAME_JOINT_RAD = 1e-4
 OLD_RECORD = (
@@ -41,7 +41,7 @@ OLD_RECORD = (
 
 
 @dataclass
-class _Visits:
+class _PlaceVisits:
     """What was found so far; rebuilt from the findings on every entry."""
 
     run: Run
@@ -49,23 +49,25 @@ class _Visits:
     record: MasteringRecord
     kit: RecoveryKit
     nests: list[PlaceCapture] = field(default_factory=list)
-    kept: list[PlaceCapture] = field(default_factory=list)
+    captures: list[PlaceCapture] = field(default_factory=list)
     checks: list[PlaceCapture] = field(default_factory=list)
     again: int = 0
     set_aside: list[str] = field(default_factory=list)
 
-    async def visit(self, number: int, step: str) -> PlaceCapture:
-        known = next(place for place in self.kit.places if place.place == number)
-        what: tuple[PlaceKind, int, str] = (_kind(known), number, step)
-        sigmas = (known.sigma_m, known.sigma_rad)
+    async def visit_again(self, number: int, step: str) -> PlaceCapture:
+        recorded_place = next(place for place in self.kit.places if place.place == number)
+        what: tuple[PlaceKind, int, str] = (_kind_of(recorded_place), number, step)
+        sigmas = (recorded_place.sigma_m, recorded_place.sigma_rad)
         return await self.run.step(step, visit_place, what, *sigmas, self.spec.tolerance_counts)
 
-    def refusal(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
-        evidence = refused(self.record, recovery, self.effort(), reason)
+    def refused_error(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
+        evidence = refused_result(self.record, recovery, self.make_effort(), reason)
         return RefusalError(f"nothing was written: {reason}", remedy=remedy, code=code, evidence=evidence)
 
-    def effort(self) -> Effort:
-        return Effort(len(self.kept) + self.again, len(self.checks), self.again, 0.0, tuple(self.set_aside))
+    def make_effort(self) -> RecoveryEffort:
+        return RecoveryEffort(
+            len(self.captures) + self.again, len(self.checks), self.again, 0.0, tuple(self.set_aside)
+        )
 
 
 async def recover_by_places(
@@ -88,20 +90,20 @@ async def recover_by_places(
     motors = await run.step("read the motors alone", read_motors_alone)
     refuse_other_gears(record, motors.drive)
     refuse_unknown_axes(spec, len(motors.counts))
-    await run.ensure("the encoders kept their position", same_epoch, motors.epoch)
-    visits = _Visits(run, spec, record, kit)
+    await run.ensure("the encoders kept their position", check_same_epoch, motors.epoch)
+    visits = _PlaceVisits(run, spec, record, kit)
     fitted = await run.solve("choose the places", places_to_fit, record)
     guess = provisional_turns(record.drive, last_counts, motors.counts)
     recovery = await _visit_until_decided(visits, fitted, guess)
-    if controller_was_right(record, recovery, motors.mastering):
+    if is_controller_right(record, recovery, motors.mastering):
         reason = "the places agree with the mastering that the controller holds, and not with the record"
-        raise visits.refusal(recovery, reason, OLD_RECORD, "procedure.wrong_record")
-    recovery = await _check(visits, fitted, recovery)
-    await run.step("accept the correction", accept, *_question(visits.record, recovery))
+        raise visits.refused_error(recovery, reason, OLD_RECORD, "procedure.wrong_record")
+    recovery = await _check_places(visits, fitted, recovery)
+    await run.step("accept the correction", ask_acceptance, *_recovery_question(visits.record, recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
-    await run.ensure("the written mastering is in force", still_in_force, recovery.counts_at_zero)
-    await _look_again(visits, recovery, motors)
-    return restored(record, recovery, visits.effort(), written, motors.epoch)
+    await run.ensure("the written mastering is in force", check_still_in_force, recovery.counts_at_zero)
+    await _verify_place(visits, recovery, motors)
+    return restored_result(record, recovery, visits.make_effort(), written, motors.epoch)
 
 
 def judge_places(
@@ -126,18 +128,18 @@ def confirm_places(
 
 
 async def _visit_until_decided(
-    visits: _Visits, fitted: tuple[int, ...], guess: tuple[int, ...]
+    visits: _PlaceVisits, fitted: tuple[int, ...], guess: tuple[int, ...]
 ) -> TurnRecovery:
     run, spec = visits.run, visits.spec
-    for number in _nests(visits.kit):
-        visits.nests.append(await visits.visit(number, f"nest {number + 1}"))
+    for number in _nest_numbers(visits.kit):
+        visits.nests.append(await visits.visit_again(number, f"nest {number + 1}"))
     for k, number in enumerate(fitted, 1):
-        visits.kept.append(await visits.visit(number, f"place {k}"))
+        visits.captures.append(await visits.visit_again(number, f"place {k}"))
     known_new = tuple(axis - 1 for axis in spec.exchanged_axes)
     while True:
         name = f"judge the places {visits.again + 1}"
         recovery = await run.solve(
-            name, judge_places, visits.record, (*visits.nests, *visits.kept), guess, known_new
+            name, judge_places, visits.record, (*visits.nests, *visits.captures), guess, known_new
         )
         if recovery.accepted:
             return recovery
@@ -145,57 +147,61 @@ async def _visit_until_decided(
         if suspect is None or visits.again >= spec.visits_again:
             remedy = "Look at tip, places and instrument: nothing may have moved. Else use the draw-wire."
             code = "procedure.geometry_changed" if recovery.mode == "geometry" else "procedure.undecided"
-            raise visits.refusal(recovery, recovery.reason, remedy, code)
+            raise visits.refused_error(recovery, recovery.reason, remedy, code)
         visits.again += 1
-        doubtful = visits.kept[suspect]
+        doubtful = visits.captures[suspect]
         visits.set_aside.append(doubtful.label)
-        visits.kept[suspect] = await visits.visit(doubtful.place, f"place again {visits.again}")
+        visits.captures[suspect] = await visits.visit_again(doubtful.place, f"place again {visits.again}")
 
 
-async def _check(visits: _Visits, fitted: tuple[int, ...], recovery: TurnRecovery) -> TurnRecovery:
+async def _check_places(
+    visits: _PlaceVisits, fitted: tuple[int, ...], recovery: TurnRecovery
+) -> TurnRecovery:
     """Visit the places that were not fitted: a wrong turn of any motor would show there."""
     rest = [place.place for place in visits.kit.places if place.kind != "nest" and place.place not in fitted]
     for k, number in enumerate(rest, 1):
-        visits.checks.append(await visits.visit(number, f"check place {k}"))
+        visits.checks.append(await visits.visit_again(number, f"check place {k}"))
     if not rest:
         remedy = "Take a new record with at least two places more than are fitted; until then use the marks."
-        raise visits.refusal(recovery, "no place is left for checking", remedy, "procedure.not_confirmed")
+        raise visits.refused_error(
+            recovery, "no place is left for checking", remedy, "procedure.not_confirmed"
+        )
     checks = (*visits.nests, *visits.checks)
     verified = await visits.run.solve(
         "confirm at the places", confirm_places, visits.record, recovery, checks
     )
     if not verified.accepted:
         remedy = "Look at tip and places, then start the recovery again."
-        raise visits.refusal(verified, verified.reason, remedy, "procedure.not_confirmed")
+        raise visits.refused_error(verified, verified.reason, remedy, "procedure.not_confirmed")
     return verified
 
 
-async def _look_again(visits: _Visits, recovery: TurnRecovery, motors: Motors) -> None:
+async def _verify_place(visits: _PlaceVisits, recovery: TurnRecovery, motors: Motors) -> None:
     """Visit one place with the written mastering: the controller must show the joints that the record has there."""
     run, last = visits.run, visits.checks[-1]
-    again = await visits.visit(last.place, "final place")
+    again = await visits.visit_again(last.place, "final place")
     shown = await run.step("read the motors after writing", read_motors_alone)
     final = await run.solve(
         "confirm the written mastering", confirm_places, visits.record, recovery, (*visits.nests, again)
     )
     drive, zero = visits.record.drive, recovery.counts_at_zero
-    apart = abs(drive.joints(np.array(shown.counts), np.array(zero)) - np.array(shown.joints_rad)).max()
+    apart = abs(drive.to_joints(np.array(shown.counts), np.array(zero)) - np.array(shown.joints_rad)).max()
     agrees = all(check.passed for check in final.gate if check.name == "verification")
     if not agrees or apart > SAME_JOINT_RAD:
         await run.write("put the old mastering back", restore_mastering, motors.mastering)
         reason = "with the new mastering the place is not where it was; the old data were put back"
         remedy = "The robot is not mastered, as before. Start the recovery again."
-        raise visits.refusal(final, reason, remedy, "procedure.not_confirmed")
+        raise visits.refused_error(final, reason, remedy, "procedure.not_confirmed")
 
 
-def _question(record: MasteringRecord, recovery: TurnRecovery) -> tuple[Instruction, str]:
-    return told_correction(recovery, record), sha256_of(list(recovery.counts_at_zero))
+def _recovery_question(record: MasteringRecord, recovery: TurnRecovery) -> tuple[Instruction, str]:
+    return correction_instruction(recovery, record), sha256_of(list(recovery.counts_at_zero))
 
 
-def _nests(kit: RecoveryKit) -> tuple[int, ...]:
+def _nest_numbers(kit: RecoveryKit) -> tuple[int, ...]:
     return tuple(place.place for place in kit.places if place.kind == "nest")
 
 
-def _kind(place: PlaceCapture) -> PlaceKind:
+def _kind_of(place: PlaceCapture) -> PlaceKind:
     kinds: dict[str, PlaceKind] = {"point": "point", "seat": "seat", "target": "target", "nest": "nest"}
     return kinds[place.kind]

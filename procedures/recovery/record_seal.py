@@ -6,14 +6,14 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.canonical import sha256_of
-from cellcal.procedures.motion.pace import Paced
-from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.canonical_json import sha256_of
+from cellcal.procedures.motion.plan_words import PlanTour, plan_words
 from cellcal.procedures.motion.plans import MotionPlan
-from cellcal.procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
+from cellcal.procedures.motion.speed_limit import TimedMotion
+from cellcal.procedures.steps.pages import WIRE_CHECKS, PlannedMoves, plan_page, straight_ways
 
 
-def seal(record: MasteringRecord) -> MasteringRecord:
+def seal_record(record: MasteringRecord) -> MasteringRecord:
     """Return the record with the hash of its canonical JSON."""
     return replace(record, sha256=seal_of(record))
 
@@ -26,17 +26,17 @@ def seal_of(record: MasteringRecord) -> str:
     return sha256_of(content)
 
 
-def shown(plan: MotionPlan) -> Instruction:
+def plan_instruction(plan: MotionPlan) -> Instruction:
     """Return the plan as a question for the technician."""
     fastest_rad_s = max(plan.speeds_rad_s)
-    tour = Tour(len(plan.poses_rad), Paced(plan.travel_rad, plan.moving_s, fastest_rad_s))
+    tour = PlanTour(len(plan.poses_rad), TimedMotion(plan.travel_rad, plan.moving_s, fastest_rad_s))
     what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
-    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    moves = Moves(
-        ways_rad=plan.ways_rad or straight(plan.poses_rad),
+    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    moves = PlannedMoves(
+        ways_rad=plan.ways_rad or straight_ways(plan.poses_rad),
         speed_rad_s=fastest_rad_s,
         checked=WIRE_CHECKS,
         not_checked=plan.not_checked,
         planned=dict.fromkeys(("go to pose", "capture"), len(plan.poses_rad)),
     )
-    return plan_page(asked, tour, moves)
+    return plan_page(instruction, tour, moves)

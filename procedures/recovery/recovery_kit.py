@@ -8,9 +8,9 @@ from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
-from cellcal.calibration.mastering.kit_design import KitOutlook, outlook
+from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.entry import Phase
+from cellcal.procedures.procedure_definition import Phase
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.steps.place import PlaceKind, visit_place
 
@@ -46,25 +46,29 @@ class KitProspect:
     outlook: KitOutlook | None = None  # None in results older than it
 
     @property
-    def strong(self) -> bool:
+    def is_strong(self) -> bool:
         """Whether a recovery would be decided and confirmed by these places."""
         return self.outlook is not None and is_strong(self.outlook)
 
 
-def is_strong(seen: KitOutlook) -> bool:
+def is_strong(kit_outlook: KitOutlook) -> bool:
     """Tell whether places tell all motors, let a mistake be noticed, and would show any wrong turn when checked."""
-    return seen.success_probability >= GOOD_PROBABILITY and seen.check_sigmas >= GOOD_SIGMAS and seen.noticed
+    return (
+        kit_outlook.success_probability >= GOOD_PROBABILITY
+        and kit_outlook.check_sigmas >= GOOD_SIGMAS
+        and kit_outlook.is_checkable
+    )
 
 
 async def recorded_kit(run: Run, spec: KitSpec | None) -> RecoveryKit | None:
     """Have every place of the kit visited; their coordinates are nobody's business."""
     if spec is None:
         return None
-    visits = [await visited(run, spec, k, what) for k, what in enumerate(kit_places(spec), 1)]
+    visits = [await visit_near(run, spec, k, what) for k, what in enumerate(kit_places(spec), 1)]
     return RecoveryKit(spec.tip_in_flange_m, tuple(visits), spec.sigma_tip_m)
 
 
-async def visited(
+async def visit_near(
     run: Run, spec: KitSpec, step: int, what: tuple[PlaceKind, int, str], near_rad: Joints | None = None
 ) -> PlaceCapture:
     """Have one place visited, near the posture that was chosen for it where there is one."""
@@ -92,8 +96,12 @@ def kit_prospect(record: MasteringRecord) -> KitProspect:
     """
     if record.kit is None:
         raise RefusalError("the record holds no recovery kit", code="procedure.no_kit")
-    seen = outlook(load_model(record.model), record.kit, (record.drive, record.counts_at_zero))
-    return KitProspect(seen.success_probability, seen.sigma_turns, seen.fitted, seen)
+    kit_outlook = predict_kit_recovery(
+        load_model(record.model), record.kit, (record.drive, record.counts_at_zero)
+    )
+    return KitProspect(
+        kit_outlook.success_probability, kit_outlook.sigma_turns, kit_outlook.fitted, kit_outlook
+    )
 
 
 def predict_kit(record: MasteringRecord) -> KitProspect:
@@ -111,8 +119,8 @@ def predict_kit(record: MasteringRecord) -> KitProspect:
 
 def refuse_weak(model_name: str, found: KitProspect) -> None:
     """Refuse a kit that a recovery would not be decided or confirmed with."""
-    names, seen = load_model(model_name).joint_names, found.outlook
-    if seen is None or seen.success_probability < GOOD_PROBABILITY:
+    names, kit_outlook = load_model(model_name).joint_names, found.outlook
+    if kit_outlook is None or kit_outlook.success_probability < GOOD_PROBABILITY:
         weakest = names[int(np.argmax(found.sigma_turns))]
         raise RefusalError(
             f"these places would leave the motor of {weakest} open to {max(found.sigma_turns):.1f} turns",
@@ -120,10 +128,10 @@ def refuse_weak(model_name: str, found: KitProspect) -> None:
             remedy="Choose places farther apart, with the tip farther from the last axis and the wrist bent by "
             "more than 40 degrees, then start a new run.",
         )
-    if not is_strong(seen):
+    if not is_strong(kit_outlook):
         raise RefusalError(
-            f"{seen.fitted} places to fit and {seen.checked} for checking are too little: a wrong turn would show at "
-            f"{seen.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; {max(seen.spare, 0)} figures to spare",
+            f"{kit_outlook.fitted} places to fit and {kit_outlook.checked} for checking are too little: a wrong turn would show at "
+            f"{kit_outlook.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; {max(kit_outlook.spare, 0)} figures to spare",
             code="procedure.weak_kit",
             remedy="Record more places, with the tip farther from the last axis, then start a new run.",
         )

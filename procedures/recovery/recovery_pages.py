@@ -8,24 +8,26 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.shown import Shown, on_page
+from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.steps.pages import axis_levers, joint_displacement
 
 
-def levers_page(asked: Instruction, record: MasteringRecord) -> Shown:
+def levers_page(instruction: Instruction, record: MasteringRecord) -> PagedInstruction:
     """Return an instruction with what a tenth of a degree of each axis displaces the hook, where the record began."""
-    levers = axis_levers(load_model(record.model), record.reference_joints_rad, _hook(record))
-    return on_page(asked, "ask", axes=levers)
+    levers = axis_levers(load_model(record.model), record.reference_joints_rad, _hook_position(record))
+    return with_page(instruction, "ask", axes=levers)
 
 
-def correction_page(asked: Instruction, record: MasteringRecord, recovery: TurnRecovery) -> Shown:
+def correction_page(
+    instruction: Instruction, record: MasteringRecord, recovery: TurnRecovery
+) -> PagedInstruction:
     """Return the correction of a mastering on its page: old and new counts, their effect at the tool, the gate."""
     model = load_model(record.model)
     offsets = record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
     postures = np.array([record.reference_joints_rad])
     if record.wire is not None and record.captures:
         postures = record.capture_joints_rad()
-    levers = axis_levers(model, record.reference_joints_rad, _hook(record))
+    levers = axis_levers(model, record.reference_joints_rad, _hook_position(record))
     rows = zip(
         levers, record.counts_at_zero, recovery.counts_at_zero, offsets, recovery.offset_u_rad, strict=True
     )
@@ -67,7 +69,7 @@ def correction_page(asked: Instruction, record: MasteringRecord, recovery: TurnR
         "characteristics": gate,
         "changes": changes,
         "displacement": joint_displacement(
-            model, [tuple(q) for q in postures], tuple(float(v) for v in offsets), _hook(record)
+            model, [tuple(q) for q in postures], tuple(float(v) for v in offsets), _hook_position(record)
         ),
         "set_aside": [],
         "not_verified": [],
@@ -75,8 +77,8 @@ def correction_page(asked: Instruction, record: MasteringRecord, recovery: TurnR
         "writes": True,
         "write_anyway": "",
     }
-    return on_page(asked, "review", axes=axes, review=review)
+    return with_page(instruction, "review", axes=axes, review=review)
 
 
-def _hook(record: MasteringRecord) -> tuple[float, ...]:
+def _hook_position(record: MasteringRecord) -> tuple[float, ...]:
     return (0.0, 0.0, 0.0) if record.prior is None else tuple(record.prior.hook_in_flange_m)

@@ -15,9 +15,9 @@ from cellcal.calibration.mastering.turn_recovery import (
     recover_turns,
     verify_recovery,
 )
-from cellcal.calibration.mastering.turn_verification import motors_alone
+from cellcal.calibration.mastering.turn_verification import motor_estimates
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
-from cellcal.procedures.recovery.record_seal import seal
+from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.procedures.recovery.recovery_pages import correction_page
 
 POWER_CHECK = "verification power"
@@ -72,7 +72,7 @@ def widest_u_rad(recovery: TurnRecovery) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Effort:
+class RecoveryEffort:
     """What a recovery cost."""
 
     captures: int
@@ -85,7 +85,7 @@ class Effort:
     jog_speed_rad_s: float = 0.0
 
 
-def judge(
+def judge_captures(
     record: MasteringRecord,
     captures: tuple[WireCapture, ...],
     provisional: tuple[int, ...],
@@ -96,7 +96,7 @@ def judge(
     return recover_turns(model, record, captures, provisional_turns=provisional, replaced_axes=exchanged)
 
 
-def confirmed(
+def confirm_recovery(
     record: MasteringRecord, recovery: TurnRecovery, checks: tuple[WireCapture, ...]
 ) -> TurnRecovery:
     """Judge a recovery at poses it was not fitted to."""
@@ -113,7 +113,7 @@ def tooth_flanks(
     return compare_flanks(load_model(record.model), record, recovery, checks, again)
 
 
-def nothing_lost(record: MasteringRecord) -> TurnRecovery:
+def nothing_lost_recovery(record: MasteringRecord) -> TurnRecovery:
     """Return the story that the controller forgot its mastering and the encoders forgot nothing."""
     motors = len(record.counts_at_zero)
     none = (0.0,) * motors
@@ -140,24 +140,24 @@ def nothing_lost(record: MasteringRecord) -> TurnRecovery:
     )
 
 
-def confirmed_memory(
+def confirm_memory(
     record: MasteringRecord, recovery: TurnRecovery, checks: tuple[WireCapture, ...]
 ) -> TurnRecovery:
     """Judge by check poses alone that nothing was lost: a fraction of a turn must show, too."""
-    verified = confirmed(record, recovery, checks)
+    verified = confirm_recovery(record, recovery, checks)
     problem = LossProblem(load_model(record.model), record, checks)
-    power, found = motors_alone(problem, np.zeros(len(recovery.turns)))
+    power, found = motor_estimates(problem, np.zeros(len(recovery.turns)))
     weakest, farthest = float(power.min()), float(np.abs(found * power).max())
     words = f"the check poses see a whole turn of any motor at {weakest:.0f} deviations or more"
     sharp = GateCheck(SHARP_CHECK, weakest >= MEMORY_POWER, weakest, MEMORY_POWER, words)
-    told = f"no motor alone explains the lengths better by more than {farthest:.1f} deviations"
-    alone = GateCheck(ALONE_CHECK, farthest <= ALONE_SIGMAS, farthest, ALONE_SIGMAS, told)
+    message = f"no motor alone explains the lengths better by more than {farthest:.1f} deviations"
+    alone = GateCheck(ALONE_CHECK, farthest <= ALONE_SIGMAS, farthest, ALONE_SIGMAS, message)
     blind = tuple(float(HIDDEN_SIGMAS / max(p, 1e-9)) for p in power)
     accepted = verified.accepted and sharp.passed and alone.passed
     return replace(verified, accepted=accepted, gate=(*verified.gate, sharp, alone), blind_turns=blind)
 
 
-def controller_was_right(record: MasteringRecord, recovery: TurnRecovery, mastering: MasteringData) -> bool:
+def is_controller_right(record: MasteringRecord, recovery: TurnRecovery, mastering: MasteringData) -> bool:
     """Tell whether the measurement agrees with what the controller holds, and not with the record.
 
     The record is older than the robot's last mastering then, or of another robot.
@@ -173,7 +173,7 @@ def controller_was_right(record: MasteringRecord, recovery: TurnRecovery, master
     return bool((apart_rad <= np.maximum(np.array(recovery.offset_u_rad), SAME_JOINT_RAD) * 1.5).all())
 
 
-def lacks_only_power(recovery: TurnRecovery) -> bool:
+def is_only_underpowered(recovery: TurnRecovery) -> bool:
     """Tell whether the check poses agree and merely do not see enough."""
     failed = [check.name for check in recovery.gate if not check.passed]
     return bool(failed) and set(failed) <= {POWER_CHECK, SHARP_CHECK}
@@ -188,42 +188,48 @@ def next_record(record: MasteringRecord, recovery: TurnRecovery, epoch: int) -> 
     """Return the same record in the counts the controller counts from now on: it serves the next loss."""
     shift = np.subtract(recovery.counts_at_zero, record.counts_at_zero)
 
-    def moved(counts: Counts) -> Counts:
+    def move_counts(counts: Counts) -> Counts:
         return tuple(int(c) for c in np.add(counts, shift))
 
-    return seal(
+    return seal_record(
         replace(
             record,
             epoch=epoch,
             counts_at_zero=recovery.counts_at_zero,
-            reference_counts=moved(record.reference_counts),
-            captures=tuple(replace(c, counts=moved(c.counts)) for c in record.captures),
+            reference_counts=move_counts(record.reference_counts),
+            captures=tuple(replace(c, counts=move_counts(c.counts)) for c in record.captures),
             kit=None
             if record.kit is None
             else replace(
                 record.kit,
-                places=tuple(replace(place, counts=moved(place.counts)) for place in record.kit.places),
+                places=tuple(replace(place, counts=move_counts(place.counts)) for place in record.kit.places),
             ),
             taken_by="mastering_recovery 1",
         )
     )
 
 
-def restored(
-    record: MasteringRecord, recovery: TurnRecovery, effort: Effort, mastering: MasteringData, epoch: int
+def restored_result(
+    record: MasteringRecord,
+    recovery: TurnRecovery,
+    effort: RecoveryEffort,
+    mastering: MasteringData,
+    epoch: int,
 ) -> RecoveryResult:
     """Return the result of a recovery that was written and confirmed."""
-    result = _result(record, recovery, effort, "restored", recovery.reason)
+    result = _make_result(record, recovery, effort, "restored", recovery.reason)
     return replace(result, mastering=mastering, record=next_record(record, recovery, epoch))
 
 
-def refused(record: MasteringRecord, recovery: TurnRecovery, effort: Effort, reason: str) -> RecoveryResult:
+def refused_result(
+    record: MasteringRecord, recovery: TurnRecovery, effort: RecoveryEffort, reason: str
+) -> RecoveryResult:
     """Return the evidence of a recovery that did not end in a correction."""
-    return _result(record, recovery, effort, "refused", reason)
+    return _make_result(record, recovery, effort, "refused", reason)
 
 
-def _result(
-    record: MasteringRecord, recovery: TurnRecovery, effort: Effort, verdict: str, reason: str
+def _make_result(
+    record: MasteringRecord, recovery: TurnRecovery, effort: RecoveryEffort, verdict: str, reason: str
 ) -> RecoveryResult:
     names = load_model(record.model).joint_names
     offsets = record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
@@ -252,20 +258,20 @@ def _result(
     )
 
 
-def told_correction(recovery: TurnRecovery, record: MasteringRecord | None = None) -> Instruction:
+def correction_instruction(recovery: TurnRecovery, record: MasteringRecord | None = None) -> Instruction:
     """Return the question before the mastering is written: what was found, and what no measurement tells.
 
     With the record, a screen shows old and new counts and what they are worth at the tool.
     """
-    asked = Instruction(
+    instruction = Instruction(
         "accept_mastering",
-        f"{recovery.reason}. The check poses confirm it. {_proviso(recovery)}"
+        f"{recovery.reason}. The check poses confirm it. {_proviso_text(recovery)}"
         "Write the mastering data to the controller?",
     )
-    return asked if record is None else correction_page(asked, record, recovery)
+    return instruction if record is None else correction_page(instruction, record, recovery)
 
 
-def _proviso(recovery: TurnRecovery) -> str:
+def _proviso_text(recovery: TurnRecovery) -> str:
     """Say what no measurement tells from lost turns."""
     if recovery.mode not in ("turns", "memory"):
         return ""

@@ -7,9 +7,9 @@ from pydantic import Field
 
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.drivers.interfaces import Counts
-from cellcal.procedures.limits import AccuracyClass, MasteringLimits
-from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.recovery.waking import AlarmCodes
+from cellcal.procedures.accuracy_limits import AccuracyClass, MasteringLimits
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.recovery.position_alarms import AlarmCodes
 from cellcal.procedures.run import RefusalError
 
 
@@ -38,7 +38,7 @@ class MasteringRecoverySpec:
     index_speed_rad_s: Annotated[float, Field(gt=0, le=0.25)] = 0.035
     accuracy_class: AccuracyClass = "B"  # of an axis whose reference was lost; turns are exact or refused
     limits: MasteringLimits | None = None
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
     alarms: AlarmCodes = field(default_factory=AlarmCodes)
 
 

@@ -1,18 +1,24 @@
 """What a mastering recovery may claim, joint by joint, and what it leaves to people."""
 
 from cellcal.calibration.mastering.flank_check import FlankCheck
-from cellcal.procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
+from cellcal.procedures.accuracy_limits import (
+    MASTERING,
+    AccuracyClass,
+    MasteringLimits,
+    limits_in_force,
+    limits_text,
+)
 from cellcal.procedures.recovery.recovery_result import JointRecovery, RecoveryResult
 from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
 from cellcal.procedures.verdict import (
-    Change,
     Characteristic,
+    ProcedureVerdict,
     SetAside,
-    Verdict,
-    enough,
-    held,
+    ValueChange,
     known_within,
-    stated,
+    state_evidence,
+    state_fact,
+    state_figure,
 )
 
 # what motion_safety 3.6 leaves to a person after a mastering was written
@@ -27,12 +33,12 @@ NO_EXCHANGE = "Whole turns are exact provided that no motor, encoder, belt or ge
 
 def verdict_on_recovery(
     accuracy_class: AccuracyClass, own: MasteringLimits | None, result: RecoveryResult
-) -> Verdict:
+) -> ProcedureVerdict:
     """Say joint by joint what was restored, and repeat the gate that let it pass."""
-    limits = chosen(MASTERING, accuracy_class, own)
-    joints = [_joint(joint, limits.axis_rad) for joint in result.joints]
+    limits = limits_in_force(MASTERING, accuracy_class, own)
+    joints = [_joint_figure(joint, limits.axis_rad) for joint in result.joints]
     checks = [
-        held(f"gate: {check.name}", check.passed, check.sentence, found=check.found, limit=check.limit)
+        state_fact(f"gate: {check.name}", check.passed, check.sentence, found=check.found, limit=check.limit)
         for check in result.gate
     ]
     moved = ", ".join(
@@ -43,15 +49,15 @@ def verdict_on_recovery(
     real = ", ".join(joint.name for joint in result.joints if not joint.exact)
     remarks = [f"Turn counters corrected: {moved or 'none'}."]
     remarks.append(f"New zero of {real}." if real else "Zero offsets unchanged; this is no calibration.")
-    return Verdict(
-        (*joints, *checks, *_flanks(result.flanks)),
-        limits_from=told(accuracy_class, own) if real else "whole turns: exact or refused",
+    return ProcedureVerdict(
+        (*joints, *checks, *_flank_figures(result.flanks)),
+        limits_from=limits_text(accuracy_class, own) if real else "whole turns: exact or refused",
         not_verified=(
             "No production point was touched; the witness marks were not compared.",
             "The accuracy of the robot beyond its old mastering was not measured.",
         ),
         remarks=(*remarks, NO_EXCHANGE),
-        changes=_changes(result),
+        changes=_joint_changes(result),
         set_aside=tuple(
             SetAside(step, "did not fit the others; measured again") for step in result.set_aside
         ),
@@ -59,7 +65,7 @@ def verdict_on_recovery(
     )
 
 
-def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[str, ...]:
+def saving_texts(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[str, ...]:
     """Say what choosing the poses saved against evenly drawn ones that know the least known motor as well."""
     if spec.evidence == "places" or (result.record is not None and result.record.wire is None):
         return ("no saving: every place of the kit was visited, to fit or to check",)
@@ -83,16 +89,16 @@ def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[str, ..
     )
 
 
-def _joint(joint: JointRecovery, limit_rad: float) -> Characteristic:
+def _joint_figure(joint: JointRecovery, limit_rad: float) -> Characteristic:
     if joint.exact:
         rule = "exact or refused: the gate below decides"
-        return held(
+        return state_fact(
             f"{joint.name}: turns restored", True, rule, found=float(joint.turns_restored), unit="turn"
         )
     return known_within(f"{joint.name}: new zero", "rad", u=joint.offset_u_rad / 2.0, limit=limit_rad)
 
 
-def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
+def _flank_figures(found: FlankCheck | None) -> tuple[Characteristic, ...]:
     """Return what going to check poses again tells; UNDECIDED where hook, gears or warmth are in doubt."""
     if found is None:
         return ()
@@ -100,7 +106,7 @@ def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
     if found.moved_m is not None:
         rule = "PASS if within what a capture scatters, 99.9 %; else the hook slips, or the hall or the arm warmed"
         figures.append(
-            enough(
+            state_evidence(
                 "a check pose gone to again from the same side", found.nothing_moved, rule,
                 found=found.moved_m, limit=found.moved_limit_m, unit="m",
             )
@@ -108,7 +114,7 @@ def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
     if found.lost_motion_m is not None:
         rule = "PASS if no more than gears in order have, 99.9 %; else a gear, the hook or the tool is loose"
         figures.append(
-            enough(
+            state_evidence(
                 "a check pose gone to again from the other side", found.nothing_loose, rule,
                 found=found.lost_motion_m, limit=found.lost_motion_limit_m, unit="m",
             )
@@ -116,19 +122,20 @@ def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
     if found.backlash_rad is not None:
         name = f"play of {', '.join(found.joints)}, taken as alike"
         rule = "no more than what this wire sees of them together"
-        figures.append(stated(name, found.backlash_rad, "rad", u=found.backlash_u_rad / 2.0, rule=rule))
+        figures.append(state_figure(name, found.backlash_rad, "rad", u=found.backlash_u_rad / 2.0, rule=rule))
     return tuple(figures)
 
 
-def _changes(result: RecoveryResult) -> tuple[Change, ...]:
+def _joint_changes(result: RecoveryResult) -> tuple[ValueChange, ...]:
     zeros = zip(result.joints, result.counts_at_zero_before, result.counts_at_zero, strict=True)
     offsets = [
-        Change(
+        ValueChange(
             f"{joint.name}: error of its zero", joint.offset_rad, None if joint.offset_u_rad else 0.0, "rad"
         )
         for joint in result.joints
     ]
     counts = [
-        Change(f"{joint.name}: counts at zero", float(old), float(new), "count") for joint, old, new in zeros
+        ValueChange(f"{joint.name}: counts at zero", float(old), float(new), "count")
+        for joint, old, new in zeros
     ]
     return (*offsets, *counts)

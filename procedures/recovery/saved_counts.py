@@ -8,9 +8,9 @@ from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Counts, Instruction
 from cellcal.procedures.cell import Cell
+from cellcal.procedures.instruction_page import PagedInstruction
 from cellcal.procedures.recovery.recovery_pages import levers_page
 from cellcal.procedures.run import DeclinedError
-from cellcal.procedures.shown import Shown
 
 NEWEST = (
     "The recovery starts from the counts that were saved while the robot was healthy. Is no newer record or backup "
@@ -18,15 +18,15 @@ NEWEST = (
 )
 
 
-def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> Shown:
+def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> PagedInstruction:
     """Return the question with the saved counts, and what a tenth of a degree of each axis displaces the hook."""
-    sentences = [NEWEST, f"Counts at zero: {_listed(record.counts_at_zero)}."]
+    sentences = [NEWEST, f"Counts at zero: {_counts_text(record.counts_at_zero)}."]
     if last_counts is not None:
-        sentences.append(f"Last healthy counts: {_listed(last_counts)}.")
+        sentences.append(f"Last healthy counts: {_counts_text(last_counts)}.")
     return levers_page(Instruction("saved_counts", " ".join(sentences)), record)
 
 
-async def confirm_newest(cell: Cell, page: Shown) -> Answer:
+async def confirm_newest(cell: Cell, page: PagedInstruction) -> Answer:
     """Have a person confirm that no newer counts are at hand.
 
     Raises
@@ -43,5 +43,5 @@ async def confirm_newest(cell: Cell, page: Shown) -> Answer:
         ) from error
 
 
-def _listed(counts: Counts) -> str:
+def _counts_text(counts: Counts) -> str:
     return ", ".join(f"J{axis} {count}" for axis, count in enumerate(counts, 1))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cellcal.calibration.mastering.counts import WireCapture
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motion.active_frames import check_same_frames
 from cellcal.procedures.motors import motor_store
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.steps.mastering import length_gauge
@@ -34,15 +34,15 @@ class StillCapture:
     raw: tuple[int, ...]
 
 
-async def capture(
+async def capture_still(
     cell: Cell, label: str, samples: int, tolerance_counts: int, settled_from: str = "record"
 ) -> StillCapture:
     """Let arm and wire settle, average several readings, and hold that nothing moved meanwhile."""
     for _ in range(TRIES):
         await asyncio.sleep(cell.limits.settle_s)
-        found = await _look(cell, label, samples, settled_from)
-        if _at_rest(found, tolerance_counts, length_gauge(cell).capabilities.sigma_m):
-            await same_frames(cell)
+        found = await _read_still(cell, label, samples, settled_from)
+        if _is_at_rest(found, tolerance_counts, length_gauge(cell).capabilities.sigma_m):
+            await check_same_frames(cell)
             return found
     raise NotAtRestError(
         f"{label}: counts went from {found.wire.counts} to {found.counts_after}, lengths spread by "
@@ -51,11 +51,11 @@ async def capture(
     )
 
 
-async def _look(cell: Cell, label: str, samples: int, settled_from: str) -> StillCapture:
+async def _read_still(cell: Cell, label: str, samples: int, settled_from: str) -> StillCapture:
     store, gauge = motor_store(cell), length_gauge(cell)
     before = await store.encoder_counts()
-    readings = [await gauge.distance() for _ in range(samples)]
-    joints = await cell.robot.joints()
+    readings = [await gauge.read_distance() for _ in range(samples)]
+    joints = await cell.robot.read_joints()
     after = await store.encoder_counts()
     values = tuple(reading.value_m for reading in readings)
     spread = statistics.stdev(values) / math.sqrt(samples) if samples > 1 else 0.0
@@ -65,7 +65,7 @@ async def _look(cell: Cell, label: str, samples: int, settled_from: str) -> Stil
     return StillCapture(wire, tuple(after), joints.joints_rad, values, tuple(r.raw for r in readings))
 
 
-def _at_rest(found: StillCapture, tolerance_counts: int, sigma_m: float) -> bool:
+def _is_at_rest(found: StillCapture, tolerance_counts: int, sigma_m: float) -> bool:
     moved = max(abs(a - b) for a, b in zip(found.wire.counts, found.counts_after, strict=True))
     spread = max(found.readings_m) - min(found.readings_m)
     return moved <= tolerance_counts and spread <= SPREAD_SIGMAS * sigma_m

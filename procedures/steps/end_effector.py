@@ -18,7 +18,7 @@ BACK = {
 }
 
 
-def to_point(method: str, number: int, point_m: Triple) -> Instruction:
+def point_instruction(method: str, number: int, point_m: Triple) -> Instruction:
     """Return what a person does so that a point of the end-effector can be measured."""
     x, y, z = (value * 1e3 for value in point_m)
     if method == "tracker":
@@ -34,9 +34,9 @@ def to_point(method: str, number: int, point_m: Triple) -> Instruction:
     )
 
 
-def bad_shape(placed: PlacedPoints | None, evidence: object) -> RefusalError | None:
+def bad_shape_error(placed: PlacedPoints | None, evidence: object) -> RefusalError | None:
     """Return why points that were found cannot be those of the drawing; None where they can."""
-    if placed is None or placed.consistent():
+    if placed is None or placed.is_consistent():
         return None
     i, j = placed.worst_pair
     return RefusalError(

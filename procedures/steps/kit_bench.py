@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from cellcal.drivers.interfaces import Question
-from cellcal.procedures.cell import Cell, MotionLimits
+from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.instruments import Instruments, instruments_of
 from cellcal.procedures.motors import Motors
-from cellcal.procedures.questions import enter
+from cellcal.procedures.questions import ask_for_value
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 
@@ -26,7 +26,7 @@ class KitBench:
 
     motors: Motors
     model: str
-    limits: MotionLimits
+    limits: MotionCaps
     instruments: Instruments
 
 
@@ -57,15 +57,15 @@ async def choose_kit(cell: Cell, text: str, names: tuple[str, ...]) -> KitChoice
     NoSuchKitError
         Three answers named none of them.
     """
-    asked = text
+    question = text
     for _ in range(ASKED_AGAIN):
-        answer = await enter(cell, Question("choose_kit", asked))
-        said = answer.value.strip().lower() or names[0]
-        if said in ("yes", "y"):
-            said = names[0]
-        if said in names:
-            return KitChoice(said, answer.who)
-        asked = f"There is no kit {answer.value!r}; there are {', '.join(names)}.\n{text}"
+        answer = await ask_for_value(cell, Question("choose_kit", question))
+        kit_name = answer.value.strip().lower() or names[0]
+        if kit_name in ("yes", "y"):
+            kit_name = names[0]
+        if kit_name in names:
+            return KitChoice(kit_name, answer.who)
+        question = f"There is no kit {answer.value!r}; there are {', '.join(names)}.\n{text}"
     raise NoSuchKitError(
         f"no kit was chosen: {answer.value!r} is none of {', '.join(names)}",
         remedy="Resume the run and type one of the names.",

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motion.active_frames import check_same_frames
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
 from cellcal.procedures.steps.mastering import length_gauge
-from cellcal.procedures.steps.teach import still
+from cellcal.procedures.steps.teach import is_still
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ async def capture_length(cell: Cell, label: str, samples: int) -> LengthCapture:
     gauge = length_gauge(cell)
     for _ in range(TRIES):
         await asyncio.sleep(cell.limits.settle_s)
-        before = await cell.robot.joints()
-        readings = [await gauge.distance() for _ in range(samples)]
-        after = await cell.robot.joints()
+        before = await cell.robot.read_joints()
+        readings = [await gauge.read_distance() for _ in range(samples)]
+        after = await cell.robot.read_joints()
         values = tuple(reading.value_m for reading in readings)
         spread = max(values) - min(values)
-        if still(before, after) and spread <= SPREAD_SIGMAS * gauge.capabilities.sigma_m:
-            await same_frames(cell)
+        if is_still(before, after) and spread <= SPREAD_SIGMAS * gauge.capabilities.sigma_m:
+            await check_same_frames(cell)
             noise = max(gauge.capabilities.sigma_m / 2.0, statistics.stdev(values) if samples > 1 else 0.0)
             sigma = math.hypot(noise / math.sqrt(samples), gauge.capabilities.resolution_m)
             raw = tuple(reading.raw for reading in readings)

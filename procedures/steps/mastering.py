@@ -29,10 +29,10 @@ async def read_motors_alone(cell: Cell) -> Motors:
     store = motor_store(cell)
     return Motors(
         identity=await cell.robot.identify(),
-        condition=await cell.robot.condition(),
+        condition=await cell.robot.read_condition(),
         counts=await store.encoder_counts(),
-        joints_rad=(await cell.robot.joints()).joints_rad,
-        mastering=await store.mastering(),
+        joints_rad=(await cell.robot.read_joints()).joints_rad,
+        mastering=await store.read_mastering(),
         drive=await store.drive_train(),
         epoch=await store.encoder_epoch(),
     )
@@ -43,8 +43,8 @@ async def read_motors(cell: Cell) -> MotorState:
     store, gauge = motor_store(cell), length_gauge(cell)
     if cell.gauge_setup is None:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
-    condition, mastering = await cell.robot.condition(), await store.mastering()
-    joints_rad = (await cell.robot.joints()).joints_rad
+    condition, mastering = await cell.robot.read_condition(), await store.read_mastering()
+    joints_rad = (await cell.robot.read_joints()).joints_rad
     if mastering.mastered and condition.readiness is Readiness.READY:
         _refuse_other_model(nominal_model(cell), joints_rad, await cell.robot.flange_pose())
     return MotorState(
@@ -88,7 +88,7 @@ async def stored_record(cell: Cell) -> MasteringRecord:
             code="procedure.no_record",
             remedy="Master the robot by its marks or pins, then take a mastering record at once.",
         )
-    if not record.measured:
+    if not record.is_measured:
         raise RefusalError(
             "the mastering record is from a controller's backup: it holds counts, and no lengths or places",
             code="procedure.no_record",
@@ -109,24 +109,24 @@ async def read_counts(cell: Cell) -> Counts:
     return await motor_store(cell).encoder_counts()
 
 
-async def look_at_alarms(cell: Cell) -> Condition:
+async def read_alarms(cell: Cell) -> Condition:
     """Return the robot's condition in the maker's words."""
-    return await cell.robot.condition()
+    return await cell.robot.read_condition()
 
 
-async def wait_for_the_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
+async def wait_for_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
     """Wait until the robot answers after a power cycle, without the alarms that the power cycle takes away.
 
     Who says yes before the switch is turned is waited for.
     """
     cell.motion.epoch = None  # a power cycle after a loss begins a new epoch
-    condition = await cell.robot.condition()
+    condition = await cell.robot.read_condition()
     for _ in range(round(BOOT_DEADLINE_S / BOOT_PAUSE_S)):
         waiting = any(alarm.code in gone for alarm in condition.alarms)
         if condition.readiness is not Readiness.UNREACHABLE and not waiting:
             return condition
         await asyncio.sleep(BOOT_PAUSE_S)
-        condition = await cell.robot.condition()
+        condition = await cell.robot.read_condition()
     if condition.readiness is not Readiness.UNREACHABLE:
         return condition
     raise UnreachableError(
@@ -136,7 +136,7 @@ async def wait_for_the_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
     )
 
 
-async def same_epoch(cell: Cell, epoch: int) -> int:
+async def check_same_epoch(cell: Cell, epoch: int) -> int:
     """Hold that the encoders have not lost their position since ``epoch`` was read."""
     found = await motor_store(cell).encoder_epoch()
     if found != epoch:
@@ -151,7 +151,7 @@ async def reset_alarms(cell: Cell) -> Condition:
     """Acknowledge position alarms and say what is left."""
     await motor_store(cell).reset_position_alarms()
     cell.motion.epoch = None  # what follows is a new beginning for the encoders
-    return await cell.robot.condition()
+    return await cell.robot.read_condition()
 
 
 def length_gauge(cell: Cell) -> DistanceGauge:

@@ -19,8 +19,8 @@ from cellcal.drivers.interfaces import (
     Tracker,
 )
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import NEEDS
-from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motion.active_frames import check_same_frames
+from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
 
@@ -67,7 +67,7 @@ class PoseCapture:
     reading: PoseReading
 
 
-def tracker(cell: Cell) -> Tracker:
+def tracker_of(cell: Cell) -> Tracker:
     """Return the cell's tracker, or say what is missing."""
     if cell.tracker is None:
         lacks = NEEDS["tracker"][0]
@@ -97,33 +97,33 @@ async def measure_point(
     StationMovedError
         The readings are of another station than asked for, or of two.
     """
-    device = tracker(cell)
+    device = tracker_of(cell)
     for _ in range(TRIES):
         await asyncio.sleep(cell.limits.settle_s)
-        before = await cell.robot.joints()
-        readings = tuple([await device.point() for _ in range(samples)])
-        after = await cell.robot.joints()
-        one_station((reading.station for reading in readings), station)
-        if _stood(before, after) and _agree(readings):
-            await same_frames(cell)
-            return _point(label, after.joints_rad, readings)
-    raise _not_at_rest(label)
+        before = await cell.robot.read_joints()
+        readings = tuple([await device.measure_point() for _ in range(samples)])
+        after = await cell.robot.read_joints()
+        check_one_station((reading.station for reading in readings), station)
+        if _is_standing(before, after) and _readings_agree(readings):
+            await check_same_frames(cell)
+            return _point_capture(label, after.joints_rad, readings)
+    raise _not_at_rest_error(label)
 
 
 async def measure_pose(cell: Cell, label: str, *, station: int | None = None) -> PoseCapture:
     """As ``measure_point``, for one pose of a probe."""
-    device = cast(MeasuresPoses, tracker(cell))
-    if not tracker(cell).capabilities.measures_poses:
+    device = cast(MeasuresPoses, tracker_of(cell))
+    if not tracker_of(cell).capabilities.measures_poses:
         lacks = NEEDS["measures_poses"][0]
         raise NeedsUnmetError(f"this step needs {lacks}", missing=(lacks,), remedy="Measure points instead.")
     for _ in range(TRIES):
         await asyncio.sleep(cell.limits.settle_s)
-        before = await cell.robot.joints()
-        reading = await device.pose()
-        after = await cell.robot.joints()
-        one_station((reading.station,), station)
-        if _stood(before, after):
-            await same_frames(cell)
+        before = await cell.robot.read_joints()
+        reading = await device.measure_pose()
+        after = await cell.robot.read_joints()
+        check_one_station((reading.station,), station)
+        if _is_standing(before, after):
+            await check_same_frames(cell)
             return PoseCapture(
                 label,
                 after.joints_rad,
@@ -133,12 +133,12 @@ async def measure_pose(cell: Cell, label: str, *, station: int | None = None) ->
                 reading.station,
                 reading,
             )
-    raise _not_at_rest(label)
+    raise _not_at_rest_error(label)
 
 
-def one_station(stations: Iterable[int], wanted: int | None = None) -> None:
+def check_one_station(stations: Iterable[int], expected: int | None = None) -> None:
     """Raise StationMovedError unless all readings are of one station, the wanted one where it is given."""
-    found = sorted(set(stations) | ({wanted} if wanted is not None else set()))
+    found = sorted(set(stations) | ({expected} if expected is not None else set()))
     if len(found) > 1:
         raise StationMovedError(
             f"readings of the stations {', '.join(map(str, found))} are of different frames and cannot be mixed",
@@ -146,7 +146,7 @@ def one_station(stations: Iterable[int], wanted: int | None = None) -> None:
         )
 
 
-def hold_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) -> float:
+def check_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) -> float:
     """Compare two captures of one pose, taken at the beginning and later; return their distance [m].
 
     A tripod that somebody ran into does not always tell. The first pose, measured again, does.
@@ -161,7 +161,7 @@ def hold_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) -
     StationMovedError
         They lie further apart than four standard deviations.
     """
-    one_station((first.station, again.station))
+    check_one_station((first.station, again.station))
     way = np.subtract(again.position_m, first.position_m)
     covariance = np.array(first.covariance_m2) + np.array(again.covariance_m2) + np.eye(3) * arm_sigma_m**2
     distance = float(np.linalg.norm(way))
@@ -173,10 +173,10 @@ def hold_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) -
     return distance
 
 
-def _point(label: str, joints_rad: Joints, readings: tuple[PointReading, ...]) -> PointCapture:
+def _point_capture(label: str, joints_rad: Joints, readings: tuple[PointReading, ...]) -> PointCapture:
     places = np.array([reading.position_m for reading in readings])
     worst = max(readings, key=lambda reading: math.hypot(*reading.sigma_m))
-    covariance = _covariance(worst)
+    covariance = _covariance_of(worst)
     if len(readings) > 1:
         covariance = covariance + np.diag(places.var(axis=0, ddof=1)) / len(readings)
     x, y, z = (float(v) for v in places.mean(axis=0))
@@ -192,24 +192,24 @@ def _point(label: str, joints_rad: Joints, readings: tuple[PointReading, ...]) -
     )
 
 
-def _covariance(reading: PointReading) -> Array:
+def _covariance_of(reading: PointReading) -> Array:
     xy, xz, yz = reading.covariance_m2
     x, y, z = (sigma**2 for sigma in reading.sigma_m)
     return np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
 
 
-def _stood(before: JointReading, after: JointReading) -> bool:
+def _is_standing(before: JointReading, after: JointReading) -> bool:
     ways = (abs(a - b) for a, b in zip(before.joints_rad, after.joints_rad, strict=True))
     return not before.moving and not after.moving and max(ways) <= STILL_RAD
 
 
-def _agree(readings: tuple[PointReading, ...]) -> bool:
+def _readings_agree(readings: tuple[PointReading, ...]) -> bool:
     places = np.array([reading.position_m for reading in readings])
     sigma_m = max(max(reading.sigma_m) for reading in readings)
     return bool((np.ptp(places, axis=0) <= SPREAD_SIGMAS * sigma_m).all())
 
 
-def _not_at_rest(label: str) -> NotAtRestError:
+def _not_at_rest_error(label: str) -> NotAtRestError:
     return NotAtRestError(
         f"{label}: the arm or its target moved while it was measured, {TRIES} times",
         remedy="Let the arm come to rest, see that the target sits firmly, then resume.",

@@ -17,7 +17,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, frame_from_more_points, frame_from_three_points
 from cellcal.calibration.points.tool_point import AxesLimits
-from cellcal.calibration.points.touch_design import alike_touch, foreseen_u_m
+from cellcal.calibration.points.touch_design import alike_touch, predicted_u_m
 
 _POSE: TypeAdapter[Pose] = TypeAdapter(Pose)
 SHORT_BASE_M = 0.15  # the axes turn by point error over distance: below this a person is warned
@@ -28,7 +28,7 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Gauged:
+class MeterFigure:
     """One figure. ``least`` and ``most`` are the limits it is held to, where there are any. SI units."""
 
     name: str  # a key for translations
@@ -45,7 +45,7 @@ class MeterReading:
     refusal: str = ""
     words: str = ""
     warning: str = ""
-    figures: tuple[Gauged, ...] = ()
+    figures: tuple[MeterFigure, ...] = ()
 
 
 def read_meter(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
@@ -78,24 +78,24 @@ def tip_meter(
 
 
 def _read_tip(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
-    touches = [*_poses(meter["touches"]), base_flange]
+    touches = [*_parse_poses(meter["touches"]), base_flange]
     first, later = meter["turns_rad"]
     least = first if len(touches) <= 3 else later
-    attitudes = [touch.rotation() for touch in touches]
+    attitudes = [touch.rotation_matrix() for touch in touches]
     figures = []
     if len(touches) > 1:
-        spread = min(_angle(attitudes[-1], one) for one in attitudes[:-1])
-        figures.append(Gauged("spread", spread, "rad", least=least))
-    foreseen = foreseen_u_m(attitudes, meter["sigma_m"], arm_sigma_m=meter["arm_sigma_m"])
+        spread = min(_angle_between(attitudes[-1], one) for one in attitudes[:-1])
+        figures.append(MeterFigure("spread", spread, "rad", least=least))
+    foreseen = predicted_u_m(attitudes, meter["sigma_m"], arm_sigma_m=meter["arm_sigma_m"])
     if foreseen is not None:
-        figures.append(Gauged("tip_u", foreseen, "m", most=meter["limit_m"]))
+        figures.append(MeterFigure("tip_u", foreseen, "m", most=meter["limit_m"]))
     alike = alike_touch(touches, min_turn_rad=least, worst_gain=meter["worst_gain"])
     if alike is None:
         return MeterReading(figures=tuple(figures))
     key = "tcp.one_axis" if alike.like is None else "tcp.spread_low"
     if len(touches) > 3:  # the step says itself which turn tells most
         return MeterReading(key, figures=tuple(figures))
-    words = f"Turn the tool {alike.turn.told()} of the flange, or further."
+    words = f"Turn the tool {alike.turn.describe_turn()} of the flange, or further."
     return MeterReading(key, words, figures=tuple(figures))
 
 
@@ -110,8 +110,8 @@ def move_meter(start: Pose, least_m: float) -> dict[str, Any]:
 def _read_move(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     start, least, most = _POSE.validate_python(meter["start"]), meter["least_m"], meter["most_turn_rad"]
     moved = math.dist(start.position_m, base_flange.position_m)
-    turned = _angle(start.rotation(), base_flange.rotation())
-    figures = (Gauged("moved", moved, "m", least=least), Gauged("turned", turned, "rad", most=most))
+    turned = _angle_between(start.rotation_matrix(), base_flange.rotation_matrix())
+    figures = (MeterFigure("moved", moved, "m", least=least), MeterFigure("turned", turned, "rad", most=most))
     if turned > most:
         words = (
             f"The tool has turned by {math.degrees(turned):.2f} degrees: bring it back to how it was held."
@@ -165,7 +165,7 @@ def _read_frame(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     if role == "origin":  # once more
         return _read_whole_frame(meter, points, (), "")
     base = math.dist(origin[0], tip)
-    distance = Gauged("from_origin", base, "m", least=MIN_DISTANCE_M)
+    distance = MeterFigure("from_origin", base, "m", least=MIN_DISTANCE_M)
     if base < MIN_DISTANCE_M:
         return MeterReading("frame.points_close", "Go further from the origin.", figures=(distance,))
     short = "frame.short_base" if role == "on_x" and base < SHORT_BASE_M else ""
@@ -175,7 +175,10 @@ def _read_frame(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
 
 
 def _read_whole_frame(
-    meter: Mapping[str, Any], points: Mapping[str, Sequence[Any]], distance: tuple[Gauged, ...], short: str
+    meter: Mapping[str, Any],
+    points: Mapping[str, Sequence[Any]],
+    distance: tuple[MeterFigure, ...],
+    short: str,
 ) -> MeterReading:
     origins, on_x, in_plane = points["origin"], points["on_x"], points["in_plane"]
     first, sigma = (origins[0], on_x[0], in_plane[0]), meter["sigma_m"]
@@ -191,15 +194,17 @@ def _read_whole_frame(
     opening = min(taught.opening_rad, math.pi - taught.opening_rad)
     origin_limit, turn_limit = meter["limits"]
     figures = [
-        Gauged("opening", opening, "rad"),
-        Gauged("base_length", taught.x_length_m, "m"),
-        Gauged("origin_u", 2.0 * max(taught.origin_sigma_m), "m", most=origin_limit),
-        Gauged("axes_u", 2.0 * max(taught.rotation_sigma_rad), "rad", most=turn_limit),
+        MeterFigure("opening", opening, "rad"),
+        MeterFigure("base_length", taught.x_length_m, "m"),
+        MeterFigure("origin_u", 2.0 * max(taught.origin_sigma_m), "m", most=origin_limit),
+        MeterFigure("axes_u", 2.0 * max(taught.rotation_sigma_rad), "rad", most=turn_limit),
     ]
     if points.get("above"):
         base_frame = taught.base_frame
-        up = (np.array(points["above"][-1]) - np.array(base_frame.position_m)) @ base_frame.rotation()[:, 2]
-        figures.append(Gauged("height", float(up), "m", least=0.0))
+        up = (np.array(points["above"][-1]) - np.array(base_frame.position_m)) @ base_frame.rotation_matrix()[
+            :, 2
+        ]
+        figures.append(MeterFigure("height", float(up), "m", least=0.0))
         if not up > 0:
             words = "The points were touched in another order than they were asked for."
             return MeterReading("frame.left_handed", words, figures=tuple(figures))
@@ -224,15 +229,15 @@ def known_points_meter(
 
 
 def _read_known_point(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
-    tip, known = _tip_in_base(base_flange, meter["tip_in_flange_m"]), meter["known_m"]
+    tip, known_m = _tip_in_base(base_flange, meter["tip_in_flange_m"]), meter["known_m"]
     touched = meter["touched_m"]
     gaps = [
-        abs(math.dist(tip, place) - math.dist(known[-1], other))
-        for place, other in zip(touched, known[:-1], strict=True)
+        abs(math.dist(tip, place) - math.dist(known_m[-1], other))
+        for place, other in zip(touched, known_m[:-1], strict=True)
     ]
     if not gaps:
         return MeterReading()
-    figures = (Gauged("gap", max(gaps), "m"),)
+    figures = (MeterFigure("gap", max(gaps), "m"),)
     return MeterReading(warning="frame.points_disagree" if max(gaps) > WRONG_POINT_M else "", figures=figures)
 
 
@@ -243,16 +248,16 @@ def tip_in_base(base_flange: Pose, tip_in_flange_m: Sequence[float]) -> Triple:
 
 
 def _tip_in_base(base_flange: Pose, tip_in_flange_m: Sequence[float]) -> list[float]:
-    place = base_flange.rotation() @ np.array(tip_in_flange_m) + np.array(base_flange.position_m)
+    place = base_flange.rotation_matrix() @ np.array(tip_in_flange_m) + np.array(base_flange.position_m)
     return [float(value) for value in place]
 
 
-def _poses(told: Sequence[Any]) -> list[Pose]:
-    return [_POSE.validate_python(pose) for pose in told]
+def _parse_poses(values: Sequence[Any]) -> list[Pose]:
+    return [_POSE.validate_python(pose) for pose in values]
 
 
-def _angle(left: Any, right: Any) -> float:
-    return float(np.linalg.norm(log_rotation(left.T @ right)))
+def _angle_between(first: Any, second: Any) -> float:
+    return float(np.linalg.norm(log_rotation(first.T @ second)))
 
 
 _METERS: dict[str, Callable[[Mapping[str, Any], Pose], MeterReading]] = {

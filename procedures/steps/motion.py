@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
-from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion import motion_gate
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
-from cellcal.procedures.motion.motion_gate import Care, Jog, refuse_off_target
-from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.motion.motion_gate import JogMove, MotionCare, refuse_off_target
+from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.motors import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
@@ -38,70 +38,74 @@ class CountsToJoints:
     counts_at_zero: Counts
     turns: tuple[int, ...]
 
-    def joints(self, counts: Counts) -> Joints:
+    def joints_at(self, counts: Counts) -> Joints:
         """Return the joints that these counts most likely mean [rad]."""
         true = [
             count + k * n for count, k, n in zip(counts, self.turns, self.drive.counts_per_turn, strict=True)
         ]
-        return tuple(float(q) for q in self.drive.joints(np.array(true), np.array(self.counts_at_zero)))
+        return tuple(float(q) for q in self.drive.to_joints(np.array(true), np.array(self.counts_at_zero)))
 
 
 async def go_to(
-    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PostureDoubt | None = None
+    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PositionUncertainty | None = None
 ) -> Arrival:
     """Move a mastered robot, the wire hooked in, to joints; come to rest there from below."""
-    await follow(cell, (target_rad,), speed_rad_s, wired=True, doubt=doubt)
-    return await _arrival(cell)
+    await follow_way(cell, (target_rad,), speed_rad_s, wired=True, doubt=doubt)
+    return await _read_arrival(cell)
 
 
 async def go_along(cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float) -> Arrival:
     """Move a mastered robot, the wire hooked in, along the corners of a way; come to rest at the last from below."""
-    await follow(cell, way_rad, speed_rad_s, wired=True)
-    return await _arrival(cell)
+    await follow_way(cell, way_rad, speed_rad_s, wired=True)
+    return await _read_arrival(cell)
 
 
 async def go_to_from_above(
-    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PostureDoubt | None = None
+    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PositionUncertainty | None = None
 ) -> Arrival:
     """Move a mastered robot, the wire hooked in, to joints; come to rest there from the other side."""
-    here = (await cell.robot.joints()).joints_rad
+    here = (await cell.robot.read_joints()).joints_rad
     way = from_above(here, target_rad)
-    await motion_gate.move_along(cell, way, speed_rad_s, care=Care.WIRED, doubt=doubt)
-    found = (await cell.robot.joints()).joints_rad
+    await motion_gate.move_along(cell, way, speed_rad_s, care=MotionCare.WIRED, doubt=doubt)
+    found = (await cell.robot.read_joints()).joints_rad
     refuse_off_target(found, target_rad, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
-    return await _arrival(cell)
+    return await _read_arrival(cell)
 
 
 async def come_from_below(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Joints:
     """Move any robot to joints as ``go_to`` does; return where it stands, in the controller's joints."""
-    return await follow(cell, (target_rad,), speed_rad_s)
+    return await follow_way(cell, (target_rad,), speed_rad_s)
 
 
-async def follow(
+async def follow_way(
     cell: Cell,
     way_rad: tuple[Joints, ...],
     speed_rad_s: float,
     *,
     wired: bool = False,
-    pace: Pace | None = None,
-    doubt: PostureDoubt | None = None,
+    pace: SpeedLimit | None = None,
+    doubt: PositionUncertainty | None = None,
 ) -> Joints:
     """Move along the corners of a way; come to rest at the last one from below, no leg faster than its ``pace``.
 
     ``wired`` tells that the draw-wire hangs where the cell file says, and has to keep its length and distances.
     """
     target = way_rad[-1]
-    before = way_rad[-2] if len(way_rad) > 1 else (await cell.robot.joints()).joints_rad
+    before = way_rad[-2] if len(way_rad) > 1 else (await cell.robot.read_joints()).joints_rad
     corners = (*way_rad[:-1], *from_below(before, target))
-    care = Care.WIRED if wired else Care.FREE
+    care = MotionCare.WIRED if wired else MotionCare.FREE
     await motion_gate.move_along(cell, corners, speed_rad_s, care=care, pace=pace, doubt=doubt)
-    found = (await cell.robot.joints()).joints_rad
+    found = (await cell.robot.read_joints()).joints_rad
     refuse_off_target(found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return found
 
 
 async def jog_to(
-    cell: Cell, target_rad: Joints, mapping: CountsToJoints, pace: Pace, doubt: PostureDoubt | None
+    cell: Cell,
+    target_rad: Joints,
+    mapping: CountsToJoints,
+    pace: SpeedLimit,
+    doubt: PositionUncertainty | None,
 ) -> Arrival:
     """Bring a robot that does not know its position to joints, one axis after the other, J1 first.
 
@@ -110,23 +114,23 @@ async def jog_to(
     store = motor_store(cell)
     tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
 
-    async def turn(axis: int, delta_rad: float, here_rad: Joints) -> None:
+    async def turn_joint(axis: int, delta_rad: float, here_rad: Joints) -> None:
         there = tuple(q + delta_rad * (k == axis) for k, q in enumerate(here_rad))
-        (speed,) = pace.on_legs(here_rad, [there])
-        await motion_gate.jog_axis(cell, Jog(axis, delta_rad, speed, here_rad, doubt))
+        (speed,) = pace.leg_speeds(here_rad, [there])
+        await motion_gate.jog_axis(cell, JogMove(axis, delta_rad, speed, here_rad, doubt))
 
     for axis, target in enumerate(target_rad):
-        here = mapping.joints(await store.encoder_counts())
+        here = mapping.joints_at(await store.encoder_counts())
         delta = target - here[axis]
         if abs(delta) <= tolerance / 20:
             continue
         if delta < 0:
-            await turn(axis, delta - OVERSHOOT_RAD, here)
-            here = mapping.joints(await store.encoder_counts())
+            await turn_joint(axis, delta - OVERSHOOT_RAD, here)
+            here = mapping.joints_at(await store.encoder_counts())
             delta = target - here[axis]
-        await turn(axis, delta, here)
-    arrival = await _arrival(cell)
-    refuse_off_target(mapping.joints(arrival.counts), target_rad, tolerance)
+        await turn_joint(axis, delta, here)
+    arrival = await _read_arrival(cell)
+    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, tolerance)
     return arrival
 
 
@@ -138,10 +142,10 @@ class IndexTurn:
     delta_rad: float
     before: Counts  # when nothing had turned yet
     likely_rad: Joints  # where the arm then most likely stood
-    doubt: PostureDoubt
+    doubt: PositionUncertainty
 
 
-async def pass_index(cell: Cell, given: IndexTurn, speed_rad_s: float) -> Arrival:
+async def pass_index(cell: Cell, index_turn: IndexTurn, speed_rad_s: float) -> Arrival:
     """Turn one motor past its index, to rest from below; its single-turn reading is known again.
 
     The joint stays where the turn brought it: the way back would tell nothing. Done twice, the turn is not made
@@ -149,22 +153,24 @@ async def pass_index(cell: Cell, given: IndexTurn, speed_rad_s: float) -> Arriva
     again. A person has seen that the wire is free; of what is solid the arm keeps away for all that it may stand
     elsewhere.
     """
-    axis, delta_rad, before = given.axis, given.delta_rad, given.before
+    axis, delta_rad, before = index_turn.axis, index_turn.delta_rad, index_turn.before
     store = motor_store(cell)
     drive, now = await store.drive_train(), await store.encoder_counts()
-    turned = drive.joints(np.array(now), np.array(before))
+    turned = drive.to_joints(np.array(now), np.array(before))
     turned_rad = float(turned[axis])
     if turned_rad / delta_rad < ALREADY_TURNED:
         left_rad = delta_rad - turned_rad
         turns = [left_rad] if left_rad > 0 else [left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
-        here = np.array(given.likely_rad) + turned
+        here = np.array(index_turn.likely_rad) + turned
         began = tuple(float(q) for q in here)
         for turn in turns:
             at = tuple(float(q) for q in here)
-            await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s, at, given.doubt, Care.FREE, began))
+            await motion_gate.jog_axis(
+                cell, JogMove(axis, turn, speed_rad_s, at, index_turn.doubt, MotionCare.FREE, began)
+            )
             here[axis] += turn
-    return await _arrival(cell)
+    return await _read_arrival(cell)
 
 
-async def _arrival(cell: Cell) -> Arrival:
-    return Arrival(await motor_store(cell).encoder_counts(), (await cell.robot.joints()).joints_rad)
+async def _read_arrival(cell: Cell) -> Arrival:
+    return Arrival(await motor_store(cell).encoder_counts(), (await cell.robot.read_joints()).joints_rad)

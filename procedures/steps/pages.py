@@ -17,10 +17,10 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.forecast import Prediction
-from cellcal.procedures.motion.plan_words import Tour
+from cellcal.procedures.instruction_page import PagedInstruction, page_of, with_page
+from cellcal.procedures.motion.plan_words import PlanTour
 from cellcal.procedures.questions import tips_at
-from cellcal.procedures.shown import Shown, on_page, page_of
-from cellcal.procedures.verdict import Change, Verdict
+from cellcal.procedures.verdict import ProcedureVerdict, ValueChange
 
 Way = Sequence[Joints]
 LEVER_M = 0.5  # from a frame's origin: where its change is told as a length
@@ -30,7 +30,7 @@ WIRE_CHECKS = (*ARM_CHECKS, "wire")
 
 
 @dataclass(frozen=True, slots=True)
-class Moves:
+class PlannedMoves:
     """A plan as it is shown: where the arm goes, how fast, what was checked and what was not.
 
     ``most`` are the poses that will be gone to at most, where the measurements choose among those shown.
@@ -46,12 +46,12 @@ class Moves:
     planned: Mapping[str, int] = field(default_factory=dict)  # how often a phase of the outline is expected
 
 
-def straight(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
+def straight_ways(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
     """Return ways without corners."""
     return tuple((tuple(pose),) for pose in poses_rad)
 
 
-def plan_page(asked: Instruction, tour: Tour, moves: Moves) -> Shown:
+def plan_page(instruction: Instruction, tour: PlanTour, moves: PlannedMoves) -> PagedInstruction:
     """Return a plan on its page: its poses are drawn as ghosts by whoever has a picture."""
     names = moves.names or tuple(str(k) for k in range(1, len(moves.ways_rad) + 1))
     poses = [
@@ -63,36 +63,40 @@ def plan_page(asked: Instruction, tour: Tour, moves: Moves) -> Shown:
         "most": moves.most,
         "planned": dict(moves.planned),
         "speed_rad_s": moves.speed_rad_s,
-        "duration_s": 60.0 * tour.minutes,
+        "duration_s": 60.0 * tour.duration_min,
         "checked": moves.checked,
         "not_checked": [line for line in moves.not_checked if line],
-        "predictions": [_told(one) for one in moves.predictions],
+        "predictions": [_prediction_to_json(one) for one in moves.predictions],
     }
-    return on_page(asked, "approve", plan=plan)
+    return with_page(instruction, "approve", plan=plan)
 
 
-def review_page(asked: Instruction, verdict: Verdict, *, writes: bool, write_anyway: str = "") -> Shown:
+def review_page(
+    instruction: Instruction, verdict: ProcedureVerdict, *, writes: bool, write_anyway: str = ""
+) -> PagedInstruction:
     """Return a result on its page before it is kept; ``writes`` says that a controller will be changed by a yes."""
-    told = verdict.as_object()
-    kept = ("word", "limits_from", "characteristics", "changes", "set_aside", "not_verified", "to_sign")
-    review = {key: told[key] for key in kept} | {"writes": writes, "write_anyway": write_anyway}
-    return on_page(asked, "review", review=review)
+    document = verdict.to_json()
+    shown_keys = ("word", "limits_from", "characteristics", "changes", "set_aside", "not_verified", "to_sign")
+    review = {key: document[key] for key in shown_keys} | {"writes": writes, "write_anyway": write_anyway}
+    return with_page(instruction, "review", review=review)
 
 
-def with_changes(asked: Instruction, changes: Iterable[Change], **displacement: float | str) -> Shown:
+def with_changes(
+    instruction: Instruction, changes: Iterable[ValueChange], **displacement: float | str
+) -> PagedInstruction:
     """Return a page of review with what goes from old to new.
 
     ``displacement``: ``most_m``, by how much a point is displaced at most, and ``at``, which point that is.
     """
-    shown = on_page(asked, page_of(asked).kind)
+    shown = with_page(instruction, page_of(instruction).kind)
     review = {**shown.page.data.get("review", {}), "changes": to_jsonable_python(list(changes))}
-    return on_page(shown, "review", review=review | {"displacement": displacement or None})
+    return with_page(shown, "review", review=review | {"displacement": displacement or None})
 
 
 def frame_displacement(before: Pose, after: Pose, *, lever_m: float = LEVER_M) -> dict[str, float | str]:
     """Return by how much a point at ``lever_m`` from a frame's origin is displaced at most, in whatever direction."""
     away_m = math.dist(before.position_m, after.position_m)
-    turn = log_rotation(before.rotation().T @ after.rotation())
+    turn = log_rotation(before.rotation_matrix().T @ after.rotation_matrix())
     chord_m = 2.0 * lever_m * math.sin(min(float(np.linalg.norm(turn)), math.pi) / 2.0)
     return {"most_m": away_m + chord_m, "at": "lever" if lever_m else "tip", "lever_m": lever_m}
 
@@ -114,7 +118,7 @@ def axis_levers(
 ) -> list[dict[str, Any]]:
     """Return for each axis by how much a tenth of a degree displaces the tip in a posture [m]."""
     here = np.array([joints_rad])
-    turned = here + np.eye(model.axes) * TENTH_RAD
+    turned = here + np.eye(model.axis_count) * TENTH_RAD
     away = tips_at(model, turned, tip_in_flange_m) - tips_at(model, here, tip_in_flange_m)
     lengths = np.linalg.norm(away, axis=1)
     return [
@@ -124,15 +128,15 @@ def axis_levers(
 
 
 def points_page(
-    asked: Instruction, points: Sequence[tuple[str, str]], meter: Mapping[str, Any] | None
-) -> Shown:
+    instruction: Instruction, points: Sequence[tuple[str, str]], meter: Mapping[str, Any] | None
+) -> PagedInstruction:
     """Return a point to be taught on its page.
 
     ``points`` are all points of the step's kind in order: their name and ``recorded``, ``now``, ``to_do`` or
     ``anew``. ``meter`` is what `procedures.steps.meters` reads while the arm is brought there.
     """
     listed = [{"name": name, "state": state} for name, state in points]
-    return on_page(asked, "teach", points=listed, meter=None if meter is None else dict(meter))
+    return with_page(instruction, "teach", points=listed, meter=None if meter is None else dict(meter))
 
 
 def point_states(names: Sequence[str], now: int) -> list[tuple[str, str]]:
@@ -140,5 +144,5 @@ def point_states(names: Sequence[str], now: int) -> list[tuple[str, str]]:
     return [(name, "recorded" if k < now else "now" if k == now else "to_do") for k, name in enumerate(names)]
 
 
-def _told(one: Prediction) -> dict[str, Any]:
+def _prediction_to_json(one: Prediction) -> dict[str, Any]:
     return {"name": one.name, "expanded": one.expanded, "unit": one.unit, "limits": dict(one.limits)}

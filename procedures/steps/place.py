@@ -6,9 +6,9 @@ from typing import Literal
 from cellcal.calibration.mastering.counts import PlaceCapture
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motion.active_frames import check_same_frames
 from cellcal.procedures.motors import motor_store
-from cellcal.procedures.questions import ask
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.steps.capture import NotAtRestError
 from cellcal.procedures.steps.measure_point import measure_point
@@ -42,18 +42,18 @@ async def visit_place(
     that knows its position: anything that keeps the tool will do there. Nothing is commanded to move.
     """
     kind, number, label = what
-    words = f"{_WORDS[kind].format(number=number + 1)}{_near(kind, near_rad)} Let go, then say yes."
-    await ask(cell, Instruction(f"visit_{kind}_{number + 1}", words))
+    words = f"{_WORDS[kind].format(number=number + 1)}{_near_text(kind, near_rad)} Let go, then say yes."
+    await ask_confirmation(cell, Instruction(f"visit_{kind}_{number + 1}", words))
     store = motor_store(cell)
     before = await store.encoder_counts()
     if kind in ("target", "nest"):
-        seen = await measure_point(cell, label)
+        measured = await measure_point(cell, label)
         after = await store.encoder_counts()
         _refuse_moving(label, before, after, tolerance_counts)
-        sigma = max(sigma_m, max(seen.covariance_m2[k][k] for k in range(3)) ** 0.5)
-        return PlaceCapture(kind, number, tuple(after), sigma, 0.0, seen.position_m, label)
+        sigma = max(sigma_m, max(measured.covariance_m2[k][k] for k in range(3)) ** 0.5)
+        return PlaceCapture(kind, number, tuple(after), sigma, 0.0, measured.position_m, label)
     await _refuse_open(cell, kind, label)
-    await same_frames(cell)
+    await check_same_frames(cell)
     after = await store.encoder_counts()
     _refuse_moving(label, before, after, tolerance_counts)
     return PlaceCapture(
@@ -61,7 +61,7 @@ async def visit_place(
     )
 
 
-def _near(kind: PlaceKind, near_rad: Joints | None) -> str:
+def _near_text(kind: PlaceKind, near_rad: Joints | None) -> str:
     if near_rad is None or kind == "nest":
         return ""
     at = ", ".join(f"J{k} {math.degrees(angle):.0f}" for k, angle in enumerate(near_rad, 1))
@@ -74,7 +74,7 @@ def _near(kind: PlaceKind, near_rad: Joints | None) -> str:
 
 async def _refuse_open(cell: Cell, kind: PlaceKind, label: str) -> None:
     """Where a probe is there, its contact must confirm the touch."""
-    if kind == "point" and cell.probe is not None and not (await cell.probe.contact()).closed:
+    if kind == "point" and cell.probe is not None and not (await cell.probe.read_contact()).closed:
         raise NoContactHereError(
             f"{label}: the probe's contact is open",
             remedy="Creep on until the probe signals, then confirm again.",

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Instruction, JointReading, Joints
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.active_frames import same_frames
-from cellcal.procedures.questions import ask
+from cellcal.procedures.instruction_page import PagedInstruction, with_page
+from cellcal.procedures.motion.active_frames import check_same_frames
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import ProcedureError
-from cellcal.procedures.shown import Shown, on_page
 
 STILL_RAD = 1e-4
 STILL_TRIES = 20
@@ -31,21 +31,23 @@ class TaughtPose:
     who: str
 
 
-async def teach(cell: Cell, instruction: Instruction) -> TaughtPose:
+async def teach_pose(cell: Cell, instruction: Instruction) -> TaughtPose:
     """Have a person place the arm; return where it stands still."""
-    answer = await ask(cell, instruction if isinstance(instruction, Shown) else on_page(instruction, "teach"))
+    answer = await ask_confirmation(
+        cell, instruction if isinstance(instruction, PagedInstruction) else with_page(instruction, "teach")
+    )
     for _ in range(STILL_TRIES):
-        before = await cell.robot.joints()
+        before = await cell.robot.read_joints()
         base_flange = await cell.robot.flange_pose()
-        after = await cell.robot.joints()
-        if still(before, after):
-            await same_frames(cell)
+        after = await cell.robot.read_joints()
+        if is_still(before, after):
+            await check_same_frames(cell)
             return TaughtPose(base_flange, after.joints_rad, answer.who)
         await asyncio.sleep(STILL_PAUSE_S)
     raise StillMovingError("the arm is still moving", remedy="Let it come to rest, then confirm again.")
 
 
-def still(before: JointReading, after: JointReading) -> bool:
+def is_still(before: JointReading, after: JointReading) -> bool:
     """Whether two readings show a resting arm."""
     moved = max(abs(a - b) for a, b in zip(before.joints_rad, after.joints_rad, strict=True))
     return not before.moving and not after.moving and moved <= STILL_RAD

@@ -14,14 +14,14 @@ import numpy as np
 
 from cellcal.drivers.interfaces import ContactEdge, Joints, TouchProbe
 from cellcal.procedures.cell import Cell, ProbeSetup
-from cellcal.procedures.entry import NEEDS
 from cellcal.procedures.motion import motion_gate
-from cellcal.procedures.motion.guarded_move import Travel, move_until_contact
-from cellcal.procedures.motion.latch import Latched, latch
-from cellcal.procedures.motion.motion_gate import Care
+from cellcal.procedures.motion.guarded_move import GuardedTravel, move_until_contact
+from cellcal.procedures.motion.joint_history import ContactPosition, position_between
+from cellcal.procedures.motion.motion_gate import MotionCare
 from cellcal.procedures.motion.probe_line import Place, ProbeLine, probe_line
+from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
-from cellcal.procedures.steps.teach import still
+from cellcal.procedures.steps.teach import is_still
 
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
@@ -71,7 +71,7 @@ class OvertravelError(ContactError):
 
 
 @dataclass(frozen=True, slots=True)
-class Approach:
+class ProbeApproach:
     """One straight way towards a surface, and how to travel it. Speeds are of the tip."""
 
     start_rad: Joints
@@ -85,7 +85,7 @@ class Approach:
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class ProbeTouch:
     """One contact: where the arm was, and how well its times tell."""
 
     joints_rad: Joints
@@ -107,26 +107,26 @@ class TouchedPoint:
     direction_in_base: Place  # of the approach
     sigma_m: float  # along the approach, of the mean
     spread_m: float  # largest difference of the repeats along the approach
-    touches: tuple[Touch, ...]
+    touches: tuple[ProbeTouch, ...]
 
 
-async def touch(cell: Cell, label: str, approach: Approach) -> TouchedPoint:
+async def touch_surface(cell: Cell, label: str, approach: ProbeApproach) -> TouchedPoint:
     """Feel for a surface once to find it, then ``repeats`` times more slowly; end clear of it."""
     probe, setup = probe_of(cell)
-    line = _line(cell, setup, approach)
+    line = _probe_line_of(cell, setup, approach)
     _refuse_unsafe(label, line, approach, probe)
     await refuse_contact(label, probe)
-    await go_untouched(cell, label, [approach.start_rad], approach.travel_rad_s, care=Care.TOUCHING)
-    found = await _feel(cell, label, line, approach, approach.search_m_s)
-    await _retreat(cell, label, line, approach, found)
-    touches: list[Touch] = []
+    await move_untouched(cell, label, [approach.start_rad], approach.travel_rad_s, care=MotionCare.TOUCHING)
+    found = await _feel_contact(cell, label, line, approach, approach.search_m_s)
+    await _retreat_from(cell, label, line, approach, found)
+    touches: list[ProbeTouch] = []
     for _ in range(approach.repeats):
-        touches.append(await _feel(cell, label, line, approach, approach.measure_m_s))
-        await _retreat(cell, label, line, approach, touches[-1])
-    return _point(label, line, touches)
+        touches.append(await _feel_contact(cell, label, line, approach, approach.measure_m_s))
+        await _retreat_from(cell, label, line, approach, touches[-1])
+    return _touched_point(label, line, touches)
 
 
-async def leave_face(cell: Cell, label: str, approach: Approach) -> None:
+async def leave_face(cell: Cell, label: str, approach: ProbeApproach) -> None:
     """Where a touch that was broken off still presses its face: go back along its own line, and see the contact open.
 
     Raises
@@ -137,16 +137,16 @@ async def leave_face(cell: Cell, label: str, approach: Approach) -> None:
         The contact stays closed at the start of the line.
     """
     probe, setup = probe_of(cell)
-    if not (await probe.contact()).closed:
+    if not (await probe.read_contact()).closed:
         return
-    line = _line(cell, setup, approach)
-    if not line.holds((await cell.robot.joints()).joints_rad):
+    line = _probe_line_of(cell, setup, approach)
+    if not line.is_on_line((await cell.robot.read_joints()).joints_rad):
         await refuse_contact(label, probe)
         return
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
-    await motion_gate.move_along(cell, [approach.start_rad], speed, care=Care.TOUCHING)
+    await motion_gate.move_along(cell, [approach.start_rad], speed, care=MotionCare.TOUCHING)
     trouble = f"{label}: the contact stays closed at the start of its approach"
-    await _see_open(probe, trouble)
+    await _check_open(probe, trouble)
 
 
 def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
@@ -159,14 +159,14 @@ def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
     return cell.probe, cell.probe_setup
 
 
-def _line(cell: Cell, setup: ProbeSetup, approach: Approach) -> ProbeLine:
+def _probe_line_of(cell: Cell, setup: ProbeSetup, approach: ProbeApproach) -> ProbeLine:
     if cell.model is None:
         what = NEEDS["model"][0]
         raise NeedsUnmetError(f"this cell has no {what}", missing=(what,), remedy="Name it in cell.toml.")
     return probe_line(cell.model, setup.tip_in_flange_m, approach.start_rad, approach.end_rad)
 
 
-def _refuse_unsafe(label: str, line: ProbeLine, approach: Approach, probe: TouchProbe) -> None:
+def _refuse_unsafe(label: str, line: ProbeLine, approach: ProbeApproach, probe: TouchProbe) -> None:
     """Refuse before anything moves: speeds, ways, and what the probe's stylus would have to bear."""
     speeds = (approach.search_m_s, approach.measure_m_s)
     if not all(0 < speed <= PROBING_CAP_M_S for speed in speeds) or not approach.travel_rad_s > 0:
@@ -192,31 +192,33 @@ def _refuse_unsafe(label: str, line: ProbeLine, approach: Approach, probe: Touch
 
 async def refuse_contact(label: str, probe: TouchProbe) -> None:
     """Refuse to begin with a contact that is closed."""
-    if (await probe.contact()).closed:
+    if (await probe.read_contact()).closed:
         raise AlreadyInContactError(
             f"{label}: the probe's contact is closed before the approach begins",
             remedy="Move the tip clear by hand; if it stays closed, check probe and cable. Then resume.",
         )
 
 
-async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, speed_m_s: float) -> Touch:
+async def _feel_contact(
+    cell: Cell, label: str, line: ProbeLine, approach: ProbeApproach, speed_m_s: float
+) -> ProbeTouch:
     """Travel the line from where the arm stands until the contact closes.
 
     A segment may end just where the surface begins: the arm swings as it comes to rest there, and the contact opens
     again. That is felt for once more, from nearer: its segments end elsewhere.
     """
     probe, _ = probe_of(cell)
-    travel, edge = await _travel(cell, label, line, approach, speed_m_s)
-    standing = await _standing(cell, label)
+    travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
+    standing = await _standing_joints(cell, label)
     if not edge.steady:
         back_m = approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
-        await _back(cell, label, line, line.distance_of(standing), back_m)
-        travel, edge = await _travel(cell, label, line, approach, speed_m_s)
-        standing = await _standing(cell, label)
-    await _refuse_doubt(label, edge, probe)
+        await _move_back(cell, label, line, line.distance_of(standing), back_m)
+        travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
+        standing = await _standing_joints(cell, label)
+    await _refuse_uncertain(label, edge, probe)
     tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
-    at = latch(travel.readings, tips, edge.earliest_s, edge.latest_s)
-    found = _touch(line, at, standing, edge, probe)
+    at = position_between(travel.readings, tips, edge.earliest_s, edge.latest_s)
+    found = _make_touch(line, at, standing, edge, probe)
     if found.overtravel_m > probe.capabilities.overtravel_m:
         raise OvertravelError(
             f"{label}: the arm pushed the tip in by {found.overtravel_m * 1e3:.2f} mm, "
@@ -226,14 +228,16 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
     return found
 
 
-async def _travel(
-    cell: Cell, label: str, line: ProbeLine, approach: Approach, speed_m_s: float
-) -> tuple[Travel, ContactEdge]:
+async def _travel_to_contact(
+    cell: Cell, label: str, line: ProbeLine, approach: ProbeApproach, speed_m_s: float
+) -> tuple[GuardedTravel, ContactEdge]:
     probe, _ = probe_of(cell)
-    here_m = line.distance_of((await cell.robot.joints()).joints_rad)
+    here_m = line.distance_of((await cell.robot.read_joints()).joints_rad)
     pieces = max(math.ceil((line.length_m - here_m) / approach.segment_m), 1)
     stops = [line.joints_at(float(at)) for at in np.linspace(here_m, line.length_m, pieces + 1)[1:]]
-    travel = await move_until_contact(cell, probe, stops, line.joint_speed_rad_s(speed_m_s), Care.TOUCHING)
+    travel = await move_until_contact(
+        cell, probe, stops, line.joint_speed_rad_s(speed_m_s), MotionCare.TOUCHING
+    )
     if travel.edge is None:
         raise NoContactError(
             f"{label}: no contact within {(line.length_m - here_m) * 1e3:.1f} mm",
@@ -243,40 +247,42 @@ async def _travel(
     return travel, travel.edge
 
 
-async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, found: Touch) -> None:
+async def _retreat_from(
+    cell: Cell, label: str, line: ProbeLine, approach: ProbeApproach, found: ProbeTouch
+) -> None:
     """Move back from a touch along the line; where it was is known no better than it says."""
     clear_m = approach.retreat_m + math.sqrt(3) * found.sigma_m
-    await _back(cell, label, line, line.distance_of(found.joints_rad), clear_m)
+    await _move_back(cell, label, line, line.distance_of(found.joints_rad), clear_m)
 
 
-async def _back(cell: Cell, label: str, line: ProbeLine, from_m: float, by_m: float) -> None:
+async def _move_back(cell: Cell, label: str, line: ProbeLine, from_m: float, by_m: float) -> None:
     """Move back along the line, and see the contact open."""
     probe, _ = probe_of(cell)
     target = line.joints_at(max(from_m - by_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
-    await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
-    await _see_open(probe, f"{label}: the contact stays closed {by_m * 1e3:.1f} mm away from the surface")
+    await motion_gate.move_along(cell, [target], speed, care=MotionCare.TOUCHING)
+    await _check_open(probe, f"{label}: the contact stays closed {by_m * 1e3:.1f} mm away from the surface")
 
 
-async def _see_open(probe: TouchProbe, trouble: str) -> None:
-    if not await _becomes(probe, closed=False):
+async def _check_open(probe: TouchProbe, trouble: str) -> None:
+    if not await _contact_becomes(probe, closed=False):
         raise StuckContactError(
             trouble,
             remedy="Move the tip clear by hand; clean the probe or check its cable. Then resume.",
         )
 
 
-async def _becomes(probe: TouchProbe, *, closed: bool) -> bool:
+async def _contact_becomes(probe: TouchProbe, *, closed: bool) -> bool:
     """Whether the contact comes to that within the time in which arm and springs come to rest."""
-    give_up_s = _now() + SETTLE_S
-    while (await probe.contact()).closed is not closed:
-        if _now() > give_up_s:
+    give_up_s = _loop_time() + SETTLE_S
+    while (await probe.read_contact()).closed is not closed:
+        if _loop_time() > give_up_s:
             return False
     return True
 
 
-async def go_untouched(
-    cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float, *, care: Care = Care.FREE
+async def move_untouched(
+    cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float, *, care: MotionCare = MotionCare.FREE
 ) -> None:
     """Move from stop to stop where nothing should be touched; the arm stands where the contact closes after all."""
     probe, _ = probe_of(cell)
@@ -288,11 +294,11 @@ async def go_untouched(
         )
 
 
-async def _standing(cell: Cell, label: str) -> Joints:
+async def _standing_joints(cell: Cell, label: str) -> Joints:
     """Return where the arm stands; refuse one that does not."""
-    before = await cell.robot.joints()
-    after = await cell.robot.joints()
-    if not still(before, after):
+    before = await cell.robot.read_joints()
+    after = await cell.robot.read_joints()
+    if not is_still(before, after):
         await cell.robot.stop()
         raise ContactError(
             f"{label}: the arm moved on after it was stopped at the contact",
@@ -301,25 +307,27 @@ async def _standing(cell: Cell, label: str) -> Joints:
     return after.joints_rad
 
 
-async def _refuse_doubt(label: str, edge: ContactEdge, probe: TouchProbe) -> None:
+async def _refuse_uncertain(label: str, edge: ContactEdge, probe: TouchProbe) -> None:
     """Refuse a contact that flickers, or that is open although the arm stands beyond it."""
     if not edge.steady:
         raise BouncingContactError(
             f"{label}: the contact did not settle; times it opened: {edge.bounces}",
             remedy="Probe more slowly; if it stays so, clean the probe and check its cable. Then resume.",
         )
-    if not await _becomes(probe, closed=True):
+    if not await _contact_becomes(probe, closed=True):
         raise ContactLostError(
             f"{label}: the contact closed, and is open although the arm has not moved back",
             remedy="Check the probe's cable and that the surface does not give way. Then resume.",
         )
 
 
-def _touch(line: ProbeLine, at: Latched, standing: Joints, edge: ContactEdge, probe: TouchProbe) -> Touch:
+def _make_touch(
+    line: ProbeLine, at: ContactPosition, standing: Joints, edge: ContactEdge, probe: TouchProbe
+) -> ProbeTouch:
     tips = line.tips_m(np.array([at.joints_rad, standing]))
-    return Touch(
+    return ProbeTouch(
         at.joints_rad,
-        _place(tips[0]),
+        _as_triple(tips[0]),
         at.speed_m_s,
         at.skew_s,
         math.hypot(at.bound_m / math.sqrt(3), probe.capabilities.sigma_m),
@@ -328,7 +336,7 @@ def _touch(line: ProbeLine, at: Latched, standing: Joints, edge: ContactEdge, pr
     )
 
 
-def _point(label: str, line: ProbeLine, touches: Sequence[Touch]) -> TouchedPoint:
+def _touched_point(label: str, line: ProbeLine, touches: Sequence[ProbeTouch]) -> TouchedPoint:
     joints = np.array([one.joints_rad for one in touches]).mean(axis=0)
     along = [line.distance_of(one.joints_rad) for one in touches]
     scatter = statistics.stdev(along) / math.sqrt(len(along)) if len(along) > 1 else 0.0
@@ -338,18 +346,18 @@ def _point(label: str, line: ProbeLine, touches: Sequence[Touch]) -> TouchedPoin
     return TouchedPoint(
         label,
         tuple(float(q) for q in joints),
-        _place(line.tips_m(joints)[0]),
-        _place((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])),
+        _as_triple(line.tips_m(joints)[0]),
+        _as_triple((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])),
         sigma,
         max(along) - min(along),
         tuple(touches),
     )
 
 
-def _place(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Place:
+def _as_triple(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Place:
     x, y, z = (float(value) for value in values)
     return x, y, z
 
 
-def _now() -> float:
+def _loop_time() -> float:
     return asyncio.get_running_loop().time()  # the clock of the readings

@@ -5,7 +5,7 @@ from dataclasses import replace
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.motors import motor_store
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
 
@@ -28,13 +28,13 @@ async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pos
     if store is None:
         raise NeedsUnmetError("this robot's tool frames cannot be written", missing=("writes_tool_frame",))
     found = await store.read_tool_frame(number)
-    if not same_pose(found, flange_tool):
+    if not is_same_pose(found, flange_tool):
         found = await store.write_tool_frame(number, flange_tool)
-    kept = _kept(f"tool frame {number}", found, flange_tool)
+    read_back = _check_read_back(f"tool frame {number}", found, flange_tool)
     active = cell.motion.frames
     if active is not None and active.tool_number == number:
-        cell.motion.frames = replace(active, flange_tool=kept)  # our own change is not somebody else's
-    return kept
+        cell.motion.frames = replace(active, flange_tool=read_back)  # our own change is not somebody else's
+    return read_back
 
 
 async def read_tool_frame(cell: Cell, number: int) -> Pose:
@@ -57,19 +57,19 @@ async def write_user_frame(cell: Cell, number: int, base_user: Pose) -> Pose:
     if store is None:
         raise NeedsUnmetError("this robot's user frames cannot be written", missing=("writes_user_frame",))
     found = await store.read_user_frame(number)
-    if not same_pose(found, base_user):
+    if not is_same_pose(found, base_user):
         found = await store.write_user_frame(number, base_user)
-    return _kept(f"user frame {number}", found, base_user)
+    return _check_read_back(f"user frame {number}", found, base_user)
 
 
 async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
     """Make the controller's mastering be ``counts_at_zero`` and effective; return what it then says."""
     store = motor_store(cell)
     goal = MasteringData(tuple(counts_at_zero), mastered=True)
-    found = await store.mastering()
+    found = await store.read_mastering()
     if found != goal:
         await store.write_mastering(goal.counts_at_zero)
-        found = await store.mastering()
+        found = await store.read_mastering()
     if found != goal:
         raise ReadBackError(
             f"mastering reads {found.counts_at_zero} after writing {goal.counts_at_zero}",
@@ -81,14 +81,14 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
 async def restore_mastering(cell: Cell, data: MasteringData) -> MasteringData:
     """Put earlier mastering data back, the flag included; return what the controller then says."""
     store = motor_store(cell)
-    if await store.mastering() != data:
+    if await store.read_mastering() != data:
         await store.restore_mastering(data)
-    return await store.mastering()
+    return await store.read_mastering()
 
 
-async def still_in_force(cell: Cell, written: Counts) -> MasteringData:
+async def check_still_in_force(cell: Cell, written: Counts) -> MasteringData:
     """Hold that the controller has the mastering that this run wrote, before anything is confirmed by it."""
-    found = await motor_store(cell).mastering()
+    found = await motor_store(cell).read_mastering()
     if found != MasteringData(tuple(written), mastered=True):
         raise MasteringChangedError(
             "the controller no longer holds the mastering that this run wrote",
@@ -98,8 +98,8 @@ async def still_in_force(cell: Cell, written: Counts) -> MasteringData:
     return found
 
 
-def _kept(what: str, found: Pose, goal: Pose) -> Pose:
-    if not same_pose(found, goal):
+def _check_read_back(what: str, found: Pose, goal: Pose) -> Pose:
+    if not is_same_pose(found, goal):
         raise ReadBackError(
             f"{what} reads {found} after writing {goal}",
             remedy="Check that the frame is not write-protected.",

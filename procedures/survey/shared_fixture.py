@@ -20,7 +20,7 @@ class KnownWire:
     wire: str
     others: tuple[Alignment, ...]
 
-    def worst(self, points_in_fixture_m: tuple[Triple, ...]) -> Covariance6:
+    def worst_covariance(self, points_in_fixture_m: tuple[Triple, ...]) -> Covariance6:
         """Return the covariance of the least sure alignment with these points; empty where there is none."""
         found = [a for a in self.others if a.points_in_fixture_m == points_in_fixture_m]
         return max(found, key=lambda a: a.origin_u_m).covariance if found else ()
@@ -45,9 +45,9 @@ async def read_known_wire(cell: Cell, fixture: str) -> KnownWire:
     return KnownWire(f"{wire.vendor} {wire.model} {wire.serial}", tuple(others.values()))
 
 
-def told_by_wire(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
+def wire_points(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
     """Return all that a fit with other robots' alignments needs of what the wire told here."""
-    belief, spots, rules = survey.belief(), survey.places(), survey.rules
+    belief, spots, rules = survey.wire_belief(), survey.list_places(), survey.rules
     covariance = network.exit_and_wire_covariance(spots)
     return WirePoints(
         wire=wire,
@@ -61,13 +61,13 @@ def told_by_wire(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
     )
 
 
-def base_outlook(alignment: Alignment, known: KnownWire) -> BaseOutlook:
+def base_outlook(alignment: Alignment, known_wire: KnownWire) -> BaseOutlook:
     """Return the worst of the bases through the fixture; where no other robot is aligned, one as good as this one."""
-    others = [a for a in known.others if a.points_in_fixture_m == alignment.points_in_fixture_m]
+    others = [a for a in known_wire.others if a.points_in_fixture_m == alignment.points_in_fixture_m]
     if not others:
         twin = np.array(alignment.covariance)
         base = base_through_fixture(alignment.base_fixture, twin, alignment.base_fixture, twin)
         return BaseOutlook("", base.origin_u_m, base.angle_u_rad)
-    seen = [(other, bases_together([other, alignment]).bases[0]) for other in others]
-    other, worst = max(seen, key=lambda pair: pair[1].origin_u_m)
+    bases = [(other, bases_together([other, alignment]).bases[0]) for other in others]
+    other, worst = max(bases, key=lambda pair: pair[1].origin_u_m)
     return BaseOutlook(other.robot_serial, worst.origin_u_m, worst.angle_u_rad)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.points.fixture import Mirror, mirror_image, telling_gaps
+from cellcal.calibration.points.fixture import MirrorPoint, mirror_gaps, mirror_image
 from cellcal.calibration.wires.design import best_order, expected_covariance, look_ahead
-from cellcal.calibration.wires.network import Mounting
+from cellcal.calibration.wires.network import WireMounting
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.steps.length import LengthCapture
-from cellcal.procedures.survey.survey import Captures, Survey, SurveyPlan, uncertainties
+from cellcal.procedures.survey.survey import Captures, Survey, SurveyPlan, goal_uncertainties
 from cellcal.procedures.survey.survey_motion import way_between
 
 SAME_POSE_RAD = 0.02
@@ -20,7 +20,7 @@ FEWEST_LENGTHS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class SurveyProgress:
     """Where a survey stands: what was captured, at which spot and posture, and how large disturbances are."""
 
     captures: Captures
@@ -30,7 +30,7 @@ class Standing:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class SpotChoice:
     """The next pose at a spot, or why there is none; and how well the goal would be known in the end."""
 
     way_rad: tuple[Joints, ...]  # corners of the way to it; empty when there is none
@@ -41,35 +41,42 @@ class Choice:
     ambiguous: str = ""  # two places fit, and no pose in reach tells them apart
 
 
-def choose_pose(survey: Survey, standing: Standing) -> Choice:
+def choose_pose(survey: Survey, standing: SurveyProgress) -> SpotChoice:
     """Choose the pose of the spot's pool that tells most and can be reached, unless all is known well enough."""
-    origin_u_m, angle_u_rad = _expected(survey, standing)
+    origin_u_m, angle_u_rad = _expected_uncertainties(survey, standing)
     rules, spot = survey.rules, standing.spot
     taken = standing.captures[spot]
-    reached = survey.plan.goal.promised_by(origin_u_m, angle_u_rad)
-    found = Choice((), reached and len(taken) >= rules.min_captures, origin_u_m, angle_u_rad)
-    unseen = _unseen(survey.plan.pools[spot], taken)
+    reached = survey.plan.goal.is_promised_by(origin_u_m, angle_u_rad)
+    found = SpotChoice((), reached and len(taken) >= rules.min_captures, origin_u_m, angle_u_rad)
+    unseen = _unmeasured_poses(survey.plan.pools[spot], taken)
     if len(unseen) and (len(taken) < rules.min_captures or not (reached or len(taken) >= rules.max_captures)):
-        candidates, known = survey.planned(spot, unseen), survey.mountings(standing.captures)
-        place, factor = survey.place(spot), standing.disturbance_factor
-        gains = look_ahead(survey.model(), survey.belief(), known, candidates, place, factor).gains
+        candidates, mountings = (
+            survey.planned_mounting(spot, unseen),
+            survey.make_mountings(standing.captures),
+        )
+        place, factor = survey.place_of(spot), standing.disturbance_factor
+        gains = look_ahead(
+            survey.nominal_model(), survey.wire_belief(), mountings, candidates, place, factor
+        ).gains
         way = _first_reachable(survey, standing, unseen[np.argsort(-gains)])
         if way:
             return replace(found, way_rad=way)
         if len(taken) < FEWEST_LENGTHS:
             return replace(found, way_rad=(), unreachable=True)
-    return _told_apart(survey, standing, unseen, found)
+    return _choose_distinct(survey, standing, unseen, found)
 
 
 def order_pools(survey: Survey) -> SurveyPlan:
     """Return the plan with the poses of each pool put in the order in which they tell most, spot after spot."""
-    known: list[Mounting] = survey.mountings(survey.none_taken())
+    mountings: list[WireMounting] = survey.make_mountings(survey.empty_captures())
     best: list[tuple[int, ...]] = []
     for spot, pool in enumerate(survey.plan.pools):
-        candidates, poses = survey.planned(spot, np.array(pool)), np.array(pool)
-        order = best_order(survey.model(), survey.belief(), known, candidates, survey.rules.max_captures)
+        candidates, poses = survey.planned_mounting(spot, np.array(pool)), np.array(pool)
+        order = best_order(
+            survey.nominal_model(), survey.wire_belief(), mountings, candidates, survey.rules.max_captures
+        )
         best.append(order)
-        known.append(survey.planned(spot, poses[list(order[: survey.rules.min_captures])]))
+        mountings.append(survey.planned_mounting(spot, poses[list(order[: survey.rules.min_captures])]))
     return replace(survey.plan, best=tuple(best))
 
 
@@ -82,16 +89,16 @@ def expected_at_least(survey: Survey, count: int) -> tuple[float, float]:
 def fixed_plan_captures(survey: Survey, factor: float, reached: tuple[float, float]) -> int | None:
     """Return how many captures evenly drawn poses would need for the same U; None if more than there are."""
     counts = list(range(4, min(len(pool) for pool in survey.plan.pools) + 1))
-    if not _drawn_reach(survey, counts[-1], factor, reached):
+    if not _is_reached_by_drawn(survey, counts[-1], factor, reached):
         return None
     while len(counts) > 1:  # more captures never tell less: halve until one is left
         middle = (len(counts) - 1) // 2
-        good = _drawn_reach(survey, counts[middle], factor, reached)
+        good = _is_reached_by_drawn(survey, counts[middle], factor, reached)
         counts = counts[: middle + 1] if good else counts[middle + 1 :]
     return counts[0] * len(survey.plan.spots)
 
 
-def saving(captures: int, fixed: int | None) -> str:
+def saving_text(captures: int, fixed: int | None) -> str:
     """Return what choosing the poses saved against evenly drawn ones, as a sentence."""
     if fixed is None:
         return f"{captures} captures; evenly drawn poses do not reach this U at all"
@@ -103,49 +110,57 @@ def saving(captures: int, fixed: int | None) -> str:
     )
 
 
-def _drawn_reach(survey: Survey, count: int, factor: float, reached: tuple[float, float]) -> bool:
+def _is_reached_by_drawn(survey: Survey, count: int, factor: float, reached: tuple[float, float]) -> bool:
     found = _with_planned(survey, [np.array(pool[:count]) for pool in survey.plan.pools], factor)
     return found[0] <= reached[0] and found[1] <= reached[1]
 
 
 def _with_planned(survey: Survey, poses: list[Array], factor: float) -> tuple[float, float]:
-    mountings = survey.mountings(survey.none_taken())
-    mountings += [survey.planned(spot, drawn) for spot, drawn in enumerate(poses)]
-    covariance = expected_covariance(survey.model(), survey.belief(), mountings, survey.places(), factor)
-    return uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
+    mountings = survey.make_mountings(survey.empty_captures())
+    mountings += [survey.planned_mounting(spot, drawn) for spot, drawn in enumerate(poses)]
+    covariance = expected_covariance(
+        survey.nominal_model(), survey.wire_belief(), mountings, survey.list_places(), factor
+    )
+    return goal_uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
 
 
-def _expected(survey: Survey, standing: Standing) -> tuple[float, float]:
+def _expected_uncertainties(survey: Survey, standing: SurveyProgress) -> tuple[float, float]:
     """Return the goal's U if the spots still to come get as many captures as this one has."""
-    mountings, taken = survey.mountings(standing.captures), len(standing.captures[standing.spot])
+    mountings, taken = survey.make_mountings(standing.captures), len(standing.captures[standing.spot])
     count = max(taken, survey.rules.min_captures)
     for spot in range(standing.spot if taken == 0 else standing.spot + 1, len(survey.plan.spots)):
-        mountings.append(survey.planned(spot, survey.best_poses(spot, count)))
+        mountings.append(survey.planned_mounting(spot, survey.best_poses(spot, count)))
     covariance = expected_covariance(
-        survey.model(), survey.belief(), mountings, survey.places(), standing.disturbance_factor
+        survey.nominal_model(),
+        survey.wire_belief(),
+        mountings,
+        survey.list_places(),
+        standing.disturbance_factor,
     )
-    return uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
+    return goal_uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
 
 
-def _told_apart(survey: Survey, standing: Standing, unseen: Array, found: Choice) -> Choice:
+def _choose_distinct(
+    survey: Survey, standing: SurveyProgress, unseen: Array, found: SpotChoice
+) -> SpotChoice:
     """Hold that the lengths allow one place only; else choose the pose that tells, or say that there is none."""
     spot = standing.spot
     joints = np.array([capture.joints_rad for capture in standing.captures[spot]])
-    wire = survey.wire(spot)
+    wire = survey.wire_at(spot)
     place_m = wire[0] if survey.plan.spots[spot].seeks_exit else wire[1]
-    mirror = mirror_image(survey.stations(spot, joints), place_m, LENGTH_SIGMA_M)
-    if mirror.excluded:
+    mirror = mirror_image(survey.stations_at(spot, joints), place_m, LENGTH_SIGMA_M)
+    if mirror.is_excluded:
         return found
-    gaps_m = telling_gaps(survey.stations(spot, unseen), place_m, mirror)
+    gaps_m = mirror_gaps(survey.stations_at(spot, unseen), place_m, mirror)
     order = np.argsort(-gaps_m)
     way = _first_reachable(survey, standing, unseen[order[gaps_m[order] > CURE_SIGMAS * LENGTH_SIGMA_M]])
     if way:
         return replace(found, way_rad=way, enough=False)
     gap_m = float(gaps_m.max()) if len(gaps_m) else 0.0
-    return replace(found, enough=False, ambiguous=_two_places(spot, mirror, gap_m))
+    return replace(found, enough=False, ambiguous=_two_places_text(spot, mirror, gap_m))
 
 
-def _two_places(spot: int, mirror: Mirror, gap_m: float) -> str:
+def _two_places_text(spot: int, mirror: MirrorPoint, gap_m: float) -> str:
     x, y, z = (value * 1e3 for value in mirror.at_m)
     return (
         f"the poses at spot {spot + 1} lie nearly in one plane: the point may as well be at x {x:.0f}, y {y:.0f}, "
@@ -154,19 +169,19 @@ def _two_places(spot: int, mirror: Mirror, gap_m: float) -> str:
     )
 
 
-def _unseen(pool: tuple[Joints, ...], taken: tuple[LengthCapture, ...]) -> Array:
+def _unmeasured_poses(pool: tuple[Joints, ...], taken: tuple[LengthCapture, ...]) -> Array:
     poses = np.array(pool)
     if not taken:
         return poses
-    seen = np.array([capture.joints_rad for capture in taken])
-    apart = np.abs(poses[:, None, :] - seen[None]).max(axis=2).min(axis=1)
+    measured = np.array([capture.joints_rad for capture in taken])
+    apart = np.abs(poses[:, None, :] - measured[None]).max(axis=2).min(axis=1)
     unseen: Array = poses[apart > SAME_POSE_RAD]
     return unseen
 
 
-def _first_reachable(survey: Survey, standing: Standing, poses: Array) -> tuple[Joints, ...]:
+def _first_reachable(survey: Survey, standing: SurveyProgress, poses: Array) -> tuple[Joints, ...]:
     """Return the way to the first of these poses that has one, and a way back."""
-    wire, room, plan = survey.wire(standing.spot), survey.rules.room, survey.plan
+    wire, room, plan = survey.wire_at(standing.spot), survey.rules.room, survey.plan
     for pose in poses:
         ends = (standing.here_rad, tuple(float(q) for q in pose))
         way = way_between(survey.state.model, wire, room, plan.rest_rad, ends)

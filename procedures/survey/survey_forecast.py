@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+from cellcal.procedures.accuracy_limits import FRAME
 from cellcal.procedures.forecast import (
     PERSON_S,
     SAMPLE_S,
@@ -10,16 +11,15 @@ from cellcal.procedures.forecast import (
     Knowledge,
     PlannedPose,
     Prediction,
-    wire_lacking,
+    missing_wire_setup,
 )
-from cellcal.procedures.limits import FRAME
 from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyState, recorded_wire
 from cellcal.procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
 
 
-def state_before(known: Knowledge) -> SurveyState:
+def state_before(knowledge: Knowledge) -> SurveyState:
     """Return the robot as it is imagined before anybody asked it.
 
     Raises
@@ -27,39 +27,41 @@ def state_before(known: Knowledge) -> SurveyState:
     ValueError
         Something of ``wire_lacking`` is not known.
     """
-    if known.model is None or known.gauge is None or known.gauge_setup is None:
-        raise ValueError(f"not known: {', '.join(wire_lacking(known))}")
-    zero = () if known.record is None else known.record.counts_at_zero
+    if knowledge.model is None or knowledge.gauge is None or knowledge.gauge_setup is None:
+        raise ValueError(f"not known: {', '.join(missing_wire_setup(knowledge))}")
+    zero = () if knowledge.record is None else knowledge.record.counts_at_zero
     return SurveyState(
-        serial="" if known.record is None else known.record.robot_serial,
-        model=known.model.name,
-        joints_rad=(0.0,) * known.model.axes,
+        serial="" if knowledge.record is None else knowledge.record.robot_serial,
+        model=knowledge.model.name,
+        joints_rad=(0.0,) * knowledge.model.axis_count,
         counts_at_zero=zero,
         epoch=None,
-        gauge_setup=known.gauge_setup,
-        gauge_range_m=known.gauge.range_m,
-        gauge_sigma_m=known.gauge.sigma_m,
-        limits=known.limits,
-        recorded=None if known.record is None or known.record.wire is None else recorded_wire(known.record),
+        gauge_setup=knowledge.gauge_setup,
+        gauge_range_m=knowledge.gauge.range_m,
+        gauge_sigma_m=knowledge.gauge.sigma_m,
+        limits=knowledge.limits,
+        recorded=None
+        if knowledge.record is None or knowledge.record.wire is None
+        else recorded_wire(knowledge.record),
     )
 
 
-def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
+def survey_forecast(survey: Survey, what: str, knowledge: Knowledge) -> Forecast:
     """Return how many captures a survey expects, how long they take and what they will tell."""
     rules, goal, plan = survey.rules, survey.plan.goal, survey.plan
     low, high = rules.min_captures, min(rules.max_captures, *(len(pool) for pool in plan.pools))
     while low < high:  # more captures never tell less
         middle = (low + high) // 2
-        enough = goal.promised_by(*expected_at_least(survey, middle))
+        enough = goal.is_promised_by(*expected_at_least(survey, middle))
         low, high = (low, middle) if enough else (middle + 1, high)
     origin_u_m, angle_u_rad = expected_at_least(survey, low)
     captures = low * len(plan.spots)
     after = f"after {captures} captures"
-    paced, each_s = plan.paced(low), known.limits.settle_s + rules.samples * SAMPLE_S
+    paced, each_s = plan.total_motion(low), knowledge.limits.settle_s + rules.samples * SAMPLE_S
     predictions = [
         Prediction(
             f"{what} origin", origin_u_m, "m", {name: limits.origin_m for name, limits in FRAME.items()},
-            f"{after}. {_goal_told(survey, low, (origin_u_m, angle_u_rad))}",
+            f"{after}. {_goal_text(survey, low, (origin_u_m, angle_u_rad))}",
         )
     ]  # fmt: skip
     if len(goal.points_in_inner_m) > 1:
@@ -83,14 +85,14 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
     )
 
 
-def _goal_told(survey: Survey, count: int, reached: tuple[float, float]) -> str:
+def _goal_text(survey: Survey, count: int, reached: tuple[float, float]) -> str:
     """Return whether the limits of the settings will be met, and if not, by what they would be."""
     goal, rules = survey.plan.goal, survey.rules
-    asked = f"{goal.origin_u_m * 1e3:.3f} mm"
+    limit_text = f"{goal.origin_u_m * 1e3:.3f} mm"
     if len(goal.points_in_inner_m) > 1:
-        asked += f" and {math.degrees(goal.angle_u_rad):.4f} deg"
-    if goal.promised_by(*reached):
-        return f"{asked} are asked for: in reach."
+        limit_text += f" and {math.degrees(goal.angle_u_rad):.4f} deg"
+    if goal.is_promised_by(*reached):
+        return f"{limit_text} are asked for: in reach."
     samples, scale = _CAREFUL * rules.samples, rules.scale_sigma / _CAREFUL
     ways = (
         (f"{samples} readings (samples) a capture", replace(rules, samples=samples)),
@@ -102,8 +104,6 @@ def _goal_told(survey: Survey, count: int, reached: tuple[float, float]) -> str:
     )
     for words, careful in ways:
         other = replace(survey, rules=careful)
-        if goal.promised_by(*expected_at_least(other, count)):
-            return f"{asked} are asked for: not in reach so. In reach by {words}; or by more points, further apart."
-    return (
-        f"{asked} are asked for: not in reach so. More points tell most, further apart and not in one plane."
-    )
+        if goal.is_promised_by(*expected_at_least(other, count)):
+            return f"{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, further apart."
+    return f"{limit_text} are asked for: not in reach so. More points tell most, further apart and not in one plane."

@@ -13,8 +13,8 @@ from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.motion.approach import from_below
-from cellcal.procedures.motion.plans import Room
-from cellcal.procedures.surroundings import Surroundings, clearances
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.surroundings import Surroundings, clearance_check
 
 Triple = tuple[float, float, float]
 Wire = tuple[Triple, Triple, float]  # exit in the base, hook in the flange, range [m]
@@ -25,7 +25,7 @@ _STEP_RAD, _NEARER_M, _CORNERS = 0.01, 0.001, 80
 _TRIED, _LOOKS = 12, 9  # postures tried as a rest, of each pool; places looked at on a way
 
 
-def survey_limits(wire: Wire | None, room: Room, speed_rad_s: float) -> MotionLimits:
+def survey_limits(wire: Wire | None, room: MotionBounds, speed_rad_s: float) -> MotionLimits:
     """Return what every posture and way of a survey must keep; without a wire while it is not hooked in."""
     low, high = room.box_m()
     return MotionLimits(
@@ -41,7 +41,7 @@ def survey_limits(wire: Wire | None, room: Room, speed_rad_s: float) -> MotionLi
 
 @lru_cache(maxsize=64)
 def draw_pool(
-    model_name: str, wire: Wire, room: Room, mouth_at_m: Triple | None, count_seed: tuple[int, int]
+    model_name: str, wire: Wire, room: MotionBounds, mouth_at_m: Triple | None, count_seed: tuple[int, int]
 ) -> tuple[Joints, ...]:
     """Draw postures evenly between the joint limits; keep those that limits, wire and the arm itself allow.
 
@@ -58,7 +58,7 @@ def draw_pool(
         ahead = np.array(mouth_at_m) - np.array(wire[0])
         cosine = away @ ahead / (np.linalg.norm(away, axis=1) * np.linalg.norm(ahead))
         drawn = drawn[cosine > np.cos(WIDEST_BEND_RAD)]
-    pool = drawn[_collisions(model_name, wire, room.surroundings).free(drawn)][:count]
+    pool = drawn[_collision_check(model_name, wire, room.surroundings).is_free(drawn)][:count]
     if len(pool) < FEWEST_POSES:
         raise DegenerateDataError(
             f"only {len(pool)} of the postures tried keep joint limits, box, wire and arm clear of each other",
@@ -68,7 +68,7 @@ def draw_pool(
 
 
 @lru_cache(maxsize=64)
-def middle_of_work(model_name: str, wires: tuple[Wire, ...], room: Room, seed: int) -> Triple:
+def middle_of_work(model_name: str, wires: tuple[Wire, ...], room: MotionBounds, seed: int) -> Triple:
     """Return where a wire's mouth should look: the mean hook over the postures in reach, to the centimetre [m]."""
     model = load_model(model_name)
     hooks = []
@@ -82,7 +82,7 @@ def middle_of_work(model_name: str, wires: tuple[Wire, ...], room: Room, seed: i
 
 @lru_cache(maxsize=16)
 def resting_poses(
-    model_name: str, wires: tuple[Wire, ...], room: Room, pools: tuple[tuple[Joints, ...], ...]
+    model_name: str, wires: tuple[Wire, ...], room: MotionBounds, pools: tuple[tuple[Joints, ...], ...]
 ) -> tuple[Joints, ...]:
     """Return postures at which the wire can be moved, the one from which most poses can be reached first.
 
@@ -109,7 +109,7 @@ def resting_poses(
 
 
 def way_to_rest(
-    model_name: str, room: Room, here_rad: Joints, rests: tuple[Joints, ...]
+    model_name: str, room: MotionBounds, here_rad: Joints, rests: tuple[Joints, ...]
 ) -> tuple[Joints, ...]:
     """Return the corners of a free way, the wire still off, to the best rest that has one.
 
@@ -118,11 +118,11 @@ def way_to_rest(
     DegenerateDataError
         There is none, not even through one of eighty postures in between.
     """
-    near = next((rest for rest in rests if _may_leave(model_name, room, here_rad, rest)), None)
+    near = next((rest for rest in rests if _is_leaving_free(model_name, room, here_rad, rest)), None)
     if near is not None:
         return (near,)
-    for corner in _corners(model_name, room, here_rad):
-        if _may_leave(model_name, room, here_rad, corner):
+    for corner in _free_postures(model_name, room, here_rad):
+        if _is_leaving_free(model_name, room, here_rad, corner):
             found = next((rest for rest in rests if way_is_free(model_name, None, room, corner, rest)), None)
             if found is not None:
                 return (corner, found)
@@ -133,32 +133,32 @@ def way_to_rest(
     )
 
 
-def _corners(model_name: str, room: Room, here_rad: Joints) -> list[Joints]:
+def _free_postures(model_name: str, room: MotionBounds, here_rad: Joints) -> list[Joints]:
     """Return postures clear of everything, the nearest to here first."""
     model = load_model(model_name)
     drawn = candidate_joints(model, survey_limits(None, room, 0.5), _CORNERS, seed=1)
-    clear = drawn[_collisions(model_name, None, room.surroundings).free(drawn)]
+    clear = drawn[_collision_check(model_name, None, room.surroundings).is_free(drawn)]
     order = np.argsort(np.abs(clear - np.array(here_rad)).max(axis=1))
     return [tuple(float(q) for q in clear[k]) for k in order]
 
 
-def _may_leave(model_name: str, room: Room, here_rad: Joints, there_rad: Joints) -> bool:
+def _is_leaving_free(model_name: str, room: MotionBounds, here_rad: Joints, there_rad: Joints) -> bool:
     """Tell whether a way is free; one that begins too near to something may not come any nearer (DECISIONS 7)."""
     model, ends = load_model(model_name), np.array([here_rad, there_rad])
     limits = survey_limits(None, room, 0.5)
     if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4).allowed:
         return False
-    collisions = _collisions(model_name, None, room.surroundings)
+    collisions = _collision_check(model_name, None, room.surroundings)
     steps = int(np.ceil(np.abs(ends[1] - ends[0]).max() / _STEP_RAD)) + 1
     way = ends[0] + np.linspace(0.0, 1.0, steps + 1)[:, None] * (ends[1] - ends[0])
-    clearances = np.array([contact.clearance_m for contact in collisions.narrowest(way)])
+    clearances = np.array([contact.clearance_m for contact in collisions.narrowest_contacts(way)])
     allowed_m = min(collisions.shape.margin_m, clearances[0] - _NEARER_M)
     ends_free = clearances[-1] >= collisions.shape.margin_m
     return bool(ends_free and (clearances >= allowed_m).all())
 
 
 def way_between(
-    model_name: str, wire: Wire, room: Room, rest_rad: Joints, ends: tuple[Joints, Joints]
+    model_name: str, wire: Wire, room: MotionBounds, rest_rad: Joints, ends: tuple[Joints, Joints]
 ) -> tuple[Joints, ...]:
     """Return the corners of a free way to the second posture, with the detour through the rest; empty without one.
 
@@ -173,46 +173,50 @@ def way_between(
 
 
 @lru_cache(maxsize=4096)
-def way_is_free(model_name: str, wire: Wire | None, room: Room, here_rad: Joints, there_rad: Joints) -> bool:
+def way_is_free(
+    model_name: str, wire: Wire | None, room: MotionBounds, here_rad: Joints, there_rad: Joints
+) -> bool:
     """Tell whether a joint move keeps limits, box and wire's range, and the arm clear of itself and of the wire."""
     model, limits = load_model(model_name), survey_limits(wire, room, 0.5)
     ends = np.array([here_rad, *from_below(here_rad, there_rad)])
-    if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4, stops=_last(ends)).allowed:
+    if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4, stops=_last_only(ends)).allowed:
         return False
-    return bool(_collisions(model_name, wire, room.surroundings).ways_free(ends).all())
+    return bool(_collision_check(model_name, wire, room.surroundings).is_path_free(ends).all())
 
 
-def unchecked(model_name: str, wire: Wire, room: Room) -> tuple[str, ...]:
+def unchecked_remarks(model_name: str, wire: Wire, room: MotionBounds) -> tuple[str, ...]:
     """Return in sentences what no check of the ways sees."""
-    words = list(_collisions(model_name, wire, room.surroundings).not_checked)
+    words = list(_collision_check(model_name, wire, room.surroundings).not_checked)
     if None in room.box_m():
         words.append("no workspace box known")
     return tuple(words)
 
 
-def _clear_everywhere(model_name: str, wires: tuple[Wire, ...], room: Room, posture_rad: Joints) -> bool:
+def _clear_everywhere(
+    model_name: str, wires: tuple[Wire, ...], room: MotionBounds, posture_rad: Joints
+) -> bool:
     model, posture = load_model(model_name), np.array([posture_rad])
     return all(
         bool(allowed_postures(model, posture, survey_limits(wire, room, 0.5), wire[1])[0])
-        and bool(_collisions(model_name, wire, room.surroundings).free(posture)[0])
+        and bool(_collision_check(model_name, wire, room.surroundings).is_free(posture)[0])
         for wire in wires
     )
 
 
 def _coarse_share(
-    model_name: str, at: tuple[Wire, Room], rest_rad: Joints, pool: tuple[Joints, ...]
+    model_name: str, at: tuple[Wire, MotionBounds], rest_rad: Joints, pool: tuple[Joints, ...]
 ) -> float:
     """Return which share of the poses seems to have a free way to the rest, looked at in a few places."""
     (wire, room), share = at, np.linspace(0.0, 1.0, _LOOKS)[:, None, None]
     rest, ends = np.array(rest_rad), np.array(pool)
     postures = rest + share * (ends - rest)
-    free = _collisions(model_name, wire, room.surroundings).free(postures.reshape(-1, len(rest)))
+    free = _collision_check(model_name, wire, room.surroundings).is_free(postures.reshape(-1, len(rest)))
     return float(free.reshape(_LOOKS, -1).all(axis=0).mean())
 
 
-def _last(ends: Array) -> list[bool]:
+def _last_only(ends: Array) -> list[bool]:
     return [False] * (len(ends) - 2) + [True]
 
 
-def _collisions(model_name: str, wire: Wire | None, surroundings: Surroundings) -> CollisionCheck:
-    return clearances(model_name, surroundings, None if wire is None else WirePath(*wire))
+def _collision_check(model_name: str, wire: Wire | None, surroundings: Surroundings) -> CollisionCheck:
+    return clearance_check(model_name, surroundings, None if wire is None else WirePath(*wire))

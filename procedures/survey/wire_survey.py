@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.pace import Pace
-from cellcal.procedures.questions import ask
+from cellcal.procedures.motion.speed_limit import SpeedLimit
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture, capture_length
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
-from cellcal.procedures.steps.motion import follow
+from cellcal.procedures.steps.motion import follow_way
 from cellcal.procedures.survey.survey import (
     Captures,
     RecordedWire,
@@ -25,7 +25,7 @@ from cellcal.procedures.survey.survey import (
     fit_survey,
     recorded_wire,
 )
-from cellcal.procedures.survey.survey_choice import Choice, Standing, choose_pose
+from cellcal.procedures.survey.survey_choice import SpotChoice, SurveyProgress, choose_pose
 from cellcal.procedures.verdict import SetAside
 
 LEAST_LEFT = 4  # lengths at a spot: three fix a point and show no wrong one
@@ -36,15 +36,15 @@ async def read_survey_state(cell: Cell) -> SurveyState:
     gauge, model = length_gauge(cell), nominal_model(cell)
     if cell.gauge_setup is None:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
-    condition, identity = await cell.robot.condition(), await cell.robot.identify()
-    mastering = None if cell.mastering is None else await cell.mastering.mastering()
+    condition, identity = await cell.robot.read_condition(), await cell.robot.identify()
+    mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
         raise RefusalError(
             f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
             code="procedure.not_healthy",
             remedy="Clear what is wrong, then start a new run.",
         )
-    joints_rad = (await cell.robot.joints()).joints_rad
+    joints_rad = (await cell.robot.read_joints()).joints_rad
     error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(
@@ -63,11 +63,11 @@ async def read_survey_state(cell: Cell) -> SurveyState:
         gauge_range_m=gauge.capabilities.range_m,
         gauge_sigma_m=gauge.capabilities.sigma_m,
         limits=cell.limits,
-        recorded=_recorded(cell, identity.serial, counts_at_zero),
+        recorded=_recorded_wire(cell, identity.serial, counts_at_zero),
     )
 
 
-def _recorded(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> RecordedWire | None:
+def _recorded_wire(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> RecordedWire | None:
     record = cell.record
     if record is None or record.wire is None:
         return None
@@ -77,87 +77,89 @@ def _recorded(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> Recor
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class SurveyCaptures:
     """The captures of every spot that the fit uses, and those that the others contradicted."""
 
     captures: Captures
     set_aside: tuple[SetAside, ...]
 
 
-async def measure_spots(run: Run, survey: Survey) -> Measured:
+async def measure_spots(run: Run, survey: Survey) -> SurveyCaptures:
     """Have the wire moved to every spot, and measure there until the goal is in reach."""
-    walk = _Walk(run, survey)
+    walk = _SurveyRun(run, survey)
     for spot, place in enumerate(survey.plan.spots):
-        await walk.rest(spot)
-        await run.step(f"move the wire {spot + 1}", ask, place.instruction)
-        await walk.measure(spot)
-    return Measured(walk.captures(), tuple(walk.set_aside))
+        await walk.go_to_rest(spot)
+        await run.step(f"move the wire {spot + 1}", ask_confirmation, place.instruction)
+        await walk.measure_spot(spot)
+    return SurveyCaptures(walk.valid_captures(), tuple(walk.set_aside))
 
 
 @dataclass(frozen=True, slots=True)
-class _Length:
+class _SpotLength:
     """A capture, and the step that took it."""
 
     step: str
     capture: LengthCapture
 
 
-class _Walk:
+class _SurveyRun:
     """Where a survey stands between steps; everything in it comes from findings."""
 
     def __init__(self, run: Run, survey: Survey) -> None:
         self._run, self._survey = run, survey
-        self._taken: list[list[_Length]] = [[] for _ in survey.plan.spots]
+        self._taken: list[list[_SpotLength]] = [[] for _ in survey.plan.spots]
         self._lost_one: set[int] = set()  # spots that a length was left out of
         self.set_aside: list[SetAside] = []
         self._here_rad, self._factor = survey.state.joints_rad, 1.0
         self._choices = self._poses = self._looks = 0
 
-    def captures(self) -> Captures:
+    def valid_captures(self) -> Captures:
         return tuple(tuple(length.capture for length in spot) for spot in self._taken)
 
-    async def rest(self, spot: int) -> None:
+    async def go_to_rest(self, spot: int) -> None:
         """Bring the robot where the wire can be moved: every pose gone to has a free way there."""
         plan = self._survey.plan
         way_rad = plan.way_to_rest_rad if spot == 0 else (plan.rest_rad,)
-        await self._go(f"go to rest {spot + 1}", way_rad, plan.paces[spot])
+        await self._go_along(f"go to rest {spot + 1}", way_rad, plan.paces[spot])
         self._here_rad = plan.rest_rad
 
-    async def measure(self, spot: int) -> None:
+    async def measure_spot(self, spot: int) -> None:
         """Capture at one spot until more is not needed, or not allowed."""
         looked = False
         while True:
-            choice = await self._choose(spot)
+            choice = await self._choose_pose(spot)
             if choice.way_rad:
-                self._taken[spot].append(await self._visit(spot, choice.way_rad))
+                self._taken[spot].append(await self._visit_pose(spot, choice.way_rad))
                 looked = False
             elif not looked:
-                await self._look(spot)
+                await self._check_lengths(spot)
                 looked = True
             else:
                 return
 
-    async def _choose(self, spot: int) -> Choice:
+    async def _choose_pose(self, spot: int) -> SpotChoice:
         self._choices += 1
-        standing = Standing(self.captures(), spot, self._here_rad, self._factor)
+        standing = SurveyProgress(self.valid_captures(), spot, self._here_rad, self._factor)
         choice = await self._run.solve(f"choose a pose {self._choices}", choose_pose, self._survey, standing)
         if choice.ambiguous or choice.unreachable:
-            raise _no_pose(spot, choice)
+            raise _no_pose_error(spot, choice)
         return choice
 
-    async def _visit(self, spot: int, way_rad: tuple[Joints, ...]) -> _Length:
+    async def _visit_pose(self, spot: int, way_rad: tuple[Joints, ...]) -> _SpotLength:
         self._poses += 1
         number = self._poses
-        await self._go(f"go to pose {number}", way_rad, self._survey.plan.paces[spot])
+        await self._go_along(f"go to pose {number}", way_rad, self._survey.plan.paces[spot])
         self._here_rad = way_rad[-1]
         label = f"spot {spot + 1}, pose {number}"
         step = f"capture {number}"
-        return _Length(step, await self._run.step(step, capture_length, label, self._survey.rules.samples))
+        return _SpotLength(
+            step, await self._run.step(step, capture_length, label, self._survey.rules.samples)
+        )
 
-    async def _go(self, name: str, way_rad: tuple[Joints, ...], pace: Pace) -> None:
-        await self._run.move(name, follow, way_rad, pace.joint_speed_rad_s, pace=pace)
+    async def _go_along(self, name: str, way_rad: tuple[Joints, ...], pace: SpeedLimit) -> None:
+        await self._run.move(name, follow_way, way_rad, pace.joint_speed_rad_s, pace=pace)
 
-    async def _look(self, spot: int) -> None:
+    async def _check_lengths(self, spot: int) -> None:
         """Fit what is there, and mend the length that the others contradict; refuse what stays contradictory.
 
         Here it is taken again. One that stays as it was, or is of a spot that the wire has left, is left out: one at
@@ -167,26 +169,26 @@ class _Walk:
         while True:
             self._looks += 1
             name = f"look at the lengths {self._looks}"
-            network = await self._run.solve(name, fit_survey, self._survey, self.captures())
+            network = await self._run.solve(name, fit_survey, self._survey, self.valid_captures())
             self._factor = network.disturbance_factor
-            if network.consistent():
+            if network.is_consistent():
                 return
             at = network.worst_mounting - (self._survey.state.recorded is not None)
             if at == spot and retakes > 0:
                 retakes -= 1
                 await self._take_again(spot, network.worst_capture)
-            elif self._can_spare(at):
+            elif self._is_sparable(at):
                 self._leave_out(at, network.worst_capture)
             else:
-                raise _contradiction(self._survey.plan, network, at, self.captures())
+                raise _contradiction_error(self._survey.plan, network, at, self.valid_captures())
 
     async def _take_again(self, spot: int, worst: int) -> None:
         doubted = self._taken[spot][worst]
         self.set_aside.append(SetAside(doubted.step, MEASURED_AGAIN))
         way_rad = (self._survey.plan.rest_rad, doubted.capture.joints_rad)
-        self._taken[spot][worst] = await self._visit(spot, way_rad)
+        self._taken[spot][worst] = await self._visit_pose(spot, way_rad)
 
-    def _can_spare(self, spot: int) -> bool:
+    def _is_sparable(self, spot: int) -> bool:
         return spot >= 0 and spot not in self._lost_one and len(self._taken[spot]) > LEAST_LEFT
 
     def _leave_out(self, spot: int, worst: int) -> None:
@@ -194,7 +196,7 @@ class _Walk:
         self.set_aside.append(SetAside(self._taken[spot].pop(worst).step, LEFT_OUT))
 
 
-def _no_pose(spot: int, choice: Choice) -> RefusalError:
+def _no_pose_error(spot: int, choice: SpotChoice) -> RefusalError:
     if choice.ambiguous:
         return RefusalError(
             choice.ambiguous,
@@ -211,7 +213,7 @@ def _no_pose(spot: int, choice: Choice) -> RefusalError:
     )
 
 
-def _contradiction(plan: SurveyPlan, network: WireNetwork, spot: int, taken: Captures) -> RefusalError:
+def _contradiction_error(plan: SurveyPlan, network: WireNetwork, spot: int, taken: Captures) -> RefusalError:
     if spot < 0:
         return RefusalError(
             "the lengths contradict those of the mastering record: arm, wire or hook have changed since",

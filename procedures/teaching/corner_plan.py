@@ -22,18 +22,18 @@ from cellcal.calibration.points.three_two_one import (
     FACES,
     LEAST,
     Corner,
-    Face,
+    CornerFace,
     FaceName,
     outward_in_frame,
     three_two_one,
 )
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.cell import MotionLimits as Caps
+from cellcal.procedures.cell import MotionCaps as Caps
 from cellcal.procedures.motion.plan_ways import as_joints, refuse_broken
-from cellcal.procedures.motion.plans import MotionPlan, Room, checked
+from cellcal.procedures.motion.plans import MotionBounds, MotionPlan, checked_plan
 from cellcal.procedures.motion.probe_line import joints_for_tip
-from cellcal.procedures.steps.touch import PROBING_CAP_M_S, Approach, TouchedPoint
-from cellcal.procedures.surroundings import clearances
+from cellcal.procedures.steps.touch import PROBING_CAP_M_S, ProbeApproach, TouchedPoint
+from cellcal.procedures.surroundings import clearance_check
 from cellcal.procedures.survey.survey_motion import survey_limits
 
 Triple = tuple[float, float, float]
@@ -60,7 +60,7 @@ class CornerRules:
     measure_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = 0.0005
     repeats: Annotated[int, Field(ge=1, le=20)] = 2
     max_touches: Annotated[int, Field(ge=6, le=14)] = 12  # further ones are made if so many can do it
-    room: Room = field(default_factory=Room)
+    room: MotionBounds = field(default_factory=MotionBounds)
 
     @property
     def retreat_m(self) -> float:
@@ -93,7 +93,7 @@ class ProbeBench:
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class FaceTouch:
     """A point of a face, felt."""
 
     face: FaceName
@@ -102,7 +102,7 @@ class Felt:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class FaceSpot:
     """A place where a face is felt: the how manieth of its places."""
 
     face: FaceName
@@ -114,11 +114,11 @@ class FacePlan:
     """How to feel at some spots one after the other: for each the way to where the tip hovers, and the approach."""
 
     ways_rad: tuple[tuple[Joints, ...], ...]  # from where the one before ended, that corner first
-    approaches: tuple[Approach, ...]
+    approaches: tuple[ProbeApproach, ...]
     motion: MotionPlan
 
 
-def places(rules: CornerRules) -> dict[FaceName, tuple[Triple, ...]]:
+def face_places(rules: CornerRules) -> dict[FaceName, tuple[Triple, ...]]:
     """Return where each face is felt, seen from the frame, in the order of use."""
     near, x, y = rules.inset_m, rules.along_x_m, rules.along_y_m
     depth = rules.depth_m if rules.corner == "inside" else -rules.depth_m
@@ -142,29 +142,32 @@ def check_places(rules: CornerRules) -> dict[FaceName, Triple]:
     }
 
 
-def first_spots() -> tuple[Spot, ...]:
+def first_spots() -> tuple[FaceSpot, ...]:
     """Return the touches that fix a frame: three, two, one."""
-    return tuple(Spot(face, number) for face in FACES for number in range(LEAST[face]))
+    return tuple(FaceSpot(face, number) for face in FACES for number in range(LEAST[face]))
 
 
-def felt_faces(felt: Sequence[Felt], own_sigma_m: float) -> dict[FaceName, Face]:
+def felt_faces(felt: Sequence[FaceTouch], own_sigma_m: float) -> dict[FaceName, CornerFace]:
     """Return the faces as their points tell them; ``own_sigma_m``: what each arm position scatters by itself."""
-    found: dict[FaceName, Face] = {}
+    found: dict[FaceName, CornerFace] = {}
     for name in FACES:
         points = [one.point for one in felt if one.face == name]
         if points:
             away = -np.mean([point.direction_in_base for point in points], axis=0)
             sigmas = tuple(math.hypot(point.sigma_m, own_sigma_m) for point in points)
-            found[name] = Face(tuple(point.tip_in_base_m for point in points), _triple(away), sigmas)
+            found[name] = CornerFace(tuple(point.tip_in_base_m for point in points), _as_triple(away), sigmas)
     return found
 
 
-def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Sequence[Felt]) -> Pose:
+def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Sequence[FaceTouch]) -> Pose:
     """Return the frame by the faces felt so far; what they leave open is as it was drawn."""
     drawn = {
-        name: Face(
-            tuple(_centre(bench, rules, nominal, name, at) for at in places(rules)[name][: LEAST[name]]),
-            _triple(nominal.rotation() @ outward_in_frame(name, rules.corner)),
+        name: CornerFace(
+            tuple(
+                _ball_centre(bench, rules, nominal, name, at)
+                for at in face_places(rules)[name][: LEAST[name]]
+            ),
+            _as_triple(nominal.rotation_matrix() @ outward_in_frame(name, rules.corner)),
             (_ROUGH_SIGMA_M,) * LEAST[name],
         )
         for name in FACES
@@ -174,20 +177,26 @@ def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Seq
 
 
 def plan_spots(
-    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[Felt, ...], spots: tuple[Spot, ...]
+    bench: ProbeBench,
+    rules: CornerRules,
+    nominal: Pose,
+    felt: tuple[FaceTouch, ...],
+    spots: tuple[FaceSpot, ...],
 ) -> FacePlan:
     """Plan touches at spots from where the one felt last ended, or from where the robot stood at first."""
-    known = places(rules)
-    wanted = [(spot.face, known[spot.face][spot.number]) for spot in spots]
-    return _plan(bench, rules, nominal, felt, wanted)
+    spot_places = face_places(rules)
+    targets = [(spot.face, spot_places[spot.face][spot.number]) for spot in spots]
+    return _plan_face_touches(bench, rules, nominal, felt, targets)
 
 
 def plan_check_touches(
-    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[Felt, ...]
+    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[FaceTouch, ...]
 ) -> FacePlan:
     """Plan one touch of each face at a place where it was not felt; the last face first."""
-    known = check_places(rules)
-    return _plan(bench, rules, nominal, felt, [(face, known[face]) for face in reversed(FACES)])
+    spot_places = check_places(rules)
+    return _plan_face_touches(
+        bench, rules, nominal, felt, [(face, spot_places[face]) for face in reversed(FACES)]
+    )
 
 
 def rest_of_way(way_rad: Sequence[Joints], here_rad: Joints) -> tuple[Joints, ...]:
@@ -202,12 +211,12 @@ def rest_of_way(way_rad: Sequence[Joints], here_rad: Joints) -> tuple[Joints, ..
     return tuple(way_rad[nearest + 1 :])
 
 
-def _plan(
+def _plan_face_touches(
     bench: ProbeBench,
     rules: CornerRules,
     nominal: Pose,
-    felt: tuple[Felt, ...],
-    wanted: Sequence[tuple[FaceName, Triple]],
+    felt: tuple[FaceTouch, ...],
+    targets: Sequence[tuple[FaceName, Triple]],
 ) -> FacePlan:
     _refuse_unfit(bench, rules, nominal)
     frame = frame_so_far(bench, rules, nominal, felt)
@@ -215,19 +224,21 @@ def _plan(
     before = felt[-1].face if felt else None
     start, model = here, load_model(bench.model)
     ways: list[tuple[Joints, ...]] = []
-    approaches: list[Approach] = []
-    for face, at in wanted:
-        hover = _hover(bench, rules, frame, face, at)
-        lifted = () if before == face else _over(bench, rules, frame, (here, hover), first=before is None)
+    approaches: list[ProbeApproach] = []
+    for face, at in targets:
+        hover = _hover_joints(bench, rules, frame, face, at)
+        lifted = (
+            () if before == face else _corners_over(bench, rules, frame, (here, hover), first=before is None)
+        )
         ways.append((here, *lifted, hover))
-        approaches.append(_approach(bench, rules, frame, face, at))
+        approaches.append(_approach_to(bench, rules, frame, face, at))
         here, before = hover, face
     _refuse_crossing(model, bench, rules, frame, ways)
     limits = replace(
         survey_limits(None, rules.room, bench.limits.speed_rad_s),
-        clearances=clearances(bench.model, rules.room.surroundings),
+        clearances=clearance_check(bench.model, rules.room.surroundings),
     )
-    motion = checked(model, start, [np.array(way[1:]) for way in ways], limits, bench.limits.speed_rad_s)
+    motion = checked_plan(model, start, [np.array(way[1:]) for way in ways], limits, bench.limits.speed_rad_s)
     for way, approach in zip(ways, approaches, strict=True):
         _refuse_unreachable(model, way[-1], approach, limits)
     speeds = zip(approaches, motion.speeds_rad_s, strict=True)
@@ -235,12 +246,14 @@ def _plan(
     return FacePlan(tuple(ways), slow, motion)
 
 
-def _approach(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Approach:
-    away = frame.rotation() @ outward_in_frame(face, rules.corner)
-    contact = np.array(_centre(bench, rules, frame, face, at))
-    return Approach(
-        start_rad=_joints(bench, contact + rules.search_way_m * away),
-        end_rad=_joints(bench, contact - rules.search_way_m * away),
+def _approach_to(
+    bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple
+) -> ProbeApproach:
+    away = frame.rotation_matrix() @ outward_in_frame(face, rules.corner)
+    contact = np.array(_ball_centre(bench, rules, frame, face, at))
+    return ProbeApproach(
+        start_rad=_joints_for(bench, contact + rules.search_way_m * away),
+        end_rad=_joints_for(bench, contact - rules.search_way_m * away),
         search_m_s=rules.search_speed_m_s,
         measure_m_s=rules.measure_speed_m_s,
         repeats=rules.repeats,
@@ -248,37 +261,37 @@ def _approach(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName
     )
 
 
-def _centre(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Triple:
+def _ball_centre(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Triple:
     """Return where the ball's centre is when it touches a face there."""
     local = np.array(at) + bench.radius_m * outward_in_frame(face, rules.corner)
-    return _triple(frame.rotation() @ local + np.array(frame.position_m))
+    return _as_triple(frame.rotation_matrix() @ local + np.array(frame.position_m))
 
 
-def _hover(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Joints:
-    away = frame.rotation() @ outward_in_frame(face, rules.corner)
-    return _joints(bench, np.array(_centre(bench, rules, frame, face, at)) + rules.clear_m * away)
+def _hover_joints(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Joints:
+    away = frame.rotation_matrix() @ outward_in_frame(face, rules.corner)
+    return _joints_for(bench, np.array(_ball_centre(bench, rules, frame, face, at)) + rules.clear_m * away)
 
 
-def _over(
+def _corners_over(
     bench: ProbeBench, rules: CornerRules, frame: Pose, ends: tuple[Joints, Joints], *, first: bool
 ) -> tuple[Joints, ...]:
     """Return the corners of a way over the top from one face to another; none where an end is up there already."""
     height, corners = rules.clear_m + bench.radius_m, list[Joints]()
     for end in ends[1:] if first else ends:
-        local = _seen(bench, frame, end)
+        local = _tip_in_frame(bench, frame, end)
         if abs(local[2] - height) > 1e-4:
             lifted = np.array([local[0], local[1], height])
-            corners.append(_joints(bench, frame.rotation() @ lifted + np.array(frame.position_m)))
+            corners.append(_joints_for(bench, frame.rotation_matrix() @ lifted + np.array(frame.position_m)))
     return tuple(corners)
 
 
-def _seen(bench: ProbeBench, frame: Pose, joints_rad: Joints) -> Array:
+def _tip_in_frame(bench: ProbeBench, frame: Pose, joints_rad: Joints) -> Array:
     """Return the tip (3,) seen from the frame."""
     tip = load_model(bench.model).tip_positions(np.array([joints_rad]), np.array(bench.tip_in_flange_m))[0]
-    return np.asarray((tip - np.array(frame.position_m)) @ frame.rotation())
+    return np.asarray((tip - np.array(frame.position_m)) @ frame.rotation_matrix())
 
 
-def _joints(bench: ProbeBench, tip_m: Array) -> Joints:
+def _joints_for(bench: ProbeBench, tip_m: Array) -> Joints:
     try:
         found = joints_for_tip(load_model(bench.model), bench.tip_in_flange_m, bench.joints_rad, tip_m)
     except DegenerateDataError as error:
@@ -300,7 +313,7 @@ def _refuse_unfit(bench: ProbeBench, rules: CornerRules, nominal: Pose) -> None:
             remedy="Feel farther from the edges, or search less far.",
         )
     axis = load_model(bench.model).base_flange(np.array([bench.joints_rad]))[0, :3, :3] @ bench.axis_in_flange
-    lean = math.acos(float(np.clip(-axis @ nominal.rotation()[:, 2], -1.0, 1.0)))
+    lean = math.acos(float(np.clip(-axis @ nominal.rotation_matrix()[:, 2], -1.0, 1.0)))
     if lean > STEEPEST_RAD:
         raise DegenerateDataError(
             f"the stylus stands {math.degrees(lean):.0f} deg from the first face's normal: its shank may touch.",
@@ -321,7 +334,7 @@ def _refuse_crossing(
     legs = [(a, b) for way in ways for a, b in pairwise(way)]
     path = np.vstack([np.array(a) + share * (np.array(b) - np.array(a)) for a, b in legs])
     tips = model.tip_positions(path, np.array(bench.tip_in_flange_m))
-    off = (tips - np.array(frame.position_m)) @ frame.rotation()
+    off = (tips - np.array(frame.position_m)) @ frame.rotation_matrix()
     heights = np.column_stack([off @ outward_in_frame(name, rules.corner) for name in FACES])
     nearest = heights.max(axis=1) if rules.corner == "outside" else heights.min(axis=1)
     least = bench.radius_m + rules.search_way_m
@@ -333,7 +346,7 @@ def _refuse_crossing(
 
 
 def _refuse_unreachable(
-    model: RobotModel, hover_rad: Joints, approach: Approach, limits: MotionLimits
+    model: RobotModel, hover_rad: Joints, approach: ProbeApproach, limits: MotionLimits
 ) -> None:
     """Refuse an approach that breaks a limit; there the tip comes near what it shall touch."""
     free = replace(limits, clearances=None)
@@ -341,6 +354,6 @@ def _refuse_unreachable(
     refuse_broken(check_moves(model, hover_rad, ends, free, speed_rad_s=1e-3, stops=[True, True]))
 
 
-def _triple(values: Array) -> Triple:
+def _as_triple(values: Array) -> Triple:
     x, y, z = (float(v) for v in values)
     return x, y, z

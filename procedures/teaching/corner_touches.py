@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.points.most_telling import most_telling
+from cellcal.calibration.points.most_informative import most_informative_touch
 from cellcal.calibration.points.three_two_one import (
     FACES,
     LEAST,
@@ -23,28 +23,28 @@ from cellcal.calibration.points.three_two_one import (
     three_two_one,
 )
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, healthy_arm
+from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, read_healthy_arm
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.motion_gate import Care
+from cellcal.procedures.motion.motion_gate import MotionCare
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.mastering import nominal_model
 from cellcal.procedures.steps.touch import (
-    Approach,
+    ProbeApproach,
     TouchedPoint,
-    go_untouched,
     leave_face,
+    move_untouched,
     probe_of,
-    touch,
+    touch_surface,
 )
 from cellcal.procedures.teaching.corner_plan import (
     CornerRules,
     FacePlan,
-    Felt,
+    FaceSpot,
+    FaceTouch,
     ProbeBench,
-    Spot,
+    face_places,
     felt_faces,
     first_spots,
-    places,
     plan_check_touches,
     plan_spots,
     rest_of_way,
@@ -72,9 +72,9 @@ class CornerGoal:
     arm_sigma_m: float  # of one coordinate
     tip_sigma_m: float  # the same for all touches, which are made in one attitude
 
-    def u(self, covariance: Array) -> tuple[float, float]:
+    def expanded_uncertainties(self, covariance: Array) -> tuple[float, float]:
         """Return U (k = 2) of the origin's worst coordinate [m] and about the worst axis [rad]."""
-        each = self._each(covariance)
+        each = self._six_uncertainties(covariance)
         return float(each[:3].max()), float(each[3:].max())
 
     @property
@@ -82,11 +82,13 @@ class CornerGoal:
         """Standard uncertainty of a direction that the arm's own errors leave, whatever is touched."""
         return math.sqrt(2.0) * self.arm_sigma_m / ERROR_SPAN_M
 
-    def shares(self, covariance: Array) -> Array:
+    def limit_shares(self, covariance: Array) -> Array:
         """Return the six U, shift before turn, over their limits."""
-        return np.asarray(self._each(covariance) / np.repeat([self.origin_u_m, self.angle_u_rad], 3))
+        return np.asarray(
+            self._six_uncertainties(covariance) / np.repeat([self.origin_u_m, self.angle_u_rad], 3)
+        )
 
-    def _each(self, covariance: Array) -> Array:
+    def _six_uncertainties(self, covariance: Array) -> Array:
         common = np.repeat([self.arm_sigma_m**2 + self.tip_sigma_m**2, self.arm_turn_rad**2], 3)
         return np.asarray(2.0 * np.sqrt(np.diag(covariance) + common))
 
@@ -112,7 +114,7 @@ class FeltPoint:
     spread_m: float  # of its repeats
 
     @classmethod
-    def of(cls, felt: Felt) -> "FeltPoint":
+    def from_touch(cls, felt: FaceTouch) -> "FeltPoint":
         """Return what counts of a touch."""
         point = felt.point
         return cls(felt.face, point.tip_in_base_m, point.sigma_m, point.spread_m)
@@ -127,7 +129,7 @@ class CheckTouch:
     sigma_m: float
 
 
-def touch_sigma(felt: Sequence[Felt]) -> float:
+def touch_sigma(felt: Sequence[FaceTouch]) -> float:
     """Return the standard uncertainty of a usual touch along its normal, the arm's scatter included."""
     return math.hypot(statistics.median(one.point.sigma_m for one in felt), ARM_SIGMA_M)
 
@@ -138,19 +140,21 @@ def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: M
     ``made``: the standard uncertainty of each touch made, by its face; ``sigma_m``: that of a further one.
     """
     again, now = list[FaceName](), dict(made)
-    while not _enough(rules, goal, now) and (left := _left(rules, now)):
-        after = [goal.shares(_covariance(rules, _more(now, face, sigma_m))) for face in left]
-        again.append(left[most_telling(after)])
-        now = _more(now, again[-1], sigma_m)
-    origin, turn = goal.u(_covariance(rules, now))
-    reached = _enough(rules, goal, now)
+    while not _is_enough(rules, goal, now) and (open_faces := _open_faces(rules, now)):
+        after = [
+            goal.limit_shares(_frame_covariance(rules, _add_touch(now, face, sigma_m))) for face in open_faces
+        ]
+        again.append(open_faces[most_informative_touch(after)])
+        now = _add_touch(now, again[-1], sigma_m)
+    origin, turn = goal.expanded_uncertainties(_frame_covariance(rules, now))
+    reached = _is_enough(rules, goal, now)
     in_turn = _in_turn(rules, goal, sigma_m) if reached else 0
     return CornerOutlook(tuple(again), reached, origin, turn, in_turn)
 
 
 async def read_probe_bench(cell: Cell) -> ProbeBench:
     """Read who the robot is, where it stands, and what its probe is like."""
-    model, joints_rad = await healthy_arm(cell)
+    model, joints_rad = await read_healthy_arm(cell)
     probe, setup = probe_of(cell)
     can = probe.capabilities
     return ProbeBench(
@@ -167,29 +171,31 @@ async def read_probe_bench(cell: Cell) -> ProbeBench:
     )
 
 
-async def touch_spot(cell: Cell, way_rad: tuple[Joints, ...], approach: Approach, label: str) -> TouchedPoint:
+async def touch_spot(
+    cell: Cell, way_rad: tuple[Joints, ...], approach: ProbeApproach, label: str
+) -> TouchedPoint:
     """Go along a planned way, or the rest of it; feel for the face; go back to where the tip hovers.
 
     All the way a contact stops the arm.
     """
     _, setup = probe_of(cell)
     await leave_face(cell, label, approach)  # nothing, unless this touch was broken off before
-    here, hover = (await cell.robot.joints()).joints_rad, way_rad[-1]
+    here, hover = (await cell.robot.read_joints()).joints_rad, way_rad[-1]
     tip = np.array(setup.tip_in_flange_m)
     at, above, end = nominal_model(cell).tip_positions(np.array([here, hover, approach.end_rad]), tip)
     if np.linalg.norm(at - above) <= np.linalg.norm(
         end - above
     ):  # interrupted near the face, as a resume finds it
-        await go_untouched(cell, label, [hover], approach.travel_rad_s, care=Care.TOUCHING)
+        await move_untouched(cell, label, [hover], approach.travel_rad_s, care=MotionCare.TOUCHING)
     else:
-        await go_untouched(cell, label, rest_of_way(way_rad, here), approach.travel_rad_s)
-    found = await touch(cell, label, approach)
-    await go_untouched(cell, label, [hover], approach.travel_rad_s, care=Care.TOUCHING)
+        await move_untouched(cell, label, rest_of_way(way_rad, here), approach.travel_rad_s)
+    found = await touch_surface(cell, label, approach)
+    await move_untouched(cell, label, [hover], approach.travel_rad_s, care=MotionCare.TOUCHING)
     return found
 
 
 @dataclass(frozen=True, slots=True)
-class Corner:
+class CornerSetup:
     """Where a corner is drawn, and how it is felt."""
 
     bench: ProbeBench
@@ -198,25 +204,25 @@ class Corner:
     nominal: Pose
 
 
-async def touch_corner(run: Run, corner: Corner, first: FacePlan) -> tuple[Felt, ...]:
+async def touch_corner(run: Run, corner: CornerSetup, first: FacePlan) -> tuple[FaceTouch, ...]:
     """Feel for the three faces until they tell the frame well enough."""
-    felt: list[Felt] = []
+    felt: list[FaceTouch] = []
     for face in FACES:
         spots = tuple(spot for spot in first_spots() if spot.face == face)
         if felt:
-            first = await _planned(run, f"plan the {face} face", corner, felt, spots)
-        await _touch(run, first, spots, felt)
+            first = await _plan_step(run, f"plan the {face} face", corner, felt, spots)
+        await _touch_spots(run, first, spots, felt)
     further = 0
     while (outlook := outlook_of(corner, felt)).reached and outlook.again:
         further += 1
         count = sum(one.face == outlook.again[0] for one in felt)
-        spots = (Spot(outlook.again[0], count),)
-        plan = await _planned(run, f"plan a further touch {further}", corner, felt, spots)
-        await _touch(run, plan, spots, felt)
+        spots = (FaceSpot(outlook.again[0], count),)
+        plan = await _plan_step(run, f"plan a further touch {further}", corner, felt, spots)
+        await _touch_spots(run, plan, spots, felt)
     return tuple(felt)
 
 
-async def touch_checks(run: Run, corner: Corner, felt: tuple[Felt, ...]) -> tuple[Felt, ...]:
+async def touch_checks(run: Run, corner: CornerSetup, felt: tuple[FaceTouch, ...]) -> tuple[FaceTouch, ...]:
     """Feel for each face once more, where it was not felt before."""
     plan = await run.solve(
         "plan the check touches", plan_check_touches, corner.bench, corner.rules, corner.nominal, felt
@@ -225,45 +231,45 @@ async def touch_checks(run: Run, corner: Corner, felt: tuple[Felt, ...]) -> tupl
     for number, face in enumerate(reversed(FACES), 1):
         step, k = f"{CHECK_STEP} {number}", number - 1
         point = await run.move(step, touch_spot, plan.ways_rad[k], plan.approaches[k], step)
-        checks.append(Felt(face, point, plan.ways_rad[k][-1]))
+        checks.append(FaceTouch(face, point, plan.ways_rad[k][-1]))
     return tuple(checks)
 
 
-def construct_corner(bench: ProbeBench, rules: CornerRules, felt: tuple[Felt, ...]) -> CornerFrame:
+def construct_corner(bench: ProbeBench, rules: CornerRules, felt: tuple[FaceTouch, ...]) -> CornerFrame:
     """Return the frame by all points felt."""
     return three_two_one(felt_faces(felt, ARM_SIGMA_M), radius_m=bench.radius_m, corner=rules.corner)
 
 
 def compare_checks(
-    bench: ProbeBench, rules: CornerRules, found: CornerFrame, checks: tuple[Felt, ...]
+    bench: ProbeBench, rules: CornerRules, found: CornerFrame, checks: tuple[FaceTouch, ...]
 ) -> tuple[CheckTouch, ...]:
     """Return what the check touches miss the frame's planes by."""
-    return tuple(_compared(bench, rules, found, check) for check in checks)
+    return tuple(_compare_check(bench, rules, found, check) for check in checks)
 
 
-def outlook_of(corner: Corner, felt: Sequence[Felt]) -> CornerOutlook:
+def outlook_of(corner: CornerSetup, felt: Sequence[FaceTouch]) -> CornerOutlook:
     """Return what further touches would tell after those made."""
     made = {name: face.sigma_m for name, face in felt_faces(felt, ARM_SIGMA_M).items()}
     return corner_outlook(corner.rules, corner.goal, touch_sigma(felt), made)
 
 
-async def _planned(
-    run: Run, step: str, corner: Corner, felt: Sequence[Felt], spots: tuple[Spot, ...]
+async def _plan_step(
+    run: Run, step: str, corner: CornerSetup, felt: Sequence[FaceTouch], spots: tuple[FaceSpot, ...]
 ) -> FacePlan:
     return await run.solve(step, plan_spots, corner.bench, corner.rules, corner.nominal, tuple(felt), spots)
 
 
-async def _touch(run: Run, plan: FacePlan, spots: Sequence[Spot], felt: list[Felt]) -> None:
+async def _touch_spots(run: Run, plan: FacePlan, spots: Sequence[FaceSpot], felt: list[FaceTouch]) -> None:
     for spot, way, approach in zip(spots, plan.ways_rad, plan.approaches, strict=False):
         step = f"{TOUCH_STEP[spot.face]} {spot.number + 1}"
         point = await run.move(step, touch_spot, way, approach, step)
-        felt.append(Felt(spot.face, point, way[-1]))
+        felt.append(FaceTouch(spot.face, point, way[-1]))
 
 
-def _compared(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: Felt) -> CheckTouch:
+def _compare_check(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: FaceTouch) -> CheckTouch:
     axis = "xyz".index(check.face)
     frame = found.base_frame
-    local = (np.array(check.point.tip_in_base_m) - np.array(frame.position_m)) @ frame.rotation()
+    local = (np.array(check.point.tip_in_base_m) - np.array(frame.position_m)) @ frame.rotation_matrix()
     local = local - bench.radius_m * outward_in_frame(check.face, rules.corner)
     moved = np.zeros(6)  # by the frame's shift and turn, along the face's normal
     moved[axis] = 1.0
@@ -272,34 +278,34 @@ def _compared(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: 
     return CheckTouch(check.face, float(local[axis]), math.sqrt(variance + touch_sigma((check,)) ** 2))
 
 
-def fewest(sigma_m: float) -> Made:
+def fewest_touches(sigma_m: float) -> Made:
     """Return the touches that fix a frame, each so good."""
     return {face: (sigma_m,) * LEAST[face] for face in FACES}
 
 
-def _more(made: Made, face: FaceName, sigma_m: float) -> Made:
+def _add_touch(made: Made, face: FaceName, sigma_m: float) -> Made:
     return {**made, face: (*made[face], sigma_m)}
 
 
-def _enough(rules: CornerRules, goal: CornerGoal, made: Made) -> bool:
+def _is_enough(rules: CornerRules, goal: CornerGoal, made: Made) -> bool:
     spare = sum(map(len, made.values())) >= min(SPARE, rules.max_touches)
-    return spare and bool(goal.shares(_covariance(rules, made)).max() <= 1.0)
+    return spare and bool(goal.limit_shares(_frame_covariance(rules, made)).max() <= 1.0)
 
 
-def _left(rules: CornerRules, made: Made) -> list[FaceName]:
+def _open_faces(rules: CornerRules, made: Made) -> list[FaceName]:
     if sum(map(len, made.values())) >= rules.max_touches:
         return []
-    return [face for face in FACES if len(made[face]) < len(places(rules)[face])]
+    return [face for face in FACES if len(made[face]) < len(face_places(rules)[face])]
 
 
 def _in_turn(rules: CornerRules, goal: CornerGoal, sigma_m: float) -> int:
-    now = fewest(sigma_m)
-    while not _enough(rules, goal, now) and (left := _left(rules, now)):
-        behind = {face: len(now[face]) - LEAST[face] for face in left}
-        now = _more(now, min(left, key=lambda face: behind[face]), sigma_m)
+    now = fewest_touches(sigma_m)
+    while not _is_enough(rules, goal, now) and (open_faces := _open_faces(rules, now)):
+        behind = {face: len(now[face]) - LEAST[face] for face in open_faces}
+        now = _add_touch(now, min(open_faces, key=lambda face: behind[face]), sigma_m)
     return sum(map(len, now.values()))
 
 
-def _covariance(rules: CornerRules, made: Made) -> Array:
-    known = places(rules)
-    return corner_covariance({face: np.array(known[face][: len(made[face])]) for face in FACES}, made)
+def _frame_covariance(rules: CornerRules, made: Made) -> Array:
+    spot_places = face_places(rules)
+    return corner_covariance({face: np.array(spot_places[face][: len(made[face])]) for face in FACES}, made)

@@ -18,7 +18,7 @@ from cellcal.calibration.points.frame_design import (
     FramePoint,
     FrameRole,
     frame_outlook,
-    in_turn_touches,
+    touches_needed_in_turn,
 )
 from cellcal.calibration.points.frames import (
     PointsDisagreeError,
@@ -31,7 +31,7 @@ from cellcal.procedures.refit import MEASURED_AGAIN
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.meters import frame_meter, tip_in_base
 from cellcal.procedures.steps.pages import point_states, points_page
-from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.steps.teach import teach_pose
 from cellcal.procedures.verdict import SetAside
 
 Triple = tuple[float, float, float]
@@ -74,7 +74,7 @@ class FrameRules:
 
 
 @dataclass(frozen=True, slots=True)
-class Touched:
+class FrameTouch:
     """One touch: its step, what the point is, where the flange stood."""
 
     step: str
@@ -86,7 +86,7 @@ class Touched:
 class FrameTouches:
     """All touches that count."""
 
-    points: tuple[Touched, ...]
+    points: tuple[FrameTouch, ...]
     above: Pose | None
     set_aside: tuple[SetAside, ...]
 
@@ -103,7 +103,7 @@ class FrameEffort:
     best_angle_u_rad: float
 
     @property
-    def saving(self) -> str:
+    def saving_text(self) -> str:
         """Return what was saved, or why nothing more was asked for, as a sentence."""
         if not self.reached:
             return (
@@ -125,8 +125,8 @@ def named_touches(rules: FrameRules) -> tuple[tuple[str, FrameRole, Instruction]
         (ORIGIN_STEP, "origin", ORIGIN),
         (ON_X_STEP, "on_x", ON_X),
         (Y_SIDE_STEP, "in_plane", ON_XY),
-        *(_further("on_x", k) for k in range(1, rules.more_on_x + 1)),
-        *(_further("in_plane", k) for k in range(1, rules.more_in_plane + 1)),
+        *(_further_touch("on_x", k) for k in range(1, rules.more_on_x + 1)),
+        *(_further_touch("in_plane", k) for k in range(1, rules.more_in_plane + 1)),
     )
 
 
@@ -144,13 +144,13 @@ def role_of(step: str) -> FrameRole | None:
 
 async def touch_points(run: Run, rules: FrameRules) -> FrameTouches:
     """Have the points touched until they tell the frame well enough."""
-    taken = _Taken(rules, [], [])
+    taken = _TouchSeries(rules, [], [])
     for step, role, instruction in named_touches(rules):
-        await taken.touch(run, step, role, instruction)
-    while (outlook := taken.outlook()) is not None and outlook.reached and outlook.again:
-        role = taken.roles[outlook.again[0]]
-        step, _, instruction = _further(role, taken.roles.count(role))
-        await taken.touch(run, step, role, _with_known(instruction, taken.frame()))
+        await taken.touch_point(run, step, role, instruction)
+    while (outlook := taken.frame_outlook()) is not None and outlook.reached and outlook.again:
+        role = taken.point_roles[outlook.again[0]]
+        step, _, instruction = _further_touch(role, taken.point_roles.count(role))
+        await taken.touch_point(run, step, role, _with_known_text(instruction, taken.construct_now()))
     above = await taken.touch_above(run) if rules.check_above else None
     return FrameTouches(tuple(taken.points), above, tuple(taken.aside))
 
@@ -162,7 +162,7 @@ def effort_of(rules: FrameRules, touches: FrameTouches, taught: TaughtFrame) -> 
     first = [next(point for point in points if point.role == role) for role in FIRST_FIXED]
     return FrameEffort(
         touches=len(points),
-        in_turn=in_turn_touches(taught.base_frame, first, rules.goal),
+        in_turn=touches_needed_in_turn(taught.base_frame, first, rules.goal),
         most=rules.most,
         reached=later.reached,
         best_origin_u_m=later.origin_u_m,
@@ -170,7 +170,7 @@ def effort_of(rules: FrameRules, touches: FrameTouches, taught: TaughtFrame) -> 
     )
 
 
-def construct_frame(rules: FrameRules, points: Sequence[Touched], above: Pose | None) -> TaughtFrame:
+def construct_frame(rules: FrameRules, points: Sequence[FrameTouch], above: Pose | None) -> TaughtFrame:
     """Return the frame through the pointer's tip at these points; fitted where there are more than three."""
     of = {
         role: [point.at_m for point in _frame_points(rules, points) if point.role == role]
@@ -188,60 +188,60 @@ def construct_frame(rules: FrameRules, points: Sequence[Touched], above: Pose | 
 
 
 @dataclass(slots=True)
-class _Taken:
+class _TouchSeries:
     """What was touched so far."""
 
     rules: FrameRules
-    points: list[Touched]
+    points: list[FrameTouch]
     aside: list[SetAside]
 
     @property
-    def roles(self) -> list[FrameRole]:
+    def point_roles(self) -> list[FrameRole]:
         return [point.role for point in self.points]
 
-    def frame(self) -> TaughtFrame:
+    def construct_now(self) -> TaughtFrame:
         return construct_frame(self.rules, self.points, None)
 
-    def outlook(self) -> FrameOutlook | None:
+    def frame_outlook(self) -> FrameOutlook | None:
         """Return what to touch again; None where the points tell no frame, which is said where it is constructed."""
         try:
-            base_frame = self.frame().base_frame
+            base_frame = self.construct_now().base_frame
         except CalibrationError:
             return None
         points = _frame_points(self.rules, self.points)
         return frame_outlook(base_frame, points, self.rules.goal, self.rules.most)
 
-    async def touch(self, run: Run, step: str, role: FrameRole, instruction: Instruction) -> None:
+    async def touch_point(self, run: Run, step: str, role: FrameRole, instruction: Instruction) -> None:
         """Have a point touched, and once more where the others contradict it."""
-        await self._record(run, step, role, instruction)
-        why = self._contradiction()
+        await self._record_touch(run, step, role, instruction)
+        why = self._contradiction_text()
         if why:
             self.aside.append(SetAside(self.points.pop().step, MEASURED_AGAIN))
             again = Instruction(instruction.key, f"{why} {instruction.text}")
-            await self._record(run, f"{ANEW_STEP} {len(self.aside)}", role, again)
+            await self._record_touch(run, f"{ANEW_STEP} {len(self.aside)}", role, again)
 
     async def touch_above(self, run: Run) -> Pose:
         """Have the point touched that tells the frame's upper side."""
-        taught = await run.step(ABOVE_STEP, teach, self._page(ABOVE_STEP, "above", ABOVE))
+        taught = await run.step(ABOVE_STEP, teach_pose, self._touch_page(ABOVE_STEP, "above", ABOVE))
         return taught.base_flange
 
-    async def _record(self, run: Run, step: str, role: FrameRole, instruction: Instruction) -> None:
-        taught = await run.step(step, teach, self._page(step, role, instruction))
-        self.points.append(Touched(step, role, taught.base_flange))
+    async def _record_touch(self, run: Run, step: str, role: FrameRole, instruction: Instruction) -> None:
+        taught = await run.step(step, teach_pose, self._touch_page(step, role, instruction))
+        self.points.append(FrameTouch(step, role, taught.base_flange))
 
-    def _contradiction(self) -> str:
+    def _contradiction_text(self) -> str:
         """Return what the last point is at odds with; only one beyond three can be."""
         if len(self.points) <= 3:
             return ""
         try:
-            self.frame()
+            self.construct_now()
         except PointsDisagreeError:
             return "The points touched before contradict the last touch: make it again."
         except CalibrationError:
             return ""  # said where the frame is constructed
         return ""
 
-    def _page(self, step: str, role: Role, instruction: Instruction) -> Instruction:
+    def _touch_page(self, step: str, role: Role, instruction: Instruction) -> Instruction:
         """Return a touch on its page: those made, those to come in any case, what this one would tell."""
         rules = self.rules
         named = [name for name, _, _ in named_touches(rules)]
@@ -263,18 +263,18 @@ class _Taken:
         return points_page(instruction, point_states(steps, len(self.points)), meter)
 
 
-def _further(role: FrameRole, number: int) -> tuple[str, FrameRole, Instruction]:
+def _further_touch(role: FrameRole, number: int) -> tuple[str, FrameRole, Instruction]:
     name, instruction = _MORE[role]
     return f"{name} {number}", role, instruction
 
 
-def _with_known(instruction: Instruction, taught: TaughtFrame) -> Instruction:
+def _with_known_text(instruction: Instruction, taught: TaughtFrame) -> Instruction:
     origin, turn = 2e3 * max(taught.origin_sigma_m), 2e3 * max(taught.rotation_sigma_rad)
-    known = (
+    known_text = (
         f"So far the origin is known within {origin:.2f} mm, the axes within {turn:.2f} mm per metre (95 %)."
     )
-    return Instruction(instruction.key, f"{instruction.text} {known}")
+    return Instruction(instruction.key, f"{instruction.text} {known_text}")
 
 
-def _frame_points(rules: FrameRules, points: Sequence[Touched]) -> list[FramePoint]:
+def _frame_points(rules: FrameRules, points: Sequence[FrameTouch]) -> list[FramePoint]:
     return [FramePoint(p.role, tip_in_base(p.base_flange, rules.tip_in_flange_m)) for p in points]

@@ -16,10 +16,10 @@ from cellcal.calibration.points.offset_design import (
     OffsetGoal,
     offset_outlook,
     point_covariance,
-    rounds_touches,
+    touches_needed_in_rounds,
 )
-from cellcal.procedures.judged_write import WriteAnyway
 from cellcal.procedures.steps.meters import tip_in_base
+from cellcal.procedures.write_review import WriteAnyway
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +43,23 @@ class FrameOffset:
     write_anyway: WriteAnyway = ""
 
     @property
-    def goal(self) -> OffsetGoal:
+    def offset_goal(self) -> OffsetGoal:
         """What a touch is worth, and what is asked for."""
         return OffsetGoal(self.sigma_m, self.old_sigma_m, self.origin_u_m, self.angle_u_rad)
 
     @property
-    def named(self) -> int:
+    def named_count(self) -> int:
         """How many points are touched in any case."""
         return len(self.points_in_frame_m or self.old_points_in_base_m)
 
     @property
-    def most(self) -> int:
+    def most_touches(self) -> int:
         """How many touches there are at most."""
-        return max(self.max_touches, self.named)
+        return max(self.max_touches, self.named_count)
 
 
 @dataclass(frozen=True, slots=True)
-class Touched:
+class PointTouch:
     """One touch of a point of the workpiece, counted from 0."""
 
     point: int
@@ -67,7 +67,7 @@ class Touched:
 
 
 @dataclass(frozen=True, slots=True)
-class FoundOffset:
+class FoundFrameOffset:
     """The frame before and after, and what lies between: ``old_new`` is UF_T_UF' of Eq. 7."""
 
     base_frame_old: Pose
@@ -82,8 +82,8 @@ class FoundOffset:
 
 
 def find_offset(
-    spec: FrameOffset, base_frame_old: Pose, touches: tuple[Touched, ...], above: Pose | None
-) -> FoundOffset:
+    spec: FrameOffset, base_frame_old: Pose, touches: tuple[PointTouch, ...], above: Pose | None
+) -> FoundFrameOffset:
     """Fit the moved frame to its points by least squares; compare it with the old one."""
     points = points_in_frame(spec, base_frame_old)
     tips = [tip_in_base(touch.base_flange, spec.tip_in_flange_m) for touch in touches]
@@ -100,13 +100,13 @@ def find_offset(
         _refuse_below(new, tip_in_base(above, spec.tip_in_flange_m))
     old_new = offset_between(base_frame_old, new)
     far = spec.far_point_in_frame_m or max(points, key=lambda point: math.hypot(*point))
-    moved = old_new.rotation() @ np.array(far) + np.array(old_new.position_m) - np.array(far)
-    return FoundOffset(
+    moved = old_new.rotation_matrix() @ np.array(far) + np.array(old_new.position_m) - np.array(far)
+    return FoundFrameOffset(
         base_frame_old=base_frame_old,
         base_frame_new=new,
         old_new=old_new,
         shift_m=math.hypot(*old_new.position_m),
-        turn_rad=float(np.linalg.norm(log_rotation(old_new.rotation()))),
+        turn_rad=float(np.linalg.norm(log_rotation(old_new.rotation_matrix()))),
         far_point_in_frame_m=far,
         far_shift_m=float(np.linalg.norm(moved)),
         placed=placed,
@@ -130,14 +130,14 @@ def points_in_frame(spec: FrameOffset, base_frame_old: Pose) -> tuple[Triple, ..
     points = spec.points_in_frame_m
     if not points:
         back = base_frame_old.inverse()
-        in_frame = np.array(spec.old_points_in_base_m) @ back.rotation().T + np.array(back.position_m)
+        in_frame = np.array(spec.old_points_in_base_m) @ back.rotation_matrix().T + np.array(back.position_m)
         points = tuple((float(x), float(y), float(z)) for x, y, z in in_frame)
     refuse_bad_points(points, "points of the workpiece")
     return points
 
 
 def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
-    height = float((np.array(above_m) - np.array(base_frame.position_m)) @ base_frame.rotation()[:, 2])
+    height = float((np.array(above_m) - np.array(base_frame.position_m)) @ base_frame.rotation_matrix()[:, 2])
     if not height > 0:
         raise CalibrationError(
             f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
@@ -145,25 +145,25 @@ def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
         )
 
 
-def outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> FrameOutlook:
+def touch_outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> FrameOutlook:
     """Return what is worth touching again once every point was touched."""
-    return offset_outlook(points, [1] * len(points), spec.goal, spec.most)
+    return offset_outlook(points, [1] * len(points), spec.offset_goal, spec.most_touches)
 
 
 def further_touches(spec: FrameOffset, points: tuple[Triple, ...]) -> tuple[int, ...]:
     """Return the points to touch again, from 0; none where no number of touches that is allowed would do."""
-    planned = outlook(spec, points)
+    planned = touch_outlook(spec, points)
     return planned.again if planned.reached else ()
 
 
-def saving(spec: FrameOffset, found: FoundOffset) -> str:
+def saving_text(spec: FrameOffset, found: FoundFrameOffset) -> str:
     """Return what choosing the touches saved, or why nothing more was asked for, as a sentence."""
     points, touches = points_in_frame(spec, found.base_frame_old), sum(found.touches)
-    planned, in_turn = outlook(spec, points), rounds_touches(points, spec.goal)
+    planned, in_turn = touch_outlook(spec, points), touches_needed_in_rounds(points, spec.offset_goal)
     if not planned.reached or in_turn is None:
         origin_mm, angle_deg = planned.origin_u_m * 1e3, math.degrees(planned.angle_u_rad)
         return (
-            f"{touches} touches; further ones were not asked for: {spec.most} would leave the origin within "
+            f"{touches} touches; further ones were not asked for: {spec.most_touches} would leave the origin within "
             f"{origin_mm:.2f} mm and the angle within {angle_deg:.3f} deg (k=2)"
         )
     if touches >= in_turn:

@@ -8,15 +8,15 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.points.tag_placement import PlacedTags
-from cellcal.calibration.points.tag_points import Pairs
+from cellcal.calibration.points.tag_points import TagPairs
 from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot
 from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
+    FittedValue,
     Refit,
-    Refitted,
+    RefitResult,
     Use,
-    Value,
     misses_in_space,
     pose_values,
 )
@@ -25,46 +25,48 @@ _LEAST = {"three_points": 3, "six_points": 6, "least_squares": 3}
 
 
 def refit_place(
-    pairs: Pairs, recorded: PlacedTags, sigma_m: float | None, place: Callable[[Pairs], PlacedTags]
+    pairs: TagPairs, recorded: PlacedTags, sigma_m: float | None, place: Callable[[TagPairs], PlacedTags]
 ) -> Refit:
     """Return the tags of a base or a workpiece; ``sigma_m`` of a coordinate [m], None: the residuals tell."""
 
-    def solve(use: Use) -> Refitted:
-        placed = place(_fewer(pairs, use))
+    def solve_place(use: Use) -> RefitResult:
+        placed = place(_used_pairs(pairs, use))
         pose = placed.outer_inner
-        inner = pairs.one.positions() @ pose.rotation().T + np.array(pose.position_m)
-        gaps = inner - pairs.other.positions()
+        inner = pairs.one.to_positions() @ pose.rotation_matrix().T + np.array(pose.position_m)
+        gaps = inner - pairs.other.to_positions()
         misses = misses_in_space(gaps.tolist(), sigma_m or _scatter_m(gaps, use, 6), STANDS_OUT)
-        return Refitted(misses, placed.origin.expanded, pose_values(pose, recorded.outer_inner))
+        return RefitResult(
+            misses, placed.origin_uncertainty.expanded_uncertainty, pose_values(pose, recorded.outer_inner)
+        )
 
-    return Refit("place", _tags(pairs), _LEAST[recorded.method], "origin", solve)
+    return Refit("place", _tag_points(pairs), _LEAST[recorded.method], "origin", solve_place)
 
 
-def refit_robot(pairs: Pairs, fit: Callable[[Pairs], tuple[SimulatedRobot, RobotModel]]) -> Refit:
+def refit_robot(pairs: TagPairs, fit: Callable[[TagPairs], tuple[SimulatedRobot, RobotModel]]) -> Refit:
     """Return the tags of a robot's path; one that its robust fit does not believe stands out."""
-    labels = [pairs.one.label(row) for row in range(len(pairs.one))]
+    labels = [pairs.one.tag_label(row) for row in range(len(pairs.one))]
 
-    def solve(use: Use) -> Refitted:
-        found, arm = fit(_fewer(pairs, use))
+    def solve_robot(use: Use) -> RefitResult:
+        found, arm = fit(_used_pairs(pairs, use))
         tip = np.array(found.flange_tool.position_m)
         device = found.device_base
-        computed = arm.tip_positions(np.array(pairs.one.joints_rad), tip) @ device.rotation().T
-        gaps = computed + np.array(device.position_m) - pairs.other.positions()
+        computed = arm.tip_positions(np.array(pairs.one.joints_rad), tip) @ device.rotation_matrix().T
+        gaps = computed + np.array(device.position_m) - pairs.other.to_positions()
         believed = tuple(used and tag not in found.rejected for used, tag in zip(use, labels, strict=True))
         misses = misses_in_space(gaps.tolist(), _scatter_m(gaps, believed, len(found.values) + 9), STANDS_OUT)
-        values = tuple(Value(each.name, each.unit, each.value) for each in found.values)
-        return Refitted(misses, found.tool.expanded, values)
+        values = tuple(FittedValue(each.name, each.unit, each.value) for each in found.values)
+        return RefitResult(misses, found.tool.expanded_uncertainty, values)
 
-    return Refit("place", _tags(pairs), LEAST_TAGS, "tip", solve)
-
-
-def _tags(pairs: Pairs) -> tuple[FitPoint, ...]:
-    return tuple(FitPoint(f"tag {pairs.one.label(row)}") for row in range(len(pairs.one)))
+    return Refit("place", _tag_points(pairs), LEAST_TAGS, "tip", solve_robot)
 
 
-def _fewer(pairs: Pairs, use: Use) -> Pairs:
+def _tag_points(pairs: TagPairs) -> tuple[FitPoint, ...]:
+    return tuple(FitPoint(f"tag {pairs.one.tag_label(row)}") for row in range(len(pairs.one)))
+
+
+def _used_pairs(pairs: TagPairs, use: Use) -> TagPairs:
     rows = [row for row, used in enumerate(use) if used]
-    return Pairs(pairs.one.take(rows), pairs.other.take(rows), pairs.unpaired)
+    return TagPairs(pairs.one.select_tags(rows), pairs.other.select_tags(rows), pairs.unpaired)
 
 
 def _scatter_m(gaps_m: Array, use: Use, unknowns: int) -> float:

@@ -21,14 +21,14 @@ from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.meters import move_meter
 from cellcal.procedures.steps.pages import point_states, points_page
-from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.steps.teach import teach_pose
 
 Method = Literal["textbook", "four_point", "three_plus_orientation", "six_point_xz", "six_point_xy"]
 Orientation = Literal["world", "two_points"]
-Held = Literal["as_base", "z_down", "x_down"]
+ToolAttitude = Literal["as_base", "z_down", "x_down"]
 
 _HALF = math.sqrt(0.5)
-HELD: dict[Held, tuple[Pose, str]] = {
+TOOL_ATTITUDES: dict[ToolAttitude, tuple[Pose, str]] = {
     "as_base": (Pose((0.0, 0.0, 0.0)), "its axes parallel to those of the robot's base"),
     "z_down": (
         Pose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)),
@@ -52,17 +52,17 @@ ORIGIN = Instruction(
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class TeachingMethod:
     """A method with its choices."""
 
     method: Method
     orientation: Orientation
-    held: Held
+    attitude: ToolAttitude
     check_handedness: bool
     min_move_m: float
 
     @property
-    def touches(self) -> tuple[tuple[str, Instruction], ...]:
+    def named_touches(self) -> tuple[tuple[str, Instruction], ...]:
         """The touches that the method names itself."""
         if self.method != "textbook":
             return (("touch the pin", FIRST),)
@@ -78,23 +78,23 @@ class Way:
         return 4 if self.method == "four_point" else 3
 
     @property
-    def moves(self) -> str:
+    def move_axes(self) -> str:
         """The axes along which the tool is moved: letters, in the order of teaching."""
         if self.method == "textbook":
             return "xyz"
-        if self.method == "four_point" or self.by_attitude:
+        if self.method == "four_point" or self.is_by_attitude:
             return ""
         second = "z" if self.method == "six_point_xz" else "y"
         third = "y" if second == "z" else "z"
         return f"x{second}{third if self.check_handedness else ''}"
 
     @property
-    def by_attitude(self) -> bool:
+    def is_by_attitude(self) -> bool:
         """Whether the axes come from one attitude that the tool is held in."""
         return self.method == "three_plus_orientation" and self.orientation == "world"
 
     @property
-    def in_plane(self) -> bool:
+    def is_in_plane(self) -> bool:
         """Whether the second move only tells the plane."""
         return self.method == "three_plus_orientation" and self.orientation == "two_points"
 
@@ -103,59 +103,60 @@ class Way:
         """The step that teaches where the moves start, or the attitude; None where a touch is the start."""
         if self.method in ("textbook", "four_point"):
             return None
-        return "hold the tool" if self.by_attitude else "teach the orient origin"
+        return "hold the tool" if self.is_by_attitude else "teach the orient origin"
 
 
-async def take_axes(run: Run, way: Way, square: Pose) -> ToolAxes | None:
+async def take_axes(run: Run, way: TeachingMethod, square: Pose) -> ToolAxes | None:
     """Have the tool's axes taught; None where the method finds a place only. ``square`` is the first touch."""
     if way.method == "four_point":
         return None
     origin = square
     if way.origin_step is not None:
-        names = [way.origin_step, *(f"move along {axis}" for axis in way.moves)]
-        asked = points_page(_origin(way), point_states(names, 0), None)
-        origin = (await run.step(way.origin_step, teach, asked)).base_flange
+        names = [way.origin_step, *(f"move along {axis}" for axis in way.move_axes)]
+        instruction = points_page(_origin_instruction(way), point_states(names, 0), None)
+        origin = (await run.step(way.origin_step, teach_pose, instruction)).base_flange
     ends = [
-        (await run.step(f"move along {axis}", teach, _on_page(way, axis, origin))).base_flange
-        for axis in way.moves
+        (await run.step(f"move along {axis}", teach_pose, _move_page(way, axis, origin))).base_flange
+        for axis in way.move_axes
     ]
     return await run.solve("find the axes", find_axes, way, origin, tuple(ends))
 
 
-def _on_page(way: Way, axis: str, origin: Pose) -> Instruction:
-    names = [f"move along {each}" for each in way.moves]
+def _move_page(way: TeachingMethod, axis: str, origin: Pose) -> Instruction:
+    names = [f"move along {each}" for each in way.move_axes]
     meter = move_meter(origin, way.min_move_m)
-    return points_page(_along(way, axis), point_states(names, way.moves.index(axis)), meter)
+    return points_page(_move_instruction(way, axis), point_states(names, way.move_axes.index(axis)), meter)
 
 
-def find_axes(way: Way, origin: Pose, ends: tuple[Pose, ...]) -> ToolAxes:
+def find_axes(way: TeachingMethod, origin: Pose, ends: tuple[Pose, ...]) -> ToolAxes:
     """Return the tool's axes from what was taught for them."""
     limits = AxesLimits(min_move_m=way.min_move_m)
-    if way.by_attitude:
-        return axes_from_attitude(origin, HELD[way.held][0])
-    if way.in_plane:
+    if way.is_by_attitude:
+        return axes_from_attitude(origin, TOOL_ATTITUDES[way.attitude][0])
+    if way.is_in_plane:
         above = ends[2] if len(ends) > 2 else None
         return axes_from_plane(origin, ends[0], ends[1], above=above, limits=limits)
-    taught = dict(zip(way.moves, ends, strict=True))
+    taught = dict(zip(way.move_axes, ends, strict=True))
     return tool_axes(
         origin, along_x=taught.get("x"), along_y=taught.get("y"), along_z=taught.get("z"), limits=limits
     )
 
 
-def _origin(way: Way) -> Instruction:
-    if way.by_attitude:
+def _origin_instruction(way: TeachingMethod) -> Instruction:
+    if way.is_by_attitude:
         return Instruction(
-            "hold_tool", f"Hold the tool with {HELD[way.held][1]}; a level tells better than the eye."
+            "hold_tool",
+            f"Hold the tool with {TOOL_ATTITUDES[way.attitude][1]}; a level tells better than the eye.",
         )
     return ORIGIN
 
 
-def _along(way: Way, axis: str) -> Instruction:
+def _move_instruction(way: TeachingMethod, axis: str) -> Instruction:
     start = "the first touch" if way.method == "textbook" else "the orient origin"
     where = f"straight along the tool's own +{axis}"
-    if way.in_plane and axis == "y":
+    if way.is_in_plane and axis == "y":
         where = "straight into the tool's x-y plane, to the side of +y"
-    if way.in_plane and axis == "z":
+    if way.is_in_plane and axis == "z":
         where = "to the side of the tool's +z"
     return Instruction(
         f"along_{axis}",

@@ -11,17 +11,17 @@ from typing import Literal
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
 from cellcal.calibration.points.touch_design import (
-    Alike,
+    AlikeTouch,
     alike_touch,
     fixed_plan_touches,
-    foreseen_u_m,
     next_turn,
+    predicted_u_m,
 )
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.run import OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.steps.meters import tip_meter
 from cellcal.procedures.steps.pages import points_page
-from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.steps.teach import teach_pose
 from cellcal.procedures.verdict import SetAside
 
 WORST_GAIN = 4.0  # of the tip over a touch, in the worst direction, from three touches: about 20 degrees
@@ -47,7 +47,7 @@ class TouchRules:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class TouchDecision:
     """What the touches so far say, and what to do next."""
 
     do: Literal["touch", "anew", "enough", "wrong"]
@@ -59,7 +59,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True)
-class Touches:
+class TcpTouches:
     """All touches that count, and what they say of the tip."""
 
     base_flange: tuple[Pose, ...]
@@ -69,23 +69,23 @@ class Touches:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundTip:
     """The tip, and how many touches in fixed attitudes would have done as much."""
 
     tip: ToolPoint
     fixed_plan: int | None
 
 
-async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Instruction], ...]) -> Touches:
+async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Instruction], ...]) -> TcpTouches:
     """Have the pin touched until the tip is known well enough; ``named`` are the method's own touches."""
     steps: list[str] = []
     poses: list[Pose] = []
     aside: list[SetAside] = []
     anew: list[int] = []
-    judged, count = Judged("touch", 0, "", "", None, None), 0
+    judged, count = TouchDecision("touch", 0, "", "", None, None), 0
     while judged.do in ("touch", "anew"):
-        step, instruction = _asked(judged, len(poses), len(anew), named)
-        taught = await run.step(step, teach, _on_page(rules, judged, steps, poses, instruction))
+        step, instruction = _next_instruction(judged, len(poses), len(anew), named)
+        taught = await run.step(step, teach_pose, _touch_page(rules, judged, steps, poses, instruction))
         if judged.do == "anew":
             aside.append(SetAside(steps[judged.touch], judged.why))
             steps[judged.touch], poses[judged.touch] = step, taught.base_flange
@@ -102,11 +102,11 @@ async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Inst
         raise RefusalError(judged.why, remedy=judged.advice, evidence=tuple(poses))
     found = await run.solve("locate the tip", locate_tip, rules, tuple(poses))
     _refuse_scatter(rules, found.tip)
-    return Touches(tuple(poses), found.tip, tuple(aside), found.fixed_plan)
+    return TcpTouches(tuple(poses), found.tip, tuple(aside), found.fixed_plan)
 
 
-def _on_page(
-    rules: TouchRules, judged: Judged, steps: list[str], poses: list[Pose], instruction: Instruction
+def _touch_page(
+    rules: TouchRules, judged: TouchDecision, steps: list[str], poses: list[Pose], instruction: Instruction
 ) -> Instruction:
     """Return the touch on its page: those taken so far, and what this one would tell where the arm stands."""
     again = judged.touch if judged.do == "anew" else None
@@ -126,40 +126,42 @@ def _on_page(
     return points_page(instruction, points, meter)
 
 
-def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> Judged:
+def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> TouchDecision:
     """Say what the touches so far tell and what to do next; ``anew`` are those asked for again already."""
     foreseen = _foreseen_u_m(rules, touches)
-    alike = _alike(rules, touches)
+    alike = _alike_touch(rules, touches)
     if alike is not None:
-        return _again(alike.touch, _told(alike), _mend(alike), anew, foreseen)
+        return _decide_anew(alike.touch, _alike_text(alike), _mend_advice(alike), anew, foreseen)
     if len(touches) < 3:
-        return _more(rules, touches, None)
+        return _decide_more(rules, touches, None)
     tip = locate_tool_point(touches, arm_sigma_m=rules.arm_sigma_m)
     if _is_stray(rules, tip):
         why = (
             f"the other touches contradict touch {tip.stray_touch + 1} by "
             f"{tip.leave_one_out_m[tip.stray_touch] * 1e3:.2f} mm"
         )
-        return _again(tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, foreseen)
+        return _decide_anew(
+            tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, foreseen
+        )
     enough = max(tip.tip_u_in_space_m, foreseen or math.inf) <= rules.tip_u_m
     if len(touches) >= rules.most or (enough and len(touches) >= rules.least):
-        return Judged("enough", len(touches), "", "", foreseen, tip.tip_u_in_space_m)
-    return _more(rules, touches, tip)
+        return TouchDecision("enough", len(touches), "", "", foreseen, tip.tip_u_in_space_m)
+    return _decide_more(rules, touches, tip)
 
 
-def locate_tip(rules: TouchRules, touches: tuple[Pose, ...]) -> Found:
+def locate_tip(rules: TouchRules, touches: tuple[Pose, ...]) -> FoundTip:
     """Return the tip from all touches that count."""
     arm_m = rules.arm_sigma_m
     fixed = fixed_plan_touches(rules.tip_u_m, rules.sigma_m, MANUAL_TILT_RAD, arm_sigma_m=arm_m)
-    return Found(locate_tool_point(touches, arm_sigma_m=arm_m), fixed)
+    return FoundTip(locate_tool_point(touches, arm_sigma_m=arm_m), fixed)
 
 
 def _foreseen_u_m(rules: TouchRules, touches: tuple[Pose, ...]) -> float | None:
-    attitudes = [touch.rotation() for touch in touches]
-    return foreseen_u_m(attitudes, rules.sigma_m, arm_sigma_m=rules.arm_sigma_m)
+    attitudes = [touch.rotation_matrix() for touch in touches]
+    return predicted_u_m(attitudes, rules.sigma_m, arm_sigma_m=rules.arm_sigma_m)
 
 
-def _alike(rules: TouchRules, touches: tuple[Pose, ...]) -> Alike | None:
+def _alike_touch(rules: TouchRules, touches: tuple[Pose, ...]) -> AlikeTouch | None:
     """Look at the last touch: the first three must fix the tip, a further one only not be one read twice."""
     least = rules.min_turn_rad if len(touches) <= 3 else AGAIN_RAD
     return alike_touch(touches, min_turn_rad=least, worst_gain=WORST_GAIN)
@@ -171,28 +173,30 @@ def _is_stray(rules: TouchRules, tip: ToolPoint) -> bool:
     return tip.leave_one_out_m[tip.stray_touch] > STRAY_SIGMAS * rules.sigma_m
 
 
-def _again(touch: int, why: str, advice: str, anew: tuple[int, ...], foreseen: float | None) -> Judged:
+def _decide_anew(
+    touch: int, why: str, advice: str, anew: tuple[int, ...], foreseen: float | None
+) -> TouchDecision:
     if anew.count(touch) >= 2 or len(anew) >= MOST_ANEW:
-        return Judged("wrong", touch, f"{why}, also after it was taught again", _WRONG, foreseen, None)
-    return Judged("anew", touch, why, advice, foreseen, None)
+        return TouchDecision("wrong", touch, f"{why}, also after it was taught again", _WRONG, foreseen, None)
+    return TouchDecision("anew", touch, why, advice, foreseen, None)
 
 
 _WRONG = "Check that the pin is firm and the tool tight, and that the arm moves as the instruction says."
 
 
-def _more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | None) -> Judged:
+def _decide_more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | None) -> TouchDecision:
     turn = next_turn(touches, rules.most_tilt_rad)
-    return Judged(
+    return TouchDecision(
         "touch",
         len(touches),
         "",
-        f"From the first touch's attitude, turn the tool {turn.told()} of the flange, about; touch the pin.",
+        f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, about; touch the pin.",
         _foreseen_u_m(rules, touches),
         None if tip is None else tip.tip_u_in_space_m,
     )
 
 
-def _told(alike: Alike) -> str:
+def _alike_text(alike: AlikeTouch) -> str:
     if alike.like is None:
         return f"touch {alike.touch + 1} leaves the tip open: all touches are turned about nearly one axis"
     return (
@@ -201,12 +205,12 @@ def _told(alike: Alike) -> str:
     )
 
 
-def _mend(alike: Alike) -> str:
-    return f"Turn the tool {alike.turn.told()} of the flange, or further, and touch the pin again."
+def _mend_advice(alike: AlikeTouch) -> str:
+    return f"Turn the tool {alike.turn.describe_turn()} of the flange, or further, and touch the pin again."
 
 
-def _asked(
-    judged: Judged, count: int, anew: int, named: tuple[tuple[str, Instruction], ...]
+def _next_instruction(
+    judged: TouchDecision, count: int, anew: int, named: tuple[tuple[str, Instruction], ...]
 ) -> tuple[str, Instruction]:
     """Return the next step's name and what the technician is told."""
     if judged.do == "anew":
@@ -215,20 +219,20 @@ def _asked(
         return f"touch anew {anew}", Instruction(f"touch_anew_{number}", text)
     if count < len(named):
         step, instruction = named[count]
-        return step, Instruction(instruction.key, instruction.text + _known_so_far(judged))
+        return step, Instruction(instruction.key, instruction.text + _known_text(judged))
     number = count + 1
     return f"touch in another attitude {number - len(named)}", Instruction(
-        f"touch_{number}", judged.advice + _known_so_far(judged)
+        f"touch_{number}", judged.advice + _known_text(judged)
     )
 
 
-def _known_so_far(judged: Judged) -> str:
-    told = []
+def _known_text(judged: TouchDecision) -> str:
+    known_texts = []
     if judged.foreseen_u_m is not None:
-        told.append(f"{judged.foreseen_u_m * 1e3:.2f} mm by the attitudes")
+        known_texts.append(f"{judged.foreseen_u_m * 1e3:.2f} mm by the attitudes")
     if judged.tip_u_m is not None:
-        told.append(f"{judged.tip_u_m * 1e3:.2f} mm by the touches' scatter")
-    return f" So far the tip is known within {' and '.join(told)} (95 %)." if told else ""
+        known_texts.append(f"{judged.tip_u_m * 1e3:.2f} mm by the touches' scatter")
+    return f" So far the tip is known within {' and '.join(known_texts)} (95 %)." if known_texts else ""
 
 
 def _refuse_scatter(rules: TouchRules, tip: ToolPoint) -> None:

@@ -9,22 +9,22 @@ import numpy as np
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint
 from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
-from cellcal.procedures.judged_write import frame_changes
-from cellcal.procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
-from cellcal.procedures.teaching.tcp_methods import Way
+from cellcal.procedures.accuracy_limits import TOOL, AccuracyClass, ToolLimits, limits_in_force, limits_text
+from cellcal.procedures.teaching.tcp_methods import TeachingMethod
 from cellcal.procedures.verdict import (
     PASS,
     UNDECIDED,
     Characteristic,
     Contribution,
+    ProcedureVerdict,
     SetAside,
-    Verdict,
-    enough,
-    held,
+    state_evidence,
+    state_fact,
 )
+from cellcal.procedures.write_review import frame_changes
 
 
-class Tool(Protocol):
+class TaughtTool(Protocol):
     """A tool frame as found and written."""
 
     @property
@@ -46,25 +46,29 @@ class Tool(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Judging:
+class TcpCriteria:
     """How the tool was taught, and what it is judged by."""
 
-    way: Way
+    way: TeachingMethod
     square_sigma_rad: float
     arm_sigma_m: float
     accuracy_class: AccuracyClass
     limits: ToolLimits | None
 
 
-def verdict_on_tool(judging: Judging, found: Tool) -> Verdict:
+def verdict_on_tool(judging: TcpCriteria, found: TaughtTool) -> ProcedureVerdict:
     """Return the verdict on a taught tool frame."""
-    limits = chosen(TOOL, judging.accuracy_class, judging.limits)
+    limits = limits_in_force(TOOL, judging.accuracy_class, judging.limits)
     tip = found.tip
-    return Verdict(
+    return ProcedureVerdict(
         (
-            _tip(tip, judging.arm_sigma_m, limits.tip_m),
-            *(() if found.axes is None else (_axes(judging, found.axes, tip, limits.orientation_rad),)),
-            held(
+            _tip_figure(tip, judging.arm_sigma_m, limits.tip_m),
+            *(
+                ()
+                if found.axes is None
+                else (_axes_figure(judging, found.axes, tip, limits.orientation_rad),)
+            ),
+            state_fact(
                 "largest distance of a touch from the pin",
                 tip.max_m <= limits.residual_m,
                 "PASS if at most L; a residual is no accuracy",
@@ -72,21 +76,21 @@ def verdict_on_tool(judging: Judging, found: Tool) -> Verdict:
                 limit=limits.residual_m,
                 unit="m",
             ),
-            *_spared(tip, limits.residual_m),
-            *_handed(judging.way),
+            *_leave_one_out_figures(tip, limits.residual_m),
+            *_handedness_figures(judging.way),
         ),
-        limits_from=told(judging.accuracy_class, judging.limits),
+        limits_from=limits_text(judging.accuracy_class, judging.limits),
         not_verified=_not_verified(judging.way),
-        remarks=(_saving(found),),
+        remarks=(_saving_text(found),),
         changes=frame_changes(found.before, found.read_back),
         set_aside=found.set_aside,
     )
 
 
-def axes_u(way: Way, sigma_m: float, square_sigma_rad: float) -> float:
+def axes_u(way: TeachingMethod, sigma_m: float, square_sigma_rad: float) -> float:
     """Return U (95 %) of the axes' turn that poses of this quality would give [rad]."""
     ways = {0: (0.0, 0.0, 0.0), 2: (2.0, 1.0, 2.0)}  # two moves leave each other's axis to one of them
-    shares = ways.get(len(way.moves), (1.0, 1.0, 1.0))
+    shares = ways.get(len(way.move_axes), (1.0, 1.0, 1.0))
     variances = [share * (sigma_m / way.min_move_m) ** 2 + square_sigma_rad**2 for share in shares]
     return coverage_in_space(variances) * math.sqrt(sum(variances)) if sum(variances) else 0.0
 
@@ -96,7 +100,7 @@ def arm_u(arm_sigma_m: float) -> float:
     return coverage_in_space((1.0, 1.0, 1.0)) * math.sqrt(3.0) * arm_sigma_m
 
 
-def _tip(tip: ToolPoint, arm_sigma_m: float, limit: float) -> Characteristic:
+def _tip_figure(tip: ToolPoint, arm_sigma_m: float, limit: float) -> Characteristic:
     u, by_arm, k = (
         tip.tip_u_in_space_m / tip.coverage_in_space,
         math.sqrt(3.0) * arm_sigma_m,
@@ -119,7 +123,7 @@ def _tip(tip: ToolPoint, arm_sigma_m: float, limit: float) -> Characteristic:
     )
 
 
-def _axes(judging: Judging, axes: ToolAxes, tip: ToolPoint, limit: float) -> Characteristic:
+def _axes_figure(judging: TcpCriteria, axes: ToolAxes, tip: ToolPoint, limit: float) -> Characteristic:
     """Judge the turn of the axes: scatter over the moves, their angles, how squarely the tool was held."""
     freedom = float(tip.degrees_of_freedom)
     touch_m2 = tip.rms_m**2 * (freedom + 6.0) / freedom  # the scatter, freed of the fitted unknowns
@@ -140,13 +144,13 @@ def _axes(judging: Judging, axes: ToolAxes, tip: ToolPoint, limit: float) -> Cha
     )
 
 
-def _spared(tip: ToolPoint, limit: float) -> tuple[Characteristic, ...]:
+def _leave_one_out_figures(tip: ToolPoint, limit: float) -> tuple[Characteristic, ...]:
     if tip.leave_one_out_max_m is None:
         return ()
     worst = int(np.argmax(tip.leave_one_out_m)) + 1
     rule = f"a touch as the others foretell it, worst touch {worst}: PASS if at most 2 L, else UNDECIDED"
     return (
-        enough(
+        state_evidence(
             "largest distance of a touch from where the others have it",
             tip.leave_one_out_max_m <= 2.0 * limit,
             rule,
@@ -157,13 +161,17 @@ def _spared(tip: ToolPoint, limit: float) -> tuple[Characteristic, ...]:
     )
 
 
-def _handed(way: Way) -> tuple[Characteristic, ...]:
-    if len(way.moves) < 3:
+def _handedness_figures(way: TeachingMethod) -> tuple[Characteristic, ...]:
+    if len(way.move_axes) < 3:
         return ()
-    return (held("handedness: the three moves form a right-handed frame", True, "refused where they do not"),)
+    return (
+        state_fact(
+            "handedness: the three moves form a right-handed frame", True, "refused where they do not"
+        ),
+    )
 
 
-def _not_verified(way: Way) -> tuple[str, ...]:
+def _not_verified(way: TeachingMethod) -> tuple[str, ...]:
     unseen = "The tip was not checked in an attitude that was not fitted."
     forms = (
         "The forms of pin and tip count only as they scatter, the arm's own errors as stated (arm_sigma_m): "
@@ -171,18 +179,18 @@ def _not_verified(way: Way) -> tuple[str, ...]:
     )
     if way.method == "four_point":
         return unseen, forms, "The axes were not taught: they stay as the controller held them."
-    if way.by_attitude:
+    if way.is_by_attitude:
         return (
             unseen,
             forms,
             "How squarely the tool was held is as stated (square_sigma_rad): nothing shows it.",
         )
-    if len(way.moves) < 3:
+    if len(way.move_axes) < 3:
         return unseen, forms, "A move in the wrong direction leaves no trace: no third move was taught."
     return unseen, forms, "Two moves both taken in the wrong direction leave no trace."
 
 
-def _saving(found: Tool) -> str:
+def _saving_text(found: TaughtTool) -> str:
     fixed = found.fixed_plan_touches
     plan = "more than 60" if fixed is None else str(fixed)
     return (

@@ -16,30 +16,32 @@ from pydantic import TypeAdapter, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.supervision import start_task
-from cellcal.service.cell_process.cell_process import TASK, Desk
-from cellcal.service.cell_process.messages import LONGEST_LINE, Command
+from cellcal.service.cell_process.cell_controller import TASK, CellController
+from cellcal.service.cell_process.messages import LONGEST_LINE, SessionCommand
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.settled import settle
-from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.gc_freeze import freeze_startup_objects
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
-_COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
+_COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 
 
 def main(path: str) -> None:
     """Attend one cell until standard input ends."""
     log_in_lines("desk: %(message)s")
-    asyncio.run(_attend(Path(path)))
+    asyncio.run(_run_controller(Path(path)))
 
 
-async def _attend(path: Path) -> None:
-    write = _writer()
-    desk = Desk(read_cell_file(path), lambda kind, content: write({"told": kind, "content": content}))
-    settle()
-    at_work = start_task(TASK, desk.attend)
-    lines = await _lines()
+async def _run_controller(path: Path) -> None:
+    write = _make_writer()
+    controller = CellController(
+        read_cell_file(path), lambda kind, content: write({"told": kind, "content": content})
+    )
+    freeze_startup_objects()
+    at_work = start_task(TASK, controller.stay_connected)
+    lines = await _connect_stdin()
     orders: set[asyncio.Task[None]] = set()
     async for line in whole_lines(lines):
-        order = asyncio.create_task(_obey(desk, line, write))
+        order = asyncio.create_task(_answer_line(controller, line, write))
         orders.add(order)
         order.add_done_callback(orders.discard)
     at_work.cancel()
@@ -47,14 +49,16 @@ async def _attend(path: Path) -> None:
         await at_work
 
 
-async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]) -> None:
-    asked: Any = None
+async def _answer_line(
+    controller: CellController, line: bytes, write: Callable[[dict[str, Any]], None]
+) -> None:
+    request: Any = None
     try:
-        asked = parse_json(line)
-        if asked.get("ask") == "session":
-            reply: dict[str, Any] = {"ok": True, "session": desk.session()}
+        request = parse_json(line)
+        if request.get("ask") == "session":
+            reply: dict[str, Any] = {"ok": True, "session": controller.describe_session()}
         else:
-            reply = await desk.obey(_COMMAND.validate_python(asked["command"]))
+            reply = await controller.execute_command(_COMMAND.validate_python(request["command"]))
     except (ValidationError, ValueError, KeyError, TypeError, AttributeError) as error:
         reply = {
             "ok": False,
@@ -62,24 +66,24 @@ async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]
             "message": f"The order is not understood: {error}",
             "remedy": "Load the page again.",
         }
-    number = asked.get("number") if isinstance(asked, dict) else None
+    number = request.get("number") if isinstance(request, dict) else None
     write({"number": number, "reply": reply})
 
 
 async def whole_lines(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
     """Yield line after line; one that is longer than any order is dropped, never the one behind it."""
-    kept, too_long = b"", False
+    partial, too_long = b"", False
     while chunk := await reader.read(1 << 16):
-        *whole, rest = (kept + chunk).split(b"\n")
+        *whole, rest = (partial + chunk).split(b"\n")
         for line in whole:
             if not too_long and len(line) <= LONGEST_LINE:
                 yield line
             too_long = False
         too_long = too_long or len(rest) > LONGEST_LINE
-        kept = b"" if too_long else rest
+        partial = b"" if too_long else rest
 
 
-def _writer() -> Callable[[dict[str, Any]], None]:
+def _make_writer() -> Callable[[dict[str, Any]], None]:
     stream = sys.stdout.buffer
 
     def write(message: dict[str, Any]) -> None:
@@ -91,7 +95,7 @@ def _writer() -> Callable[[dict[str, Any]], None]:
     return write
 
 
-async def _lines() -> asyncio.StreamReader:
+async def _connect_stdin() -> asyncio.StreamReader:
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)

@@ -19,32 +19,32 @@ DEAD_MAN_S = (
 )
 
 
-class Hold:
+class HoldButton:
     """The button on a screen, as last known of: held until so long after the last moment when it surely was."""
 
     def __init__(self, changed: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._changed, self._clock = changed, clock
         self._heard_s = float("-inf")
         self._wake = asyncio.Event()
-        self.wanted = False  # whether moves of this run need it
+        self.is_required = False  # whether moves of this run need it
         self.waiting = False  # a move waits for it
 
     @property
-    def held(self) -> bool:
+    def is_held(self) -> bool:
         """Whether the button is held now."""
         return self._clock() - self._heard_s < DEAD_MAN_S
 
-    def heard(self, *, held: bool, age_s: float = 0.0) -> None:
+    def update_state(self, *, is_held: bool, age_s: float = 0.0) -> None:
         """Take note of what a screen says, and how long ago it may have said so: that much is over already."""
-        self._heard_s = max(self._heard_s, self._clock() - age_s) if held else float("-inf")
+        self._heard_s = max(self._heard_s, self._clock() - age_s) if is_held else float("-inf")
         self._wake.set()
 
-    async def until_held(self) -> None:
+    async def wait_until_held(self) -> None:
         """Wait until a screen holds the button."""
         self.waiting = True
         self._changed()
         try:
-            while not self.held:
+            while not self.is_held:
                 self._wake.clear()
                 await self._wake.wait()
         finally:
@@ -53,24 +53,26 @@ class Hold:
 
     async def until_released(self) -> None:
         """Wait until nobody holds it."""
-        while self.held:
+        while self.is_held:
             self._wake.clear()
             remaining = DEAD_MAN_S - (self._clock() - self._heard_s)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), max(remaining, 0.01))
 
 
-class HeldRobot:
+class HoldToMoveRobot:
     """A robot whose moves need the button, where the run says so; everything else goes straight through."""
 
-    def __init__(self, robot: Any, hold: Hold) -> None:
+    def __init__(self, robot: Any, hold: HoldButton) -> None:
         self._robot, self._hold = robot, hold
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._robot, name)
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
-        while not await self._moved(partial(self._robot.move_joints, target_rad, speed_rad_s=speed_rad_s)):
+        while not await self._move_while_held(
+            partial(self._robot.move_joints, target_rad, speed_rad_s=speed_rad_s)
+        ):
             pass
 
     async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
@@ -78,16 +80,16 @@ class HeldRobot:
         while True:
             before = (await self._robot.joints()).joints_rad[axis]
             jog = partial(self._robot.jog_axis, axis, remaining, speed_rad_s=speed_rad_s)
-            if await self._moved(jog):
+            if await self._move_while_held(jog):
                 return
             remaining -= (await self._robot.joints()).joints_rad[axis] - before
 
-    async def _moved(self, start: Callable[[], Awaitable[None]]) -> bool:
+    async def _move_while_held(self, start: Callable[[], Awaitable[None]]) -> bool:
         """Move while the button is held; return whether the move has ended by itself."""
-        if not self._hold.wanted:
+        if not self._hold.is_required:
             await start()
             return True
-        await self._hold.until_held()
+        await self._hold.wait_until_held()
         move = asyncio.ensure_future(start())
         released = asyncio.ensure_future(self._hold.until_released())
         try:

@@ -13,11 +13,11 @@ Revision = Annotated[int, Field(strict=True, ge=0, lt=2**53)]  # a JavaScript nu
 Flag = Annotated[bool, Field(strict=True)]
 
 
-class _Asked(BaseModel):
+class _OrderModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Start(_Asked):
+class StartRun(_OrderModel):
     """Run a procedure from its beginning."""
 
     op: Literal["start"]
@@ -27,7 +27,7 @@ class Start(_Asked):
     accept_missing_end: Flag = False  # the person saw that the journal's end is missing, and goes on
 
 
-class Resume(_Asked):
+class ResumeRun(_OrderModel):
     """Go on with an interrupted run; from a step on it may be done again."""
 
     op: Literal["resume"]
@@ -37,7 +37,7 @@ class Resume(_Asked):
     accept_missing_end: Flag = False
 
 
-class AnswerIt(_Asked):
+class AnswerPrompt(_OrderModel):
     """Answer what is asked."""
 
     op: Literal["answer"]
@@ -45,45 +45,45 @@ class AnswerIt(_Asked):
     value: Text = "yes"
 
 
-class Decline(_Asked):
+class DeclinePrompt(_OrderModel):
     """Say no to what is asked."""
 
     op: Literal["decline"]
     prompt_id: Name
 
 
-class Stop(_Asked):
+class StopRun(_OrderModel):
     """Ask the robot to stop and end the run; it can be resumed. Not an emergency stop."""
 
     op: Literal["stop"]
 
 
-class Pause(_Asked):
+class PauseRun(_OrderModel):
     """Let the present step finish, then wait."""
 
     op: Literal["pause"]
 
 
-class GoOn(_Asked):
+class ContinueRun(_OrderModel):
     """Go on after a pause."""
 
     op: Literal["go_on"]
 
 
-class SelectRobot(_Asked):
+class SelectRobot(_OrderModel):
     """Work with another robot of the cell."""
 
     op: Literal["select_robot"]
     robot: Name
 
 
-class Dismiss(_Asked):
+class DismissRun(_OrderModel):
     """Leave the page of a run that has ended."""
 
     op: Literal["dismiss"]
 
 
-class SignOff(_Asked):
+class SignOff(_OrderModel):
     """Put one's name to what had to be done by hand after a run, line by line."""
 
     op: Literal["sign"]
@@ -91,7 +91,7 @@ class SignOff(_Asked):
     lines: Annotated[tuple[Text, ...], Field(min_length=1, max_length=50)]
 
 
-class Hold(_Asked):
+class HoldOrder(_OrderModel):
     """The button of hold-to-move is held, or let go."""
 
     op: Literal["hold"]
@@ -99,36 +99,46 @@ class Hold(_Asked):
     at_s: float | None = Field(default=None, strict=True)  # monotonic clock: the button was surely held then
 
     @model_validator(mode="after")
-    def _tells_when(self) -> "Hold":
+    def _require_time(self) -> "HoldOrder":
         if self.held and self.at_s is None:
             raise ValueError("'held' counts only with the moment at which it was surely so")
         return self
 
 
 Order = Annotated[
-    Start | Resume | AnswerIt | Decline | Stop | Pause | GoOn | SelectRobot | Dismiss | SignOff | Hold,
+    StartRun
+    | ResumeRun
+    | AnswerPrompt
+    | DeclinePrompt
+    | StopRun
+    | PauseRun
+    | ContinueRun
+    | SelectRobot
+    | DismissRun
+    | SignOff
+    | HoldOrder,
     Field(discriminator="op"),
 ]
-UNGUARDED = (Stop, Hold, Pause)  # obeyed whatever the screen knew of the session
+REVISION_FREE = (StopRun, HoldOrder, PauseRun)  # obeyed whatever the screen knew of the session
 
 
-class Signer(_Asked):
+class Signer(_OrderModel):
     """One of the people in whose name an order comes, and the role that counted when it was given."""
 
     name: Name
     role: Name
 
 
-def without_conditions(given: Any, known: Iterable[str]) -> Any:
+def without_conditions(raw: Any, field_names: Iterable[str]) -> Any:
     """Return what was sent; of a stop only what it needs: no flaw of anything else may swallow it."""
-    order = given.get("order") if isinstance(given, dict) else None
+    order = raw.get("order") if isinstance(raw, dict) else None
     if not isinstance(order, dict) or order.get("op") != "stop":
-        return given
-    sender = {key: given[key] for key in known if key in given}
+        return raw
+    sender = {key: raw[key] for key in field_names if key in raw}
     return {**sender, "id": "stop", "rev": 0, "order": {"op": "stop"}}
 
 
-class Command(_Asked):
+class SessionCommand(_OrderModel):
     """One order with what its sender knew.
 
     ``id`` names the press of a button: sent again after a lost link it is obeyed once. ``rev`` is the session that
@@ -145,5 +155,5 @@ class Command(_Asked):
 
     @model_validator(mode="before")
     @classmethod
-    def _stop_needs_nothing(cls, given: Any) -> Any:
-        return without_conditions(given, cls.model_fields)
+    def _stop_needs_nothing(cls, raw: Any) -> Any:
+        return without_conditions(raw, cls.model_fields)

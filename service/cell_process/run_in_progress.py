@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class UnfinishedRun:
     """A run that nobody ended."""
 
     run_id: str
@@ -21,25 +21,25 @@ class Left:
     hold_to_move: bool
 
 
-class UnderWay:
+class RunInProgress:
     """One small file; gone while no run is under way."""
 
     def __init__(self, data_dir: Path) -> None:
         self._path = data_dir / "under_way.json"
 
-    def keep(self, run_id: str, robot: str, *, hold_to_move: bool) -> None:
+    def save_run(self, run_id: str, robot: str, *, hold_to_move: bool) -> None:
         """Note that a run began."""
-        replace_file(self._path, json.dumps(asdict(Left(run_id, robot, hold_to_move))) + "\n")
+        replace_file(self._path, json.dumps(asdict(UnfinishedRun(run_id, robot, hold_to_move))) + "\n")
 
-    def forget(self) -> None:
+    def clear_run(self) -> None:
         """Note that it has ended, or that a person ended it."""
         self._path.unlink(missing_ok=True)
 
-    def left(self) -> Left | None:
+    def read_unfinished(self) -> UnfinishedRun | None:
         """Return the run that was under way when the service ended, if it can be read."""
         try:
             found = parse_json(read_plain_text(self._path))
-            return Left(str(found["run_id"]), str(found["robot"]), bool(found["hold_to_move"]))
+            return UnfinishedRun(str(found["run_id"]), str(found["robot"]), bool(found["hold_to_move"]))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:

@@ -7,7 +7,7 @@ from typing import Any
 
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
-from cellcal.procedures.shown import Page, StepKind, page_of
+from cellcal.procedures.instruction_page import InstructionPage, StepKind, page_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class StalePromptError(RefusedError):
         super().__init__("operator", "this is no longer asked.", remedy="Look at the present step.")
 
 
-class DeskOperator:
+class ScreenOperator:
     """Operator. Waits for an answer from a screen; one question at a time."""
 
     def __init__(self, changed: Callable[[], None]) -> None:
@@ -49,33 +49,33 @@ class DeskOperator:
         self.step = ""
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        return await self._ask("confirm", instruction.key, instruction.text, "", page_of(instruction))
+        return await self._show_prompt("confirm", instruction.key, instruction.text, "", page_of(instruction))
 
-    async def enter(self, question: Question) -> Answer:
-        page = Page("enter", {"count": question.count})
-        return await self._ask("enter", question.key, question.text, question.unit, page)
+    async def ask_question(self, question: Question) -> Answer:
+        page = InstructionPage("enter", {"count": question.count})
+        return await self._show_prompt("enter", question.key, question.text, question.unit, page)
 
-    def answer(self, prompt_id: str, who: str, value: str) -> None:
+    def answer_prompt(self, prompt_id: str, who: str, value: str) -> None:
         """Answer what is asked; StalePromptError where something else, or nothing, is."""
-        self._asked(prompt_id).set_result(Answer(who, value))
+        self._pending_answer(prompt_id).set_result(Answer(who, value))
 
-    def decline(self, prompt_id: str) -> None:
+    def decline_prompt(self, prompt_id: str) -> None:
         """Say no to what is asked."""
-        asked = self._asked(prompt_id)
+        pending = self._pending_answer(prompt_id)
         assert self.prompt is not None
         text = self.prompt.text
-        asked.set_exception(
+        pending.set_exception(
             RefusedError(
                 "operator", f"the answer was no: {text}", remedy="Resume the run when it can be done."
             )
         )
 
-    def _asked(self, prompt_id: str) -> "asyncio.Future[Answer]":
+    def _pending_answer(self, prompt_id: str) -> "asyncio.Future[Answer]":
         if self.prompt is None or self._answer is None or self._answer.done() or self.prompt.id != prompt_id:
             raise StalePromptError
         return self._answer
 
-    async def _ask(self, kind: str, key: str, text: str, unit: str, page: Page) -> Answer:
+    async def _show_prompt(self, kind: str, key: str, text: str, unit: str, page: InstructionPage) -> Answer:
         if self.prompt is not None:
             raise BusyError("operator", f"{self.prompt.key!r} is being asked, {key!r} has to wait.")
         self._count += 1

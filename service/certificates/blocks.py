@@ -12,7 +12,7 @@ Tone = Literal["plain", "quiet", "strong"]
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class TableCell:
     """One cell of a table: what it says, and in a smaller line below it, why."""
 
     text: str
@@ -22,7 +22,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Paragraph:
+class ParagraphBlock:
     """A paragraph."""
 
     text: str
@@ -31,7 +31,7 @@ class Paragraph:
 
 
 @dataclass(frozen=True, slots=True)
-class Bullets:
+class BulletBlock:
     """A list."""
 
     lines: tuple[str, ...]
@@ -39,7 +39,7 @@ class Bullets:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class FactBlock:
     """Names and what they are."""
 
     rows: tuple[tuple[str, str], ...]
@@ -47,18 +47,18 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TableBlock:
     """A table; ``shares`` are the widths of its columns, in parts of the whole."""
 
-    head: tuple[Cell, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    head: tuple[TableCell, ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     shares: tuple[int, ...]
     caption: str
     kind: Literal["table"] = "table"
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PictureBlock:
     """A drawing: SVG with its words, and what it shows for whoever cannot see it."""
 
     svg: str
@@ -68,7 +68,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Fields:
+class SignatureFields:
     """Lines for a person's name, date and signature, below what the person signs for."""
 
     statement: str
@@ -76,7 +76,7 @@ class Fields:
     kind: Literal["fields"] = "fields"
 
 
-Block = Paragraph | Bullets | Facts | Table | Picture | Fields
+Block = ParagraphBlock | BulletBlock | FactBlock | TableBlock | PictureBlock | SignatureFields
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class CertificatePage:
     """A whole certificate or refusal record."""
 
     locale: Locale
@@ -103,5 +103,5 @@ class Page:
     sha256: str
     footer: tuple[str, str]  # of which run, and its hash
     ended_utc: str
-    qr: Picture
+    qr: PictureBlock
     sections: tuple[Section, ...]

@@ -14,21 +14,21 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.procedures.catalogue import entry_named
-from cellcal.procedures.entry import Entry
-from cellcal.procedures.past import Kind
-from cellcal.service.certificates.points import airs, answers, raw_data_sha256, readings
-from cellcal.service.certificates.sign_offs import sign_offs
+from cellcal.procedures.catalogue import definition_named
+from cellcal.procedures.procedure_definition import ProcedureDefinition
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.certificates.points import list_air_states, list_answers, list_readings, raw_data_sha256
+from cellcal.service.certificates.sign_offs import list_sign_offs
 from cellcal.service.certificates.text import as_text
 from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
 from cellcal.service.files import make_private_folder, replace_file
-from cellcal.service.record.journal import Event, Journal
+from cellcal.service.record.journal import Journal, JournalEvent
 from cellcal.service.record.journal_files import certificates_folder, open_journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.record.run_store import RunView, Store
-from cellcal.service.record.signing import Finding, StationKey, check, station_key
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.record.run_store import RunStore, RunView
+from cellcal.service.record.signing import CellKey, CheckFinding, check_document, station_key
 from cellcal.service.runs.instruments import instruments_behind
-from cellcal.service.runs.photos import told_pictures
+from cellcal.service.runs.photos import pictures_to_json
 
 FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
 NO_TRACEABILITY = "No metrological traceability is claimed."
@@ -50,7 +50,7 @@ SAFETY = (
     "monitoring are functions of the robot controller and the cell. Do not rely on this screen to stop the robot."
 )
 STATUS = "Signed by the key of the cell; not issued by an accredited laboratory."
-REFUSED = frozenset({Verdict.REFUSED, Verdict.OUT_OF_TOLERANCE})
+REFUSED = frozenset({RunVerdict.REFUSED, RunVerdict.OUT_OF_TOLERANCE})
 _NOTHING_CLAIMED: dict[str, Any] = {
     "word": "refused",
     "characteristics": [],
@@ -72,7 +72,7 @@ class CertificateError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Issued:
+class IssuedCertificate:
     """A certificate or a refusal record on disk."""
 
     run_id: str
@@ -80,10 +80,10 @@ class Issued:
     json_path: Path
     text_path: Path
     sha256: str
-    key: StationKey
+    key: CellKey
 
 
-def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:
+def issue_certificate(config: CellConfig, run_id: str, out: Path | None = None) -> IssuedCertificate:
     """Write the certificate of a finished run (``last`` is the newest), or of a refusal its record; as JSON and text.
 
     Raises
@@ -94,46 +94,46 @@ def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:
         There is no such run, or the journal is damaged.
     """
     with open_journal(config) as journal:
-        content = content_of(config, journal, Store(journal).newest(run_id))
+        content = content_of(config, journal, RunStore(journal).resolve_run_id(run_id))
     key = station_key(config.cell.data_dir)
     refused = "refusal" in content
-    signed = key.sign(REFUSAL_FORMAT if refused else FORMAT, content)
-    sha256 = check(signed.encode()).sha256
+    signed = key.sign_document(REFUSAL_FORMAT if refused else FORMAT, content)
+    sha256 = check_document(signed.encode()).sha256
     folder = out or certificates_folder(config)
     name = content["run"]["run_id"]
     file = f"{name}-refused" if refused else name  # the run may be resumed, and end well
     paths = folder / f"{file}.json", folder / f"{file}.txt"
     try:
         make_private_folder(folder)
-        kept = _keep(paths[0], signed, sha256)
-        replace_file(paths[1], as_text(content, sha256, kept))
+        public_key = _write_signed(paths[0], signed, sha256)
+        replace_file(paths[1], as_text(content, sha256, public_key))
     except OSError as error:
         raise CertificateError(
             f"the certificate cannot be written to {folder}: {error.strerror}.",
             remedy=f"See that the folder may be written, then `cellcal certificate {name} --cell {config.path}`.",
         ) from error
-    return Issued(name, content["verdict"]["word"], *paths, sha256, key)
+    return IssuedCertificate(name, content["verdict"]["word"], *paths, sha256, key)
 
 
 def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, Any]:
     """Return what is certified of a finished run, or recorded of a refused one."""
-    damage = journal.verify()
+    damage = journal.verify_chain()
     if damage is not None:
         raise CertificateError(
             f"the journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is certified from it.",
             remedy="Restore a backup of data_dir.",
             code="store.damaged",
         )
-    view, events = Store(journal).run(run_id), journal.events(run_id)
+    view, events = RunStore(journal).find_run(run_id), journal.list_events(run_id)
     refused = view.state in REFUSED
-    if view.state != Verdict.PASSED and not refused:
+    if view.state != RunVerdict.PASSED and not refused:
         raise CertificateError(
             f"run {run_id} has no result to certify. {view.reason}".strip(),
             remedy=f"`cellcal show {run_id} --cell {config.path}` tells what it found; `resume` goes on with it.",
         )
-    entry = entry_named(view.procedure)
+    entry = definition_named(view.procedure)
     verdict: dict[str, Any] = _NOTHING_CLAIMED if refused else view.judgement or _NO_VERDICT
-    points = readings(events, verdict)
+    points = list_readings(events, verdict)
     content = {
         "status": STATUS,
         "run": _run_of(view, entry, events),
@@ -146,28 +146,28 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
             "controller_mode": view.controller_mode,
         },
         "settings": view.spec,
-        "environment": airs(points),
+        "environment": list_air_states(points),
         "points": points,
         "raw_data_sha256": raw_data_sha256(events),
         "result": view.result,
         "verdict": verdict,
-        "people": answers(events),
-        "sign_off": sign_offs(events),
-        "pictures": told_pictures(events),
-        "traceability": _traceability(config, view, entry, _ended(events)),
+        "people": list_answers(events),
+        "sign_off": list_sign_offs(events),
+        "pictures": pictures_to_json(events),
+        "traceability": _describe_traceability(config, view, entry, _end_event(events)),
         "safety": SAFETY,
     }
-    return content | {"refusal": _refusal(events)} if refused else content
+    return content | {"refusal": _refusal_reason(events)} if refused else content
 
 
-def _refusal(events: list[Event]) -> dict[str, str]:
+def _refusal_reason(events: list[JournalEvent]) -> dict[str, str]:
     """Return why a run was refused and what to do next, as its end was journalled."""
-    body = parse_json(_ended(events).body)
+    body = parse_json(_end_event(events).body)
     return {key: str(body[key]) for key in ("code", "reason", "remedy")}
 
 
-def _run_of(view: RunView, entry: Entry, events: list[Event]) -> dict[str, Any]:
-    end = _ended(events)
+def _run_of(view: RunView, entry: ProcedureDefinition, events: list[JournalEvent]) -> dict[str, Any]:
+    end = _end_event(events)
     return {
         "run_id": view.run_id,
         "procedure": view.procedure,
@@ -181,11 +181,13 @@ def _run_of(view: RunView, entry: Entry, events: list[Event]) -> dict[str, Any]:
     }
 
 
-def _ended(events: list[Event]) -> Event:
-    return next(event for event in reversed(events) if event.kind == Kind.ENDED)
+def _end_event(events: list[JournalEvent]) -> JournalEvent:
+    return next(event for event in reversed(events) if event.kind == EventKind.ENDED)
 
 
-def _traceability(config: CellConfig, view: RunView, entry: Entry, end: Event) -> str:
+def _describe_traceability(
+    config: CellConfig, view: RunView, entry: ProcedureDefinition, end: JournalEvent
+) -> str:
     """Return what may be said of the calibration of each instrument that was read, on the day of the run."""
     ways = view.spec.get("method"), view.spec.get("evidence")
     used = instruments_behind(entry, ways, view.past)
@@ -196,31 +198,31 @@ def _traceability(config: CellConfig, view: RunView, entry: Entry, end: Event) -
     serial = view.cell["devices"][0]["identity"]["serial"]
     robot = next((robot.name for robot in config.robots if robot.serial == serial), "")
     there, day = config.instruments_for(robot), date.fromisoformat(end.wall_utc[:10])
-    held = {role: there[role].setup.certificate for role in used if role in there}
-    known = {role: one for role, one in held.items() if one is not None}
-    claims = [_claim(role, one) for role, one in known.items() if one.issued <= day <= one.due]
-    lapsed = [_not_valid(role, one, day) for role, one in known.items() if not one.issued <= day <= one.due]
-    told = [*claims, NOTHING_ELSE] if claims else [NO_TRACEABILITY]
-    return " ".join([*told, *lapsed])
+    certificates = {role: there[role].setup.certificate for role in used if role in there}
+    present = {role: one for role, one in certificates.items() if one is not None}
+    claims = [_traceability_claim(role, one) for role, one in present.items() if one.issued <= day <= one.due]
+    lapsed = [_not_valid(role, one, day) for role, one in present.items() if not one.issued <= day <= one.due]
+    sentences = [*claims, NOTHING_ELSE] if claims else [NO_TRACEABILITY]
+    return " ".join([*sentences, *lapsed])
 
 
-def _claim(role: str, held: InstrumentCertificate) -> str:
-    accredited = f", {held.accreditation}" if held.accreditation else ""
+def _traceability_claim(role: str, certificate: InstrumentCertificate) -> str:
+    accredited = f", {certificate.accreditation}" if certificate.accreditation else ""
     return (
-        f"{_CLAIMS[role]} {held.number} of {held.laboratory}{accredited}, issued {held.issued}, due {held.due}, "
-        f"U = {held.expanded_uncertainty_mm:g} mm."
+        f"{_CLAIMS[role]} {certificate.number} of {certificate.laboratory}{accredited}, issued {certificate.issued}, due {certificate.due}, "
+        f"U = {certificate.expanded_uncertainty_mm:g} mm."
     )
 
 
-def _not_valid(role: str, held: InstrumentCertificate, day: date) -> str:
-    return f"{_CERTIFICATES[role]} {held.number} was not valid on {day}: due {held.due}."
+def _not_valid(role: str, certificate: InstrumentCertificate, day: date) -> str:
+    return f"{_CERTIFICATES[role]} {certificate.number} was not valid on {day}: due {certificate.due}."
 
 
-def _keep(path: Path, signed: str, sha256: str) -> str:
+def _write_signed(path: Path, signed: str, sha256: str) -> str:
     """Leave an intact certificate of the same content alone, also one of an earlier key; return its public key."""
     if path.exists():
-        found = check(read_plain_bytes(path))
-        if found.finding is Finding.INTACT and found.sha256 == sha256:
+        found = check_document(read_plain_bytes(path))
+        if found.finding is CheckFinding.INTACT and found.sha256 == sha256:
             return found.public_key
     replace_file(path, signed)
-    return check(signed.encode()).public_key
+    return check_document(signed.encode()).public_key

@@ -7,15 +7,15 @@ from html import escape
 
 from cellcal.service.certificates.blocks import (
     Block,
-    Bullets,
-    Cell,
-    Facts,
-    Fields,
-    Page,
-    Paragraph,
-    Picture,
+    BulletBlock,
+    CertificatePage,
+    FactBlock,
+    ParagraphBlock,
+    PictureBlock,
     Section,
-    Table,
+    SignatureFields,
+    TableBlock,
+    TableCell,
 )
 
 _STYLE = """
@@ -57,15 +57,15 @@ _STYLE_HASH = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode(
 POLICY = f"default-src 'none'; style-src 'sha256-{_STYLE_HASH}'; base-uri 'none'; form-action 'none'"
 
 
-def as_html(page: Page) -> str:
+def as_html(page: CertificatePage) -> str:
     """Return the page."""
     title = f"{page.heading} {page.run_id}"
     body = (
         f'<header class="top"><div><h1>{escape(page.heading)}</h1><p>{escape(page.title)}</p>'
-        f'<p class="quiet">{escape(page.status)}</p></div>{_drawn(page.qr)}</header>'
+        f'<p class="quiet">{escape(page.status)}</p></div>{_render_picture(page.qr)}</header>'
         f'<div class="verdict {escape(page.word)}"><strong>{escape(page.verdict)}</strong>'
         f"<span>{escape(page.rule)}</span></div>"
-        f"<main>{''.join(map(_section, page.sections))}</main>"
+        f"<main>{''.join(map(_render_section, page.sections))}</main>"
         f"<footer>{escape(', '.join(page.footer))}. {escape(page.status)}</footer>"
     )
     return (
@@ -76,31 +76,35 @@ def as_html(page: Page) -> str:
     )
 
 
-def _section(section: Section) -> str:
-    return f"<section><h2>{escape(section.title)}</h2>{''.join(map(_block, section.blocks))}</section>\n"
+def _render_section(section: Section) -> str:
+    return (
+        f"<section><h2>{escape(section.title)}</h2>{''.join(map(_render_block, section.blocks))}</section>\n"
+    )
 
 
-def _block(block: Block) -> str:
+def _render_block(block: Block) -> str:
     match block:
-        case Paragraph():
+        case ParagraphBlock():
             return f'<p class="{block.tone}">{escape(block.text)}</p>'
-        case Bullets():
+        case BulletBlock():
             return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in block.lines)}</ul>"
-        case Facts():
+        case FactBlock():
             rows = (f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in block.rows)
             return f"<dl>{''.join(rows)}</dl>"
-        case Table():
-            return _table(block)
-        case Picture():
-            return f"<figure>{_drawn(block)}<figcaption>{escape(block.caption)}</figcaption></figure>"
-        case Fields():
+        case TableBlock():
+            return _render_table(block)
+        case PictureBlock():
+            return (
+                f"<figure>{_render_picture(block)}<figcaption>{escape(block.caption)}</figcaption></figure>"
+            )
+        case SignatureFields():
             places = "".join(f"<span>{name}</span>" for name in map(escape, block.places))
             return f'<div class="sign">{escape(block.statement)}<div>{places}</div></div>'
 
 
-def _table(table: Table) -> str:
-    head = "".join(_cell(cell, 'th scope="col"') for cell in table.head)
-    rows = "".join(f"<tr>{_row(row)}</tr>" for row in table.rows)
+def _render_table(table: TableBlock) -> str:
+    head = "".join(_render_cell(cell, 'th scope="col"') for cell in table.head)
+    rows = "".join(f"<tr>{_render_row(row)}</tr>" for row in table.rows)
     whole = sum(table.shares)  # a name is not broken in two where another column has place to spare
     wide = "".join(f'<col width="{100 * share / whole:.0f}%">' for share in table.shares)
     # a table may be wider than a phone: whoever has no pointer scrolls it by keys
@@ -111,17 +115,17 @@ def _table(table: Table) -> str:
     )
 
 
-def _row(cells: Iterable[Cell]) -> str:
-    return "".join(_cell(cell, "td") for cell in cells)
+def _render_row(cells: Iterable[TableCell]) -> str:
+    return "".join(_render_cell(cell, "td") for cell in cells)
 
 
-def _cell(cell: Cell, opening: str) -> str:
+def _render_cell(cell: TableCell, opening: str) -> str:
     kind = "n" if cell.number else f"word {cell.word}" if cell.word else ""
     attribute = f' class="{escape(kind)}"' if kind else ""
     below = f"<small>{escape(cell.below)}</small>" if cell.below else ""
     return f"<{opening}{attribute}>{escape(cell.text)}{below}</{opening.split(maxsplit=1)[0]}>"
 
 
-def _drawn(picture: Picture) -> str:
+def _render_picture(picture: PictureBlock) -> str:
     """Return the drawing inside the page, named for whoever cannot see it."""
     return picture.svg.replace("<svg ", f'<svg role="img" aria-label="{escape(picture.alt)}" ', 1)

@@ -10,21 +10,21 @@ from pathlib import Path
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
-from cellcal.service.translation import Locale, Sayings, sayings
+from cellcal.service.translation import Locale, Translations, load_translations
 
 _COMMA = re.compile(r"(?<=\d),(?=\d)")  # in a number
 _OWN = Path(__file__).with_name("translations")
 
 
 @cache
-def words_in(locale: Locale) -> Sayings:
+def translations_in(locale: Locale) -> Translations:
     """Return a language's words."""
     file = _OWN / f"{locale}.json"
     own = parse_json(read_plain_text(file)) if file.is_file() else {}
-    return spoken(locale, sayings(locale).table | own)
+    return build_translations(locale, load_translations(locale).table | own)
 
 
-def spoken(locale: Locale, table: dict[str, str]) -> Sayings:
+def build_translations(locale: Locale, table: dict[str, str]) -> Translations:
     """Return the words of a table, with numbers as they are signed."""
-    pointed = {english: _COMMA.sub(".", said) for english, said in table.items()}
-    return Sayings.of(locale, pointed, commas=False)
+    pointed = {english: _COMMA.sub(".", translated) for english, translated in table.items()}
+    return Translations.from_table(locale, pointed, commas=False)

@@ -13,7 +13,7 @@ import orjson
 import typst
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.blocks import Page
+from cellcal.service.certificates.blocks import CertificatePage
 from cellcal.service.times import read_time
 
 _TEMPLATE = Path(__file__).with_name("certificate.typ")
@@ -39,11 +39,11 @@ class PdfError(CellError):
     code = "certificate.pdf"
 
 
-class LettersError(PdfError):
+class MissingGlyphError(PdfError):
     """The text holds characters that no font of this computer has."""
 
 
-def as_pdf(page: Page) -> bytes:
+def as_pdf(page: CertificatePage) -> bytes:
     """Return the PDF; the same page gives the same bytes.
 
     Raises
@@ -52,44 +52,44 @@ def as_pdf(page: Page) -> bytes:
         The text holds characters that no font of this computer has.
     """
     try:
-        return _set(page, of_computer=False)
+        return _compile_pdf(page, of_computer=False)
     except typst.TypstError as error:
         if not _lacks_letters(error):
-            raise _broken(error) from error
+            raise _compile_error(error) from error
     try:
-        return _set(page, of_computer=True)
+        return _compile_pdf(page, of_computer=True)
     except typst.TypstError as error:
-        raise (_unknown_letters(error) if _lacks_letters(error) else _broken(error)) from error
+        raise (_unknown_letters(error) if _lacks_letters(error) else _compile_error(error)) from error
 
 
-def as_pictures(page: Page, *, ppi: float = 80.0) -> list[bytes]:
+def as_pictures(page: CertificatePage, *, ppi: float = 80.0) -> list[bytes]:
     """Return the sheets as PNG, to be looked at."""
-    found = _compiler(page, of_computer=True).compile(format="png", ppi=ppi)
+    found = _make_compiler(page, of_computer=True).compile(format="png", ppi=ppi)
     return found if isinstance(found, list) else [found or b""]
 
 
-def _set(page: Page, *, of_computer: bool) -> bytes:
+def _compile_pdf(page: CertificatePage, *, of_computer: bool) -> bytes:
     ended = read_time(page.ended_utc)
-    compiler = _compiler(page, of_computer=of_computer)
+    compiler = _make_compiler(page, of_computer=of_computer)
     found = compiler.compile(format="pdf", pdf_standards=_STANDARD, timestamp=int(ended.timestamp()))
     assert isinstance(found, bytes)
     return found
 
 
-def _compiler(page: Page, *, of_computer: bool) -> typst.Compiler:
-    fonts = _fonts(of_computer=of_computer)
+def _make_compiler(page: CertificatePage, *, of_computer: bool) -> typst.Compiler:
+    fonts = _load_fonts(of_computer=of_computer)
     families = set(fonts.families())
     letters = [_LETTERS, *(family for family in _MORE_SCRIPTS if family in families)]
-    given = {"page": orjson.dumps(_as_data(page)).decode(), "fonts": orjson.dumps(letters).decode()}
-    return typst.Compiler(_TEMPLATE.read_bytes(), font_paths=fonts, sys_inputs=given)
+    inputs = {"page": orjson.dumps(_as_data(page)).decode(), "fonts": orjson.dumps(letters).decode()}
+    return typst.Compiler(_TEMPLATE.read_bytes(), font_paths=fonts, sys_inputs=inputs)
 
 
 @cache
-def _fonts(*, of_computer: bool) -> typst.Fonts:
+def _load_fonts(*, of_computer: bool) -> typst.Fonts:
     return typst.Fonts(include_system_fonts=of_computer, include_embedded_fonts=True)
 
 
-def _as_data(page: Page) -> dict[str, Any]:
+def _as_data(page: CertificatePage) -> dict[str, Any]:
     day = read_time(page.ended_utc)
     return asdict(page) | {"day": [day.year, day.month, day.day]}
 
@@ -98,13 +98,13 @@ def _lacks_letters(error: typst.TypstError) -> bool:
     return "could not be displayed" in error.diagnostic
 
 
-def _unknown_letters(error: typst.TypstError) -> LettersError:
-    return LettersError(
+def _unknown_letters(error: typst.TypstError) -> MissingGlyphError:
+    return MissingGlyphError(
         f"the certificate holds characters that no font of this computer has: {error.message}.",
         remedy="Install one that has them (Debian: `apt install fonts-noto-cjk`, or fonts-noto for other scripts), "
         "then ask for the PDF again. The JSON, text and HTML are complete without.",
     )
 
 
-def _broken(error: typst.TypstError) -> PdfError:
+def _compile_error(error: typst.TypstError) -> PdfError:
     return PdfError(f"the PDF could not be set: {error.message}.", remedy="Report this with the JSON file.")

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from cellcal.service.certificates.blocks import Picture
-from cellcal.service.certificates.words import ENGLISH
-from cellcal.service.quantities import quantity
-from cellcal.service.translation import Sayings
+from cellcal.service.certificates.blocks import PictureBlock
+from cellcal.service.certificates.certificate_texts import ENGLISH
+from cellcal.service.quantities import format_quantity
+from cellcal.service.translation import Translations
 
 # After M. Okabe, K. Ito, Color Universal Design, 2008.
 _AFTER, _BEFORE, _LIMIT, _INK, _GRID = "#0072b2", "#6b6b6b", "#c04a00", "#222222", "#d9d9d9"
@@ -25,77 +25,96 @@ _MOST_POINTS = 400  # dots of one drawing: more are one blot
 _MOST_LIMITS_SHOWN = 4.0  # beyond so many limits, a dot stands at the edge with its figure
 
 
-def pictures_of(content: Mapping[str, Any], words: Sayings = ENGLISH) -> list[Picture]:
+def pictures_of(content: Mapping[str, Any], translations: Translations = ENGLISH) -> list[PictureBlock]:
     """Return every drawing that the content has figures for."""
     result = content["result"]
-    found = [against_limits(content["verdict"]["characteristics"], words), *before_and_after(content, words)]
-    found += [errors_by_point(each, words) for each in errors_in(result)]
-    found += [scatter_of(content["points"], words)]
+    found = [
+        against_limits(content["verdict"]["characteristics"], translations),
+        *before_and_after(content, translations),
+    ]
+    found += [errors_by_point(each, translations) for each in errors_in(result)]
+    found += [scatter_of(content["points"], translations)]
     return [picture for picture in found if picture is not None]
 
 
-def against_limits(characteristics: Sequence[Mapping[str, Any]], words: Sayings = ENGLISH) -> Picture | None:
+def against_limits(
+    characteristics: Sequence[Mapping[str, Any]], translations: Translations = ENGLISH
+) -> PictureBlock | None:
     """Draw every judged figure with its U as a share of its limit, so that all fit on one axis."""
     judged = [figure for figure in characteristics if _has_share(figure)]
     if not judged:
         return None
     shares = [abs(figure["value"]) / figure["limit"] for figure in judged]
-    spreads = [_spread(figure) / figure["limit"] for figure in judged]
+    spreads = [_uncertainty_bar(figure) / figure["limit"] for figure in judged]
     most = max(share + spread for share, spread in zip(shares, spreads, strict=True))
     axis = _Axis(0.0, min(max(1.2, 1.05 * most), _MOST_LIMITS_SHOWN), _LEFT, _WIDTH - _RIGHT)
-    drawing = _Drawing(28.0 + _ROW * len(judged) + 38.0)
+    drawing = _SvgDrawing(28.0 + _ROW * len(judged) + 38.0)
     bottom = 28.0 + _ROW * len(judged)
-    _grid(drawing, axis, (18.0, bottom), _Scale("%", 100.0, axis.high))
-    x = axis.at(1.0)
-    drawing.line((x, 18.0), (x, bottom), _LIMIT, 1.6, dashed=True)
-    drawing.text((x, 12.0), words.say("limit"), "middle", _LIMIT)
+    _draw_grid(drawing, axis, (18.0, bottom), _FigureScale("%", 100.0, axis.high))
+    x = axis.to_position(1.0)
+    drawing.draw_line((x, 18.0), (x, bottom), _LIMIT, 1.6, dashed=True)
+    drawing.draw_text((x, 12.0), translations.translate("limit"), "middle", _LIMIT)
     for row, (figure, share, spread) in enumerate(zip(judged, shares, spreads, strict=True)):
         y = 28.0 + _ROW * (row + 0.5)
-        drawing.text((_LEFT - 10.0, y + 3.5), _short(words.say(figure["name"])), "end")
-        drawing.line((axis.at(share - spread), y), (axis.at(share + spread), y), _AFTER, 2.0)
-        drawing.dot((axis.at(share), y), _AFTER)
-    drawing.text(
-        ((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), words.say("share of the limit [%]"), "middle"
+        drawing.draw_text(
+            (_LEFT - 10.0, y + 3.5), _shorten_name(translations.translate(figure["name"])), "end"
+        )
+        drawing.draw_line(
+            (axis.to_position(share - spread), y), (axis.to_position(share + spread), y), _AFTER, 2.0
+        )
+        drawing.draw_dot((axis.to_position(share), y), _AFTER)
+    drawing.draw_text(
+        ((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0),
+        translations.translate("share of the limit [%]"),
+        "middle",
     )
-    told = "; ".join(
-        f"{words.say(figure['name'])}: {_percent(s)}" for figure, s in zip(judged, shares, strict=True)
+    description = "; ".join(
+        f"{translations.translate(figure['name'])}: {_format_percent(s)}"
+        for figure, s in zip(judged, shares, strict=True)
     )
     caption = (
         "Judged figures as shares of their limits. "
         "The line through a dot is U; without one, the dot is U itself."
     )
-    return drawing.picture(words.say(caption), f"{words.say('Dots on an axis from 0 to the limit.')} {told}.")
+    return drawing.to_picture(
+        translations.translate(caption),
+        f"{translations.translate('Dots on an axis from 0 to the limit.')} {description}.",
+    )
 
 
-def before_and_after(content: Mapping[str, Any], words: Sayings = ENGLISH) -> Iterator[Picture]:
+def before_and_after(
+    content: Mapping[str, Any], translations: Translations = ENGLISH
+) -> Iterator[PictureBlock]:
     """Draw errors at poses that took no part in a fit; where there are none, what the run changed."""
     result = content["result"]
     identified = result.get("identified") if isinstance(result, dict) else None
     out = identified.get("hold_out") if isinstance(identified, dict) else None
     if isinstance(out, dict):
         rows = [
-            _Pair(words.say(name), out[f"before_{key}"], out[f"after_{key}"])
+            _BeforeAfter(translations.translate(name), out[f"before_{key}"], out[f"after_{key}"])
             for name, key in (
                 ("RMS error at check poses", "rms_m"),
                 ("largest error at check poses", "max_m"),
             )
         ]
         caption = f"Before and after at {out['captures']} check poses that took no part in the fit."
-        yield _pairs(rows, "m", words.say(caption), words)
+        yield _draw_pairs(rows, "m", translations.translate(caption), translations)
         return
     for unit, caption in (
         ("m", "What this run changed: lengths before and after."),
         ("rad", "What this run changed: angles before and after."),
     ):
         changes = [c for c in content["verdict"].get("changes", []) if c["unit"] == unit]
-        known = [c for c in changes if c["before"] is not None and c["after"] is not None]
-        if len(known) > 1:
-            rows = [_Pair(words.say(c["name"]), c["before"], c["after"]) for c in known]
-            yield _pairs(rows, unit, words.say(caption), words)
+        comparable = [c for c in changes if c["before"] is not None and c["after"] is not None]
+        if len(comparable) > 1:
+            rows = [
+                _BeforeAfter(translations.translate(c["name"]), c["before"], c["after"]) for c in comparable
+            ]
+            yield _draw_pairs(rows, unit, translations.translate(caption), translations)
 
 
 @dataclass(frozen=True, slots=True)
-class _Pair:
+class _BeforeAfter:
     """One figure before and after."""
 
     name: str
@@ -103,32 +122,34 @@ class _Pair:
     after: float
 
 
-def _pairs(rows: Sequence[_Pair], unit: str, caption: str, words: Sayings) -> Picture:
+def _draw_pairs(
+    rows: Sequence[_BeforeAfter], unit: str, caption: str, translations: Translations
+) -> PictureBlock:
     """Draw two marks a row, joined, on an axis that has zero on it."""
     values = [value for row in rows for value in (row.before, row.after)]
-    scale = _Scale.of(max(map(abs, values)), unit)
+    scale = _FigureScale.for_largest(max(map(abs, values)), unit)
     low, high = (scale.top if any(sign * v > 0 for v in values) else 0.0 for sign in (-1.0, 1.0))
     axis = _Axis(-low, high or scale.top, _LEFT, _WIDTH - _RIGHT)
     bottom = 28.0 + _ROW * len(rows)
-    drawing = _Drawing(bottom + 38.0)
-    _grid(drawing, axis, (18.0, bottom), scale)
+    drawing = _SvgDrawing(bottom + 38.0)
+    _draw_grid(drawing, axis, (18.0, bottom), scale)
     for number, row in enumerate(rows):
         y = 28.0 + _ROW * (number + 0.5)
-        drawing.text((_LEFT - 10.0, y + 3.5), _short(row.name), "end")
-        drawing.line((axis.at(row.before), y), (axis.at(row.after), y), _GRID, 2.0)
-        drawing.ring((axis.at(row.before), y), _BEFORE)
-        drawing.dot((axis.at(row.after), y), _AFTER)
-    drawing.key((_LEFT, 12.0), words.say("before"), words.say("after"))
-    drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
-    told = "; ".join(
-        f"{row.name}: {words.say(f'{quantity(row.before, unit)} before, {quantity(row.after, unit)} after')}"
+        drawing.draw_text((_LEFT - 10.0, y + 3.5), _shorten_name(row.name), "end")
+        drawing.draw_line((axis.to_position(row.before), y), (axis.to_position(row.after), y), _GRID, 2.0)
+        drawing.draw_ring((axis.to_position(row.before), y), _BEFORE)
+        drawing.draw_dot((axis.to_position(row.after), y), _AFTER)
+    drawing.draw_key((_LEFT, 12.0), translations.translate("before"), translations.translate("after"))
+    drawing.draw_text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
+    description = "; ".join(
+        f"{row.name}: {translations.translate(f'{format_quantity(row.before, unit)} before, {format_quantity(row.after, unit)} after')}"
         for row in rows
     )
-    return drawing.picture(caption, f"{words.say('Two marks a row.')} {told}.")
+    return drawing.to_picture(caption, f"{translations.translate('Two marks a row.')} {description}.")
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class PointErrors:
     """Magnitudes of the errors of one list of points [m]."""
 
     what: str
@@ -136,7 +157,7 @@ class Errors:
     names: tuple[str, ...] = ()
 
 
-def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
+def errors_in(result: Any, where: str = "") -> Iterator[PointErrors]:
     """Find lists of errors in a result: residuals of points, and poses of an accuracy test."""
     if not isinstance(result, dict):
         return
@@ -144,7 +165,7 @@ def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
     if isinstance(residuals, list) and _are_points(residuals):
         names = tuple(map(str, result.get("tags") or ()))
         about = "" if where in ("", "found", "placed") else f"{where.replace('_', ' ')}: "
-        yield Errors(f"{about}what each point misses by", tuple(map(_length, residuals)), names)
+        yield PointErrors(f"{about}what each point misses by", tuple(map(_vector_length, residuals)), names)
     if isinstance(poses, list) and poses and all(isinstance(p, dict) and "ap_m" in p for p in poses):
         for key, word in (
             ("ap_m", "accuracy AP of each test pose"),
@@ -152,46 +173,60 @@ def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
         ):
             values = tuple(float(pose[key]) for pose in poses if pose.get(key) is not None)
             if values:
-                yield Errors(f"{where.replace('_', ' ')} model: {word}".strip(), values)
+                yield PointErrors(f"{where.replace('_', ' ')} model: {word}".strip(), values)
     for key, value in result.items():
         yield from errors_in(value, key)
 
 
-def errors_by_point(errors: Errors, words: Sayings = ENGLISH) -> Picture | None:
+def errors_by_point(errors: PointErrors, translations: Translations = ENGLISH) -> PictureBlock | None:
     """Draw one dot a point."""
     if not 0 < len(errors.values_m) <= _MOST_POINTS:
         return None
-    scale = _Scale.of(max(errors.values_m))
+    scale = _FigureScale.for_largest(max(errors.values_m))
     axis = _Axis(0.0, scale.top, 120.0, 16.0)
-    drawing, places = _upright(axis, scale, len(errors.values_m), words.say("point"), errors.names)
+    drawing, places = _begin_chart(
+        axis, scale, len(errors.values_m), translations.translate("point"), errors.names
+    )
     for x, value in zip(places, errors.values_m, strict=True):
-        drawing.dot((x, axis.at(value)), _AFTER)
+        drawing.draw_dot((x, axis.to_position(value)), _AFTER)
     worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
     name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
     alt = (
-        f"One dot a point, {len(errors.values_m)} points; the largest is {quantity(errors.values_m[worst], 'm')} "
+        f"One dot a point, {len(errors.values_m)} points; the largest is {format_quantity(errors.values_m[worst], 'm')} "
         f"at {name}."
     )
-    return drawing.picture(words.say(f"{errors.what[:1].upper()}{errors.what[1:]}."), words.say(alt))
+    return drawing.to_picture(
+        translations.translate(f"{errors.what[:1].upper()}{errors.what[1:]}."), translations.translate(alt)
+    )
 
 
-def scatter_of(points: Sequence[Mapping[str, Any]], words: Sayings = ENGLISH) -> Picture | None:
+def scatter_of(
+    points: Sequence[Mapping[str, Any]], translations: Translations = ENGLISH
+) -> PictureBlock | None:
     """Draw what samples of one length differ from their mean, reading by reading."""
-    taken = [(point["used"], samples) for point in points if len(samples := _samples(point)) > 1]
+    taken = [(point["used"], samples) for point in points if len(samples := _sample_values(point)) > 1]
     spread = [[value - sum(samples) / len(samples) for value in samples] for _, samples in taken]
     most = max((abs(value) for each in spread for value in each), default=0.0)
     if not most > 1e-9 or sum(map(len, spread)) > _MOST_POINTS:
         return None
-    scale = _Scale.of(most)
+    scale = _FigureScale.for_largest(most)
     axis = _Axis(-scale.top, scale.top, 120.0, 16.0)
-    drawing, places = _upright(axis, scale, len(taken), words.say("length reading, in the order taken"))
+    drawing, places = _begin_chart(
+        axis, scale, len(taken), translations.translate("length reading, in the order taken")
+    )
     for x, (used, _), samples in zip(places, taken, spread, strict=True):
         for value in samples:
-            (drawing.dot if used else drawing.ring)((x, axis.at(value)), _AFTER if used else _LIMIT)
-    drawing.key((130.0, 12.0), words.say("not used"), words.say("used"), _LIMIT)
-    return drawing.picture(
-        words.say("Samples of each reading: what they differ from their mean."),
-        words.say(f"{len(taken)} readings; the largest difference is {quantity(most, 'm')}."),
+            (drawing.draw_dot if used else drawing.draw_ring)(
+                (x, axis.to_position(value)), _AFTER if used else _LIMIT
+            )
+    drawing.draw_key(
+        (130.0, 12.0), translations.translate("not used"), translations.translate("used"), _LIMIT
+    )
+    return drawing.to_picture(
+        translations.translate("Samples of each reading: what they differ from their mean."),
+        translations.translate(
+            f"{len(taken)} readings; the largest difference is {format_quantity(most, 'm')}."
+        ),
     )
 
 
@@ -204,19 +239,19 @@ class _Axis:
     begin: float
     end: float
 
-    def at(self, value: float) -> float:
+    def to_position(self, value: float) -> float:
         share = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
         return self.begin + share * (self.end - self.begin)
 
-    def ticks(self, factor: float = 1.0) -> list[float]:
+    def round_ticks(self, factor: float = 1.0) -> list[float]:
         """Return values that are round when multiplied by a factor."""
-        step = _step((self.high - self.low) * factor) / factor
+        step = _round_step((self.high - self.low) * factor) / factor
         first = math.ceil(self.low / step - 1e-9)
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
 @dataclass(frozen=True, slots=True)
-class _Scale:
+class _FigureScale:
     """A unit in which figures are written with few digits, and where an axis of them ends."""
 
     unit: str
@@ -224,24 +259,24 @@ class _Scale:
     top: float
 
     @classmethod
-    def of(cls, most: float, unit: str = "m") -> "_Scale":
+    def for_largest(cls, most: float, unit: str = "m") -> "_FigureScale":
         top = 1.08 * most if most > 1e-9 else 1e-6
         if unit == "rad":
             return cls("deg", math.degrees(1.0), top)
         return cls("mm", 1e3, top) if top >= 2e-4 else cls("µm", 1e6, top)
 
-    def shown(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         return f"{value * self.factor:.6g}"
 
 
 @dataclass(slots=True)
-class _Drawing:
+class _SvgDrawing:
     """SVG being written."""
 
     height: float
     parts: list[str] = field(default_factory=list)
 
-    def line(
+    def draw_line(
         self,
         one: tuple[float, float],
         other: tuple[float, float],
@@ -254,62 +289,62 @@ class _Drawing:
         ends = f'x1="{one[0]:.1f}" y1="{one[1]:.1f}" x2="{other[0]:.1f}" y2="{other[1]:.1f}"'
         self.parts.append(f'<line {ends} stroke="{colour}" stroke-width="{width}"{dashes}/>')
 
-    def dot(self, at: tuple[float, float], colour: str) -> None:
+    def draw_dot(self, at: tuple[float, float], colour: str) -> None:
         self.parts.append(f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="{colour}"/>')
 
-    def ring(self, at: tuple[float, float], colour: str) -> None:
+    def draw_ring(self, at: tuple[float, float], colour: str) -> None:
         self.parts.append(
             f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="#ffffff" stroke="{colour}" stroke-width="1.5"/>'
         )
 
-    def text(self, at: tuple[float, float], words: str, anchor: str, colour: str = _INK) -> None:
+    def draw_text(self, at: tuple[float, float], words: str, anchor: str, colour: str = _INK) -> None:
         self.parts.append(
             f'<text x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}" fill="{colour}">{escape(words)}</text>'
         )
 
-    def key(self, at: tuple[float, float], ring: str, dot: str, colour: str = _BEFORE) -> None:
+    def draw_key(self, at: tuple[float, float], ring: str, dot: str, colour: str = _BEFORE) -> None:
         x, y = at
-        self.ring((x, y - 3.5), colour)
-        self.text((x + 8.0, y), ring, "start")
-        beside = x + 8.0 + max(70.0, _LETTER * _wide(ring) + 20.0)
-        self.dot((beside, y - 3.5), _AFTER)
-        self.text((beside + 8.0, y), dot, "start")
+        self.draw_ring((x, y - 3.5), colour)
+        self.draw_text((x + 8.0, y), ring, "start")
+        beside = x + 8.0 + max(70.0, _LETTER * _text_width(ring) + 20.0)
+        self.draw_dot((beside, y - 3.5), _AFTER)
+        self.draw_text((beside + 8.0, y), dot, "start")
 
-    def picture(self, caption: str, alt: str) -> Picture:
+    def to_picture(self, caption: str, alt: str) -> PictureBlock:
         size = f'width="{_WIDTH:.0f}" height="{self.height:.0f}" viewBox="0 0 {_WIDTH:.0f} {self.height:.0f}"'
         letters = 'font-family="Libertinus Serif, serif" font-size="11"'
         svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size} {letters}>{"".join(self.parts)}</svg>'
-        return Picture(svg, alt, caption)
+        return PictureBlock(svg, alt, caption)
 
 
-def _upright(
-    axis: _Axis, scale: _Scale, count: int, what: str, names: Sequence[str] = ()
-) -> tuple[_Drawing, list[float]]:
+def _begin_chart(
+    axis: _Axis, scale: _FigureScale, count: int, what: str, names: Sequence[str] = ()
+) -> tuple[_SvgDrawing, list[float]]:
     """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
     left, right = 64.0, _WIDTH - _RIGHT
-    drawing = _Drawing(158.0)
-    for value in axis.ticks(scale.factor):
-        drawing.line((left, axis.at(value)), (right, axis.at(value)), _GRID, 0.8)
-        drawing.text((left - 6.0, axis.at(value) + 3.5), scale.shown(value), "end")
-    drawing.text((8.0, 12.0), f"[{scale.unit}]", "start")
+    drawing = _SvgDrawing(158.0)
+    for value in axis.round_ticks(scale.factor):
+        drawing.draw_line((left, axis.to_position(value)), (right, axis.to_position(value)), _GRID, 0.8)
+        drawing.draw_text((left - 6.0, axis.to_position(value) + 3.5), scale.format_value(value), "end")
+    drawing.draw_text((8.0, 12.0), f"[{scale.unit}]", "start")
     width = (right - left) / count
     places = [left + width * (k + 0.5) for k in range(count)]
     every = max(1, math.ceil(count / 25))
     for k in range(0, count, every):
         name = names[k] if k < len(names) and len(names[k]) <= 6 else str(k + 1)
-        drawing.text((places[k], axis.begin + 18.0), name, "middle")
-    drawing.text(((left + right) / 2, axis.begin + 35.0), what, "middle")
+        drawing.draw_text((places[k], axis.begin + 18.0), name, "middle")
+    drawing.draw_text(((left + right) / 2, axis.begin + 35.0), what, "middle")
     return drawing, places
 
 
-def _grid(drawing: _Drawing, axis: _Axis, between: tuple[float, float], scale: _Scale) -> None:
-    for value in axis.ticks(scale.factor):
-        x = axis.at(value)
-        drawing.line((x, between[0]), (x, between[1]), _GRID, 0.8)
-        drawing.text((x, between[1] + 15.0), scale.shown(value), "middle")
+def _draw_grid(drawing: _SvgDrawing, axis: _Axis, between: tuple[float, float], scale: _FigureScale) -> None:
+    for value in axis.round_ticks(scale.factor):
+        x = axis.to_position(value)
+        drawing.draw_line((x, between[0]), (x, between[1]), _GRID, 0.8)
+        drawing.draw_text((x, between[1] + 15.0), scale.format_value(value), "middle")
 
 
-def _step(span: float) -> float:
+def _round_step(span: float) -> float:
     """Return a round distance of ticks that gives three to seven of them."""
     power = 10.0 ** math.floor(math.log10(span / 3.0))
     return max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= span / 3.0) * power
@@ -322,24 +357,24 @@ def _has_share(figure: Mapping[str, Any]) -> bool:
     )
 
 
-def _spread(figure: Mapping[str, Any]) -> float:
+def _uncertainty_bar(figure: Mapping[str, Any]) -> float:
     expanded = float(figure["expanded_uncertainty"])
     return 0.0 if figure["value"] == expanded else expanded
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if share >= 0.01 or share == 0.0 else f"{100.0 * share:.1g} %"
 
 
-def _short(name: str) -> str:
-    if _wide(name) <= _LONGEST_NAME:
+def _shorten_name(name: str) -> str:
+    if _text_width(name) <= _LONGEST_NAME:
         return name
-    while _wide(name) >= _LONGEST_NAME:
+    while _text_width(name) >= _LONGEST_NAME:
         name = name[:-1]
     return f"{name.rstrip()}…"
 
 
-def _wide(words: str) -> int:
+def _text_width(words: str) -> int:
     """Return the width of words in letters: a Chinese character is two wide."""
     return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in words)
 
@@ -354,11 +389,11 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, float | int) and math.isfinite(value)
 
 
-def _length(point: Sequence[float]) -> float:
+def _vector_length(point: Sequence[float]) -> float:
     return math.hypot(*point)
 
 
-def _samples(point: Mapping[str, Any]) -> list[float]:
+def _sample_values(point: Mapping[str, Any]) -> list[float]:
     value = point.get("value")
     samples = value.get("readings_m") if isinstance(value, dict) else None
     return [float(v) for v in samples] if isinstance(samples, list) and all(map(_is_number, samples)) else []

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.procedures.canonical import canonical_json, sha256_of
-from cellcal.procedures.past import Effect, Kind
+from cellcal.procedures.canonical_json import canonical_json, sha256_of
 from cellcal.procedures.run import DeclinedError
-from cellcal.service.record.journal import Event
+from cellcal.procedures.run_history import EventKind, StepEffect
+from cellcal.service.record.journal import JournalEvent
 
 _LARGEST_VALUE = 20_000  # characters; what is longer, such as a stored record, is named by its hash
 
 
 @dataclass(slots=True)
-class _Taken:
+class _RecordedFinding:
     """One finding, and what became of it."""
 
     step: str
@@ -23,50 +23,54 @@ class _Taken:
     reason: str = ""  # why it was not used
 
 
-def readings(events: Sequence[Event], judgement: Mapping[str, Any] | None) -> list[dict[str, Any]]:
+def list_readings(
+    events: Sequence[JournalEvent], judgement: Mapping[str, Any] | None
+) -> list[dict[str, Any]]:
     """Return the readings of a run in the order they were taken; those not used carry the reason.
 
     ``judgement`` is the run's verdict: it names the steps that the procedure itself did not use, with the reason.
     """
-    set_aside = {told["step"]: told["reason"] for told in (judgement or {}).get("set_aside", [])}
-    told = [_told(taken, set_aside) for taken in _findings(events) if _is_reading(taken.body)]
-    return sorted(told + _failures(events), key=lambda reading: str(reading["at_utc"]))
+    set_aside = {entries["step"]: entries["reason"] for entries in (judgement or {}).get("set_aside", [])}
+    entries = [
+        _reading_to_json(taken, set_aside) for taken in _all_findings(events) if _is_reading(taken.body)
+    ]
+    return sorted(entries + _failed_readings(events), key=lambda reading: str(reading["at_utc"]))
 
 
-def raw_data_sha256(events: Sequence[Event]) -> str:
+def raw_data_sha256(events: Sequence[JournalEvent]) -> str:
     """Return the hash over every finding of the run, discarded ones too, as the journal has them."""
-    found = [[taken.step, taken.body["inputs"], taken.body["value"]] for taken in _findings(events)]
+    found = [[taken.step, taken.body["inputs"], taken.body["value"]] for taken in _all_findings(events)]
     return sha256_of(found)
 
 
-def answers(events: Iterable[Event]) -> list[dict[str, str]]:
+def list_answers(events: Iterable[JournalEvent]) -> list[dict[str, str]]:
     """Return who said yes to what, and when."""
-    told = []
+    found = []
     for event in events:
         body = parse_json(event.body)
-        who = _who(event.kind, body)
+        who = _answer_author(event.kind, body)
         if who:
             step = str(body.get("step", body.get("before", "")))
-            told.append({"who": who, "step": step, "at_utc": event.wall_utc})
-    return told
+            found.append({"who": who, "step": step, "at_utc": event.wall_utc})
+    return found
 
 
-def airs(taken: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def list_air_states(taken: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the air as instruments reported it with their readings, each different state once."""
     found = {canonical_json(air): air for reading in taken for air in _airs_in(reading.get("value"))}
     return list(found.values())
 
 
-def _findings(events: Iterable[Event]) -> list[_Taken]:
+def _all_findings(events: Iterable[JournalEvent]) -> list[_RecordedFinding]:
     """Return all findings ever made; those a redo has discarded say so."""
-    counted: list[_Taken] = []
-    everything: list[_Taken] = []
+    counted: list[_RecordedFinding] = []
+    everything: list[_RecordedFinding] = []
     for event in events:
         body = parse_json(event.body)
-        if event.kind == Kind.FINDING:
-            counted.append(_Taken(body["step"], event.wall_utc, body))
+        if event.kind == EventKind.FINDING:
+            counted.append(_RecordedFinding(body["step"], event.wall_utc, body))
             everything.append(counted[-1])
-        elif event.kind in (Kind.FORGOTTEN, Kind.UNDONE):
+        elif event.kind in (EventKind.FORGOTTEN, EventKind.UNDONE):
             for taken in counted[body["keep"] :]:
                 taken.reason = f"discarded by {event.actor}: done again from {body['step']!r}"
             del counted[body["keep"] :]
@@ -76,46 +80,51 @@ def _findings(events: Iterable[Event]) -> list[_Taken]:
 def _is_reading(body: Mapping[str, Any]) -> bool:
     """Tell whether a step looked at the world: it neither acted, nor calculated, nor asked a person."""
     value = body["value"]
-    asked = isinstance(value, dict) and value.keys() == {"who", "value"}
+    is_answer = isinstance(value, dict) and value.keys() == {"who", "value"}
     calculated = isinstance(body["inputs"], dict)
-    return bool(body["effect"] == Effect.NONE and not calculated and not asked)
+    return bool(body["effect"] == StepEffect.NONE and not calculated and not is_answer)
 
 
-def _told(taken: _Taken, set_aside: Mapping[str, str]) -> dict[str, Any]:
+def _reading_to_json(taken: _RecordedFinding, set_aside: Mapping[str, str]) -> dict[str, Any]:
     reason = taken.reason or set_aside.get(taken.step, "")
-    told = {"step": taken.step, "at_utc": taken.at_utc, "used": not reason, "reason": reason}
+    document = {"step": taken.step, "at_utc": taken.at_utc, "used": not reason, "reason": reason}
     value = taken.body["value"]
     if len(canonical_json(value)) > _LARGEST_VALUE:
-        return told | {"value_sha256": sha256_of(value)}
-    return told | {"value": value}
+        return document | {"value_sha256": sha256_of(value)}
+    return document | {"value": value}
 
 
-def _failures(events: Iterable[Event]) -> list[dict[str, Any]]:
+def _failed_readings(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
     """Return the attempts to read that gave nothing; a person's no and a calculation's refusal are none."""
     calculated: set[str] = set()
     failed = []
     for event in events:
         body = parse_json(event.body)
-        if event.kind == Kind.ENTERED and isinstance(body["inputs"], dict):
+        if event.kind == EventKind.ENTERED and isinstance(body["inputs"], dict):
             calculated.add(body["step"])
-        if event.kind != Kind.FAILED or body["effect"] != Effect.NONE:
+        if event.kind != EventKind.FAILED or body["effect"] != StepEffect.NONE:
             continue
         if body["step"] not in calculated and body["code"] != DeclinedError.code:
             failed.append(
-                {"step": body["step"], "at_utc": event.wall_utc, "used": False, "reason": _why(body)}
+                {
+                    "step": body["step"],
+                    "at_utc": event.wall_utc,
+                    "used": False,
+                    "reason": _failure_reason(body),
+                }
             )
     return failed
 
 
-def _why(body: Mapping[str, Any]) -> str:
+def _failure_reason(body: Mapping[str, Any]) -> str:
     return f"no reading: {body['message'] or body['error']}"
 
 
-def _who(kind: str, body: Mapping[str, Any]) -> str:
-    if kind == Kind.APPROVAL:
+def _answer_author(kind: str, body: Mapping[str, Any]) -> str:
+    if kind == EventKind.APPROVAL:
         return str(body["who"])
     value = body.get("value")
-    if kind in (Kind.FINDING, Kind.CONDITION) and isinstance(value, dict):
+    if kind in (EventKind.FINDING, EventKind.CONDITION) and isinstance(value, dict):
         return str(value.get("who", ""))
     return ""
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.files import SHARED_FILE, replace_file
-from cellcal.service.record.signing import check, read_document
+from cellcal.service.record.signing import check_document, read_document
 from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
-    from cellcal.service.certificates.blocks import Page
+    from cellcal.service.certificates.blocks import CertificatePage
 
 _IN_ENGLISH = (
     "Set in English: this computer has no font for the language that was asked for "
@@ -27,7 +27,7 @@ class PrintingError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class PrintedFiles:
     """What lies beside a certificate; None for what could not be made, with the reason."""
 
     html_path: Path | None
@@ -35,7 +35,7 @@ class Printed:
     trouble: str = ""
 
 
-def page_from(json_path: Path, locale: Locale = "en") -> "Page":
+def page_from(json_path: Path, locale: Locale = "en") -> "CertificatePage":
     """Return the page of a signed certificate on disk, in a language.
 
     Raises
@@ -43,17 +43,17 @@ def page_from(json_path: Path, locale: Locale = "en") -> "Page":
     PrintingError
         The file cannot be read, or is not what was signed: nothing is printed from it.
     """
-    from cellcal.service.certificates.languages import words_in  # noqa: PLC0415  tables only where they are wanted
-    from cellcal.service.certificates.page import page_of  # noqa: PLC0415  as above, with drawings and codes
+    from cellcal.service.certificates.languages import translations_in  # noqa: PLC0415  tables only where they are wanted
+    from cellcal.service.certificates.page_sections import page_of  # noqa: PLC0415  as above, with drawings and codes
 
     raw = read_document(json_path)
-    checked = check(raw) if isinstance(raw, bytes) else raw
+    checked = check_document(raw) if isinstance(raw, bytes) else raw
     if checked.content is None:
         raise PrintingError(
             f"{json_path}: {checked.sentence} Nothing is printed from it.",
             remedy="Write the certificate again with `cellcal certificate`.",
         )
-    return page_of(checked.content, checked.sha256, checked.public_key, words_in(locale))
+    return page_of(checked.content, checked.sha256, checked.public_key, translations_in(locale))
 
 
 def html_from(json_path: Path, locale: Locale = "en") -> str:
@@ -73,18 +73,18 @@ def pdf_from(json_path: Path, locale: Locale = "en") -> bytes:
     PdfError
         No font of this computer has some of its characters.
     """
-    from cellcal.service.certificates.pdf import LettersError, as_pdf  # noqa: PLC0415  typst is a large library
+    from cellcal.service.certificates.pdf import MissingGlyphError, as_pdf  # noqa: PLC0415  typst is a large library
 
     try:
         return as_pdf(page_from(json_path, locale))
-    except LettersError:
+    except MissingGlyphError:
         if locale == "en":
             raise
     english = page_from(json_path)
     return as_pdf(replace(english, status=f"{english.status} {_IN_ENGLISH}"))
 
 
-def print_beside(json_path: Path) -> Printed:
+def print_beside(json_path: Path) -> PrintedFiles:
     """Write page and PDF beside a certificate; what hinders that is told and harms nothing else."""
     trouble: list[str] = []
     made: dict[str, Path | None] = {".html": None, ".pdf": None}
@@ -98,7 +98,7 @@ def print_beside(json_path: Path) -> Printed:
         except Exception:  # noqa: BLE001  the run is over and signed for: what only draws it must not spoil that
             _log.exception("%s could not be made", path)
             trouble.append(f"{path.name} could not be made; the log has the cause.")
-    return Printed(made[".html"], made[".pdf"], " ".join(trouble))
+    return PrintedFiles(made[".html"], made[".pdf"], " ".join(trouble))
 
 
 def write_sheet(path: Path, content: str | bytes) -> None:

@@ -4,7 +4,7 @@ import io
 
 import segno
 
-from cellcal.service.certificates.blocks import Picture
+from cellcal.service.certificates.blocks import PictureBlock
 
 _QUIET_ZONE = 4  # modules of white around it, after ISO/IEC 18004
 
@@ -14,12 +14,12 @@ def code_text(file_stem: str, sha256: str) -> str:
     return f"cellcal {file_stem} sha256:{sha256}"
 
 
-def code_of(file_stem: str, sha256: str) -> Picture:
+def code_of(file_stem: str, sha256: str) -> PictureBlock:
     """Draw the code of a certificate or a refusal record."""
-    said = code_text(file_stem, sha256)
+    content = code_text(file_stem, sha256)
     file = io.BytesIO()
-    segno.make(said, error="m", micro=False, boost_error=False).save(
+    segno.make(content, error="m", micro=False, boost_error=False).save(
         file, kind="svg", border=_QUIET_ZONE, light="#ffffff", omitsize=True, xmldecl=False, nl=False,
         svgclass=None, lineclass=None,
     )  # fmt: skip
-    return Picture(file.getvalue().decode(), f"Square code that says: {said}", "id and hash")
+    return PictureBlock(file.getvalue().decode(), f"Square code that says: {content}", "id and hash")

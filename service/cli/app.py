@@ -24,10 +24,10 @@ from cellcal.service.cli.identify import identify
 from cellcal.service.cli.mastering import mastering
 from cellcal.service.cli.models import models
 from cellcal.service.cli.monitor import monitor
-from cellcal.service.cli.outlook import procedures
 from cellcal.service.cli.parameters import parameters
 from cellcal.service.cli.people import people
 from cellcal.service.cli.poses import poses
+from cellcal.service.cli.procedure_preview import procedures
 from cellcal.service.cli.program import program
 from cellcal.service.cli.runs import resume, run, runs, show
 from cellcal.service.cli.serve import serve
@@ -36,7 +36,7 @@ from cellcal.service.cli.site import site
 from cellcal.service.cli.watch import watch
 from cellcal.service.cli.webhooks import webhooks
 from cellcal.service.exit_codes import ExitCode, exit_code_of
-from cellcal.service.unexpected import (
+from cellcal.service.unexpected_errors import (
     describe_unexpected,
     explain_os_error,
     is_about_the_system,
@@ -97,14 +97,16 @@ def run_command_line(arguments: Sequence[str]) -> int:
     except CycloptsError:
         return ExitCode.USAGE
     except BrokenPipeError as error:
-        return _reader_has_gone() if _lacks_reader() else _say(console, error, of_a_run=False)
+        return _reader_has_gone() if _lacks_reader() else _print_errors(console, error, of_a_run=False)
     except UnicodeEncodeError as error:
         if not any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
-            return _say(console, error, of_a_run=False)
+            return _print_errors(console, error, of_a_run=False)
         _print_refusal(console, "an argument is not text in UTF-8.", "Write it in the terminal's characters.")
         return ExitCode.USAGE
     except (Exception, KeyboardInterrupt, BaseExceptionGroup) as error:  # noqa: BLE001  the last line of defence
-        return _say(console, *_leaves(error), of_a_run=list(arguments)[:1] in (["run"], ["resume"]))
+        return _print_errors(
+            console, *_leaf_errors(error), of_a_run=list(arguments)[:1] in (["run"], ["resume"])
+        )
     return int(result) if isinstance(result, int) else ExitCode.PASS
 
 
@@ -125,13 +127,13 @@ def _reader_has_gone() -> int:
     return ExitCode.NO_READER
 
 
-def _leaves(error: BaseException) -> list[BaseException]:
+def _leaf_errors(error: BaseException) -> list[BaseException]:
     if isinstance(error, BaseExceptionGroup):
-        return [leaf for inner in error.exceptions for leaf in _leaves(inner)]
+        return [leaf for inner in error.exceptions for leaf in _leaf_errors(inner)]
     return [error]
 
 
-def _say(console: Console, *errors: BaseException, of_a_run: bool) -> int:
+def _print_errors(console: Console, *errors: BaseException, of_a_run: bool) -> int:
     for error in errors:
         if isinstance(error, CellError):
             _print_refusal(console, error.message, error.remedy)

@@ -10,7 +10,7 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
-    from cellcal.service.export.restore import Proved
+    from cellcal.service.export.restore import ProvedBackup
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
@@ -45,7 +45,7 @@ def backup(  # noqa: PLR0913  a command's options are its arguments
         Make it although the end of the journal is missing (`cellcal runs` tells it).
     """
     from cellcal.calibration.errors import CellError
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.backup import back_up, forget_older
 
@@ -55,22 +55,22 @@ def backup(  # noqa: PLR0913  a command's options are its arguments
         )
     config = read_cell_file(cell)
     _refuse_missing_end(config, accepted=accept_missing_end)
-    phrase = _passphrase(passphrase_file, twice=True) if keys else None
+    phrase = _read_passphrase(passphrase_file, twice=True) if keys else None
     made = back_up(config, to, phrase)
     gone = [] if keep is None else forget_older(config, to, keep)
-    EN_ROUTE.print(
+    STDERR_CONSOLE.print(
         f"{made.path}: {made.events} events, {made.certificates} certificates, {made.files} files, "
         f"{made.size / 1e6:.1f} MB.",
         markup=False, soft_wrap=True,
     )  # fmt: skip
     if not made.has_keys:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             "The signing key and the pepper are not in it: keep signing_key.pem and pepper.key elsewhere, or use "
             "--keys.",
             style="yellow",
         )
     for name in made.left_out:
-        EN_ROUTE.print(f"left out, since it is no plain file: {name}", style="yellow", markup=False)
+        STDERR_CONSOLE.print(f"left out, since it is no plain file: {name}", style="yellow", markup=False)
     if as_json:
         print_json(
             {
@@ -119,8 +119,8 @@ def restore(  # noqa: PLR0913  a command's options are its arguments
     """
     from cellcal.calibration.errors import CellError
     from cellcal.service.cli.printing import print_json
-    from cellcal.service.export.restore import prove
-    from cellcal.service.export.restore import restore as put_back
+    from cellcal.service.export.restore import prove_backup
+    from cellcal.service.export.restore import restore_backup as put_back
     from cellcal.service.record.signing import read_public_key
 
     if (cell is None) != check:
@@ -129,35 +129,41 @@ def restore(  # noqa: PLR0913  a command's options are its arguments
             remedy="`cellcal restore FILE cell.toml`, or `cellcal restore FILE --check`.",
             code="usage",
         )
-    phrase = _passphrase(passphrase_file, twice=False) if keys else None
+    phrase = _read_passphrase(passphrase_file, twice=False) if keys else None
     pinned = None if signed_by is None else read_public_key(signed_by)
-    found = prove(archive, phrase) if cell is None else put_back(archive, cell, phrase, signed_by=pinned)
+    found = (
+        prove_backup(archive, phrase) if cell is None else put_back(archive, cell, phrase, signed_by=pinned)
+    )
     if pinned not in (None, found.public_key):
         raise CellError(
             f"{archive} is signed by key {found.public_key}, not by {pinned}.",
             remedy="Take the backup that this cell made; do not use this one.",
             code="signature",
         )
-    _tell(found)
+    _print_proof(found)
     if as_json:
-        told = {name: getattr(found, name) for name in ("cell", "made_utc", "events", "certificates")}
-        told |= {"public_key": found.public_key, "has_keys": found.has_keys, "keys_opened": found.keys_opened}
-        print_json({**told, "data_dir": None if found.data_dir is None else str(found.data_dir)})
+        document = {name: getattr(found, name) for name in ("cell", "made_utc", "events", "certificates")}
+        document |= {
+            "public_key": found.public_key,
+            "has_keys": found.has_keys,
+            "keys_opened": found.keys_opened,
+        }
+        print_json({**document, "data_dir": None if found.data_dir is None else str(found.data_dir)})
     return 0
 
 
-def _tell(found: "Proved") -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+def _print_proof(found: "ProvedBackup") -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
-    EN_ROUTE.print(
+    STDERR_CONSOLE.print(
         f"Whole: {found.cell}, {found.made_utc}, {found.events} events in one chain, {found.certificates} "
         f"certificates as they were signed. The list of files is signed by key {found.public_key}.",
         style="green", markup=False, soft_wrap=True,
     )  # fmt: skip
     if found.data_dir is None:
         return
-    EN_ROUTE.print(f"Put back to {found.data_dir}.", markup=False, soft_wrap=True)
-    EN_ROUTE.print(
+    STDERR_CONSOLE.print(f"Put back to {found.data_dir}.", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(
         f"All is as of {found.made_utc}. A robot that was mastered or changed since is not what the records say: "
         "take a new mastering record before anything is recovered from one. Who or what was revoked since is let in "
         "again: look through `cellcal people`.",
@@ -165,14 +171,14 @@ def _tell(found: "Proved") -> None:
         markup=False,
     )
     if not found.keys_opened:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             "No keys were put back: bring signing_key.pem and pepper.key from where you keep them before the service "
             "starts. Without the pepper every PIN has to be set anew; a new signing key is another signature.",
             style="yellow",
         )
 
 
-def _passphrase(file: Path | None, *, twice: bool) -> str:
+def _read_passphrase(file: Path | None, *, twice: bool) -> str:
     from getpass import getpass
 
     from cellcal.calibration.errors import CellError

@@ -11,8 +11,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from cellcal.service.engineering.bench.reference import Comparison
-    from cellcal.service.engineering.bench.results import Topic
+    from cellcal.service.engineering.bench.reference import ReferenceComparison
+    from cellcal.service.engineering.bench.results import BenchTopic
 
 _FILE_WIDTH = 170
 
@@ -58,8 +58,8 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
         Print one JSON object on standard output.
     """
     if reference:
-        return _reference(out, as_json=as_json)
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+        return _run_reference(out, as_json=as_json)
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.bench.contestants import parse_interpreters
     from cellcal.service.engineering.bench.results import as_document
     from cellcal.service.engineering.bench.topics import choose_topics
@@ -69,30 +69,30 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
     if data is not None:
         from functools import partial
 
-        from cellcal.service.engineering.bench.real import read, run_real
+        from cellcal.service.engineering.bench.real import read_series, run_real
 
-        chosen["real"] = partial(run_real, series=(read(data, robot),))
+        chosen["real"] = partial(run_real, series=(read_series(data, robot),))
     topics = []
     for name, topic in chosen.items():
-        EN_ROUTE.print(f"bench: {name} …", markup=False)
+        STDERR_CONSOLE.print(f"bench: {name} …", markup=False)
         topics.append(topic(seed, max(1, rounds), interpreters))
     document = as_document(tuple(topics), seed, rounds)
     if out is not None:
         from cellcal.service.engineering.bench.plots import write_results
 
         for path in write_results(document, tuple(topics), out):
-            EN_ROUTE.print(f"wrote {path}", markup=False)
+            STDERR_CONSOLE.print(f"wrote {path}", markup=False)
     if as_json:
         print_json(document)
     else:
-        _print(_wide_console(), tuple(topics))
+        _print_topics(_wide_console(), tuple(topics))
     return 0
 
 
-def _reference(out: Path | None, *, as_json: bool) -> int:
+def _run_reference(out: Path | None, *, as_json: bool) -> int:
     from rich.console import Console
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.bench.reference import as_document, check_all
     from cellcal.service.exit_codes import ExitCode
 
@@ -102,7 +102,7 @@ def _reference(out: Path | None, *, as_json: bool) -> int:
         out.mkdir(parents=True, exist_ok=True)
         path = out / "reference.json"
         path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        EN_ROUTE.print(f"wrote {path}", markup=False)
+        STDERR_CONSOLE.print(f"wrote {path}", markup=False)
     if as_json:
         print_json(document)
     else:
@@ -118,7 +118,7 @@ def _wide_console() -> "Console":
     return console if console.is_terminal else Console(highlight=False, width=_FILE_WIDTH, emoji=False)
 
 
-def _print_reference(console: "Console", found: "tuple[Comparison, ...]") -> None:
+def _print_reference(console: "Console", found: "tuple[ReferenceComparison, ...]") -> None:
     from cellcal.calibration.reference_data import load_reference
     from cellcal.service.cli.printing import PlainTable
 
@@ -138,7 +138,7 @@ def _print_reference(console: "Console", found: "tuple[Comparison, ...]") -> Non
     console.print(f"{len(found)} comparisons, {failed} failed.")
 
 
-def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
+def _print_topics(console: "Console", topics: tuple["BenchTopic", ...]) -> None:
     from rich.markup import escape
 
     from cellcal.service.cli.printing import PlainTable
@@ -151,7 +151,7 @@ def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
             table.add_column(heading, justify="right", no_wrap=True)
         table.add_column("notes")
         for result in sorted(topic.results, key=lambda each: (each.case, each.seconds / each.count)):
-            ratio = topic.ratio(result)
+            ratio = topic.speed_ratio(result)
             notes = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in result.notes.items())
             table.add_row(
                 result.case,

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from cellcal.service.cli.printing import PlainTable
-    from cellcal.service.engineering.identification.cell_identify import CellReport
+    from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport
 
 _MM, _DEG = 1e3, 57.29577951308232
 
 
-def print_cell_report(console: "Console", report: "CellReport") -> None:
+def print_cell_report(console: "Console", report: "IdentifiedCellReport") -> None:
     """Print the whole report but for what is asked for separately."""
     from rich.markup import escape
 
@@ -42,7 +42,7 @@ def print_cell_report(console: "Console", report: "CellReport") -> None:
     _print_frames(console, report)
     _print_parameters(console, report)
     freedom = found.robust.degrees_of_freedom
-    console.print(f"[dim]95 % is {report.coverage:.2f} sd ({freedom:.0f} degrees of freedom).[/]")
+    console.print(f"[dim]95 % is {report.coverage_factor:.2f} sd ({freedom:.0f} degrees of freedom).[/]")
     print_unknown(console, found.not_identified)
     unknown = {item.parameter for item in found.not_identified}
     for pair in found.correlated[:MOST_ROWS_SHOWN]:
@@ -55,13 +55,13 @@ def print_cell_report(console: "Console", report: "CellReport") -> None:
     console.print(f"{report.seconds:.1f} s")
 
 
-def print_tables(console: "Console", report: "CellReport") -> None:
+def print_tables(console: "Console", report: "IdentifiedCellReport") -> None:
     """Print every arm as DH."""
     for arm in report.arms:
         print_dh(console, arm.dh, arm.name)
 
 
-def _print_series(console: "Console", report: "CellReport") -> None:
+def _print_series(console: "Console", report: "IdentifiedCellReport") -> None:
     from cellcal.calibration.identification.parameters import LEVEL_NAMES
     from cellcal.service.cli.printing import PlainTable
 
@@ -88,7 +88,7 @@ def _print_series(console: "Console", report: "CellReport") -> None:
         )
 
 
-def _print_frames(console: "Console", report: "CellReport") -> None:
+def _print_frames(console: "Console", report: "IdentifiedCellReport") -> None:
     from cellcal.service.cli.printing import PlainTable
 
     table = PlainTable("frame", "seen from", "x y z (mm)", "sd (mm)", "w x y z", "sd (deg)")
@@ -105,7 +105,7 @@ def _print_frames(console: "Console", report: "CellReport") -> None:
     console.print(table)
 
 
-def _print_parameters(console: "Console", report: "CellReport") -> None:
+def _print_parameters(console: "Console", report: "IdentifiedCellReport") -> None:
     from cellcal.service.cli.printing import PlainTable
 
     table = PlainTable("identified", "off nominal", "sd", "unit")
@@ -120,24 +120,24 @@ def _print_parameters(console: "Console", report: "CellReport") -> None:
             }
             name = mark + entry.name
             if name in prior and entry.sigma < LEARNT * prior[name]:
-                _add(table, name, (entry.value - entry.nominal, entry.sigma), entry.unit)
+                _add_number_row(table, name, (entry.value - entry.nominal, entry.sigma), entry.unit)
     rest = [p for p in report.parameters if p.name not in tables and p.sigma < LEARNT * p.prior]
     ripple = [p for p in rest if " ripple " in p.name]
     for item in rest:
         if item not in ripple:
-            _add(table, item.name, (item.value, item.sigma), item.unit)
+            _add_number_row(table, item.name, (item.value, item.sigma), item.unit)
     if table.row_count:
         console.print(table)
     if ripple:
         console.print(f"and {len(ripple)} coefficients of ripple (`--json` lists them)")
 
 
-def _add(table: "PlainTable", name: str, numbers: tuple[float, float], kind: str) -> None:
+def _add_number_row(table: "PlainTable", name: str, numbers: tuple[float, float], kind: str) -> None:
     unit, scale = SCALES[kind]
     table.add_row(name, f"{numbers[0] * scale:+.4f}", f"{numbers[1] * scale:.4f}", unit)
 
 
-def _print_verdicts(console: "Console", report: "CellReport") -> None:
+def _print_verdicts(console: "Console", report: "IdentifiedCellReport") -> None:
     from rich.markup import escape
 
     for series in report.series:

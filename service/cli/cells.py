@@ -21,7 +21,7 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
 
     from rich.markup import escape
 
-    from cellcal.service.cli.printing import EN_ROUTE, PlainTable, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.exit_codes import ExitCode
     from cellcal.service.runs.cell_check import check_cell
@@ -33,14 +33,14 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
         title = escape(f"cell {report.cell}")
         table = PlainTable("device", "state", "what it says", "what to do", title=title)
         for device in report.devices:
-            colour = "green" if device.ready else "red"
+            colour = "green" if device.is_ready else "red"
             state = Text(device.state, style=colour)
             table.add_row(device.name, state, device.message, device.remedy)
-        EN_ROUTE.print(table)
+        STDERR_CONSOLE.print(table)
         for line in report.advice:
-            EN_ROUTE.print(f"[bold yellow]{escape(line)}[/]")
+            STDERR_CONSOLE.print(f"[bold yellow]{escape(line)}[/]")
         if report.damage:
-            EN_ROUTE.print(f"[bold red]{escape(report.damage)}[/]")
+            STDERR_CONSOLE.print(f"[bold red]{escape(report.damage)}[/]")
     if not report.all_reached:
         return ExitCode.UNREACHABLE
     if report.damage:
@@ -58,20 +58,20 @@ def fakes(cell: Path, /) -> int:
     """
     import asyncio
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.demo.fake_cell import running_fakes
 
     read_cell_file(cell)  # a fault in the file is said in our words, before anything starts
 
-    async def play() -> None:
-        async with running_fakes(cell) as door:
-            EN_ROUTE.print("The fake devices are up. Ctrl+C ends them.")
-            print_json({"ready": True, "control": [door.host, door.port]})
+    async def run_fakes() -> None:
+        async with running_fakes(cell) as fake_cell:
+            STDERR_CONSOLE.print("The fake devices are up. Ctrl+C ends them.")
+            print_json({"ready": True, "control": [fake_cell.host, fake_cell.port]})
             await asyncio.Event().wait()
 
     try:
-        asyncio.run(play())
+        asyncio.run(run_fakes())
     except KeyboardInterrupt:
-        EN_ROUTE.print("The fake devices have ended.")
+        STDERR_CONSOLE.print("The fake devices have ended.")
     return 0

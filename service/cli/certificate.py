@@ -9,8 +9,8 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
-    from cellcal.service.certificates.certificate import Issued
-    from cellcal.service.record.signing import StationKey
+    from cellcal.service.certificates.certificate import IssuedCertificate
+    from cellcal.service.record.signing import CellKey
 
 certificate = App(name="certificate", help="Write the signed certificate of a finished run, or show the key.")
 
@@ -21,7 +21,7 @@ Json = Annotated[
 
 
 @certificate.default
-def write(  # noqa: PLR0913  a command's options are its arguments
+def write_certificate(  # noqa: PLR0913  a command's options are its arguments
     run_id: str,
     /,
     *,
@@ -51,21 +51,21 @@ def write(  # noqa: PLR0913  a command's options are its arguments
     """
     import sys
 
-    from cellcal.service.certificates.certificate import issue
+    from cellcal.service.certificates.certificate import issue_certificate
     from cellcal.service.certificates.printing import html_from, pdf_from, write_sheet
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
 
-    issued = issue(read_cell_file(cell), run_id, out)
+    issued = issue_certificate(read_cell_file(cell), run_id, out)
     if as_json:
         print_json(_as_object(issued))
     else:
         sys.stdout.write(read_plain_text(issued.text_path))
-    tell_issued(issued)
+    print_issued(issued)
     for path, sheet in ((html, html_from), (pdf, pdf_from)):
         if path is not None:
             write_sheet(path, sheet(issued.json_path, language))
-            EN_ROUTE.print(f"printed: {path}", markup=False, soft_wrap=True)
+            STDERR_CONSOLE.print(f"printed: {path}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -80,23 +80,23 @@ def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> in
     """
     import sys
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.record.signing import station_key
 
     config = read_cell_file(cell)
     found = station_key(config.cell.data_dir)
     if out is not None:
-        out.write_text(found.public + "\n", encoding="utf-8")
+        out.write_text(found.public_key + "\n", encoding="utf-8")
     if as_json:
         print_json(
-            {"public_key": found.public, "private_key_file": str(found.path), "created": found.created}
+            {"public_key": found.public_key, "private_key_file": str(found.path), "created": found.created}
         )
     else:
-        sys.stdout.write(found.public + "\n")
-    _tell_key(found)
-    EN_ROUTE.print(f"private key: {found.path}", markup=False, soft_wrap=True)
-    EN_ROUTE.print(
+        sys.stdout.write(found.public_key + "\n")
+    _print_key(found)
+    STDERR_CONSOLE.print(f"private key: {found.path}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(
         "Back it up with data_dir and keep it secret: who has it signs in the name "
         "of this cell. If it is lost, the next certificate makes a new one; certificates signed before stay good "
         "with this public key, so keep that too.",
@@ -118,70 +118,70 @@ def verify(file: Path, /, *, key: str | None = None, as_json: Json = False) -> i
     key
         The public key that must have signed it, from `cellcal certificate key`, or a file that holds it.
     """
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
-    from cellcal.service.record.signing import Checked, check, read_document, read_public_key
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.record.signing import CheckedDocument, check_document, read_document, read_public_key
 
     expected = None if key is None else read_public_key(key)
     raw = read_document(file)
-    checked = raw if isinstance(raw, Checked) else check(raw, expected_key=expected)
+    checked = raw if isinstance(raw, CheckedDocument) else check_document(raw, expected_key=expected)
     if as_json:
-        told = {name: getattr(checked, name) for name in ("format", "sha256", "public_key", "sentence")}
-        print_json({"finding": checked.finding.value, "key_checked": expected is not None, **told})
+        document = {name: getattr(checked, name) for name in ("format", "sha256", "public_key", "sentence")}
+        print_json({"finding": checked.finding.value, "key_checked": expected is not None, **document})
     intact = checked.content is not None
-    EN_ROUTE.print(f"{file}: {checked.sentence}", style="green" if intact else "bold red", markup=False)
+    STDERR_CONSOLE.print(f"{file}: {checked.sentence}", style="green" if intact else "bold red", markup=False)
     for line in _what_was_checked(checked, expected):
-        EN_ROUTE.print(line, markup=False)
+        STDERR_CONSOLE.print(line, markup=False)
     return _EXITS[checked.finding.value]
 
 
 _EXITS = {"intact": 0, "tampered": 8, "unknown_key": 4, "unreadable": 2}  # of service/exit_codes.py
 
 
-def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued | None":
+def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "IssuedCertificate | None":
     """Write the certificate at the end of a run; that it could not be written changes nothing about the run."""
     from cellcal.calibration.errors import CellError
-    from cellcal.service.certificates.certificate import issue
+    from cellcal.service.certificates.certificate import issue_certificate
     from cellcal.service.certificates.printing import print_beside
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
     try:
-        issued = issue(config, run_id)
+        issued = issue_certificate(config, run_id)
     except CellError as error:
-        EN_ROUTE.print(f"No certificate: {error}", style="bold red", markup=False)
+        STDERR_CONSOLE.print(f"No certificate: {error}", style="bold red", markup=False)
         return None
     printed = print_beside(issued.json_path)
     if printed.trouble:
-        EN_ROUTE.print(f"Not printed: {printed.trouble}", style="bold yellow", markup=False)
+        STDERR_CONSOLE.print(f"Not printed: {printed.trouble}", style="bold yellow", markup=False)
     if not quiet:
-        tell_issued(issued)
+        print_issued(issued)
         for path in (printed.html_path, printed.pdf_path):
             if path is not None:
-                EN_ROUTE.print(f"to print: {path}", markup=False, soft_wrap=True)
+                STDERR_CONSOLE.print(f"to print: {path}", markup=False, soft_wrap=True)
     return issued
 
 
-def tell_issued(issued: "Issued") -> None:
+def print_issued(issued: "IssuedCertificate") -> None:
     """Say where a certificate is, and where the key that signed it was made."""
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
-    _tell_key(issued.key)
+    _print_key(issued.key)
     name = "refusal record:" if issued.word == "refused" else "certificate:"
-    EN_ROUTE.print(f"{name} {issued.json_path}", markup=False, soft_wrap=True)
-    EN_ROUTE.print(f"{'as text:':<{len(name)}} {issued.text_path}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"{name} {issued.json_path}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"{'as text:':<{len(name)}} {issued.text_path}", markup=False, soft_wrap=True)
 
 
-def _tell_key(found: "StationKey") -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+def _print_key(found: "CellKey") -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
     if found.created:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             f"A signing key was made for this cell: {found.path}. Back it up; `cellcal certificate key` tells more. "
             "If there was one before, restore it from the backup instead.",
             style="bold yellow",
             markup=False,
         )
     if found.open_to_others:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             f"Other users of this computer may read {found.path} and sign with it: `chmod 600` it.",
             style="bold yellow",
             markup=False,
@@ -198,7 +198,7 @@ def _what_was_checked(checked: Any, expected: str | None) -> list[str]:
     ]
     if checked.content is None:
         return lines
-    lines += _told_content(checked.content)
+    lines += _summarise_content(checked.content)
     lines.append("Checked: every byte of the file, the SHA-256 of the content, the ed25519 signature.")
     if expected is None:
         lines.append(
@@ -210,7 +210,7 @@ def _what_was_checked(checked: Any, expected: str | None) -> list[str]:
     return [*lines, "Not checked: whether what was measured is true."]
 
 
-def _told_content(content: Any) -> list[str]:
+def _summarise_content(content: Any) -> list[str]:
     """Return the heart of the document, so that nobody has to believe a page of text beside it."""
     if not isinstance(content, dict) or "verdict" not in content:
         return []
@@ -221,12 +221,12 @@ def _told_content(content: Any) -> list[str]:
     ]
 
 
-def _as_object(issued: "Issued") -> dict[str, str]:
+def _as_object(issued: "IssuedCertificate") -> dict[str, str]:
     return {
         "run_id": issued.run_id,
         "verdict": issued.word,
         "certificate": str(issued.json_path),
         "text": str(issued.text_path),
         "sha256": issued.sha256,
-        "public_key": issued.key.public,
+        "public_key": issued.key.public_key,
     }

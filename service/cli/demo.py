@@ -53,7 +53,7 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     import logging
     import tempfile
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
     logging.getLogger("cellcal.drivers").setLevel(
         logging.ERROR
@@ -63,17 +63,17 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
         folder = keep or Path(scratch)
         if not (headless or as_json or loss is not None) and is_for_pages(port, sys.stderr):
             from cellcal.service.demo.built_pages import see_to_pages
-            from cellcal.service.demo.wizard import Staging, show_wizard
+            from cellcal.service.demo.demo_server import DemoOptions, show_wizard
 
-            def say(line: str) -> None:
-                EN_ROUTE.print(line, markup=False, soft_wrap=True)
+            def print_line(line: str) -> None:
+                STDERR_CONSOLE.print(line, markup=False, soft_wrap=True)
 
-            if see_to_pages(say) or port is not None:
-                show_wizard(folder, Staging(seed, time_factor or _ON_PAGES, port, browser, say))
+            if see_to_pages(print_line) or port is not None:
+                show_wizard(folder, DemoOptions(seed, time_factor or _ON_PAGES, port, browser, print_line))
                 return 0
-        code = _tell(folder, loss or "turns", seed, time_factor or _IN_A_STORY, as_json=as_json)
+        code = _run_headless(folder, loss or "turns", seed, time_factor or _IN_A_STORY, as_json=as_json)
     if keep is not None:
-        _certify(keep)
+        _write_demo_certificate(keep)
     return code
 
 
@@ -83,34 +83,38 @@ def is_for_pages(port: int | None, stream: TextIO) -> bool:
     return port is not None or (stream.isatty() and not in_ci)
 
 
-def _tell(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bool) -> int:
+def _run_headless(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bool) -> int:
     import asyncio
 
+    from cellcal.service.cli.demo_output import DemoPrinter
     from cellcal.service.cli.printing import print_json
-    from cellcal.service.cli.story import Teller
-    from cellcal.service.demo.story import Plot, fault_of, tell_story
+    from cellcal.service.demo.recovery_demo import DemoScenario, fault_of, run_recovery_demo
     from cellcal.service.exit_codes import ExitCode
 
     fault_of(loss)  # a misspelt loss is said before anything starts
-    with Teller() as teller:
-        report = asyncio.run(tell_story(folder, Plot(loss, seed, time_factor, teller.say, teller.on_event)))
+    with DemoPrinter() as printer:
+        report = asyncio.run(
+            run_recovery_demo(
+                folder, DemoScenario(loss, seed, time_factor, printer.print_line, printer.on_event)
+            )
+        )
     if as_json:
         print_json(report.as_object())
     else:
-        teller.close_with(report)
+        printer.close_with(report)
     return ExitCode.PASS if report.verdict == "PASS" else ExitCode.REFUSED
 
 
-def _certify(folder: Path) -> None:
+def _write_demo_certificate(folder: Path) -> None:
     """Write the certificate of the recovery, or the record of its refusal, and say how to check it."""
     from cellcal.service.cli.certificate import issue_after_run
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.configuration.cell_file import read_cell_file
 
     issued = issue_after_run(read_cell_file(folder / "cell.toml"), "last")
     if issued is not None:
-        check = f"cellcal verify {issued.json_path} --key {issued.key.public}"
-        EN_ROUTE.print(f"check it with:\n{check}", markup=False, soft_wrap=True)
+        check = f"cellcal verify {issued.json_path} --key {issued.key.public_key}"
+        STDERR_CONSOLE.print(f"check it with:\n{check}", markup=False, soft_wrap=True)
 
 
 def _refuse_impossible(seed: int, time_factor: float | None, keep: Path | None) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from cellcal.service.export.tables import Table
+    from cellcal.service.export.tables import ExportTable
 
 export = App(
     name="export", help="Tables for spreadsheets and other programs: CSV or XLSX, SI units, every digit kept."
@@ -30,7 +30,7 @@ def runs(cell: Path, /, *, out: Out = None, delimiter: str = ",") -> int:
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.cell_tables import runs_table
 
-    return _write(runs_table(read_cell_file(cell)), out, delimiter)
+    return _write_table(runs_table(read_cell_file(cell)), out, delimiter)
 
 
 @export.command
@@ -49,7 +49,7 @@ def history(cell: Path, /, *, out: Out = None, delimiter: str = ",") -> int:
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.cell_tables import history_table
 
-    return _write(history_table(read_cell_file(cell)), out, delimiter)
+    return _write_table(history_table(read_cell_file(cell)), out, delimiter)
 
 
 @export.command
@@ -70,7 +70,7 @@ def points(cell: Path, run_id: str = "last", /, *, out: Out = None, delimiter: s
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.cell_tables import points_table
 
-    return _write(points_table(read_cell_file(cell), run_id), out, delimiter)
+    return _write_table(points_table(read_cell_file(cell), run_id), out, delimiter)
 
 
 @export.command
@@ -101,7 +101,7 @@ def parameters(
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.cell_tables import parameters_table
 
-    return _write(parameters_table(read_cell_file(cell), robot_serial, number), out, delimiter)
+    return _write_table(parameters_table(read_cell_file(cell), robot_serial, number), out, delimiter)
 
 
 @export.command
@@ -119,19 +119,19 @@ def mcap(
     out
         The file to write.
     """
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.export.mcap_file import write_mcap
 
     count = write_mcap(read_cell_file(cell), run_id, out)
-    EN_ROUTE.print(f"{out}: {count} messages.", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"{out}: {count} messages.", markup=False, soft_wrap=True)
     return 0
 
 
-def _write(table: "Table", out: Path | None, delimiter: str) -> int:
+def _write_table(table: "ExportTable", out: Path | None, delimiter: str) -> int:
     import sys
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.export.table_files import as_csv, as_csv_file, as_xlsx_file
     from cellcal.service.export.tables import ExportError
     from cellcal.service.files import SHARED_FILE, replace_file
@@ -143,5 +143,5 @@ def _write(table: "Table", out: Path | None, delimiter: str) -> int:
         raise ExportError(f"{out} is neither .csv nor .xlsx.", remedy="End its name in one of these.")
     xlsx = out.suffix.lower() == ".xlsx"
     replace_file(out, as_xlsx_file([table]) if xlsx else as_csv_file(table, delimiter), mode=SHARED_FILE)
-    EN_ROUTE.print(f"{out}: {len(table.rows)} rows of {table.title}.", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"{out}: {len(table.rows)} rows of {table.title}.", markup=False, soft_wrap=True)
     return 0

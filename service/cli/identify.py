@@ -142,20 +142,20 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.service.engineering.identification.at_points import AtOptions
     from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
     from cellcal.service.engineering.identification.identify_start import StartOptions
-    from cellcal.service.engineering.identification.identify_verdicts import Limits
+    from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
     from cellcal.service.engineering.measured.cells import describes_a_cell
-    from cellcal.service.engineering.measured.layouts import overlaid, read_layout
+    from cellcal.service.engineering.measured.layouts import overlay_options, read_layout
     from cellcal.service.engineering.measured.measurements import ReadOptions
 
-    robot = _mounted(robot, mounting)
-    limits = Limits(
-        _quantity(limit, "--limit", _MM),
-        _quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
+    robot = _apply_mounting(robot, mounting)
+    limits = IdentificationLimits(
+        _parse_quantity(limit, "--limit", _MM),
+        _parse_quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
         accept_offsets,
     )
-    outputs = _Outputs(save, serial, by, urdf, geometric_joints)
-    outputs.check(residual_model=residual_model)
-    asked = None if at is None else AtOptions(at, at_convention, at_identified)
+    outputs = _IdentifyOutputs(save, serial, by, urdf, geometric_joints)
+    outputs.refuse_unwritable(residual_model=residual_model)
+    at_options = None if at is None else AtOptions(at, at_convention, at_identified)
     if layout is not None and describes_a_cell(layout):
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
@@ -164,26 +164,26 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         })  # fmt: skip
         words = tuple(word.strip() for text in free for word in text.split(","))
         command = CellCommand(
-            measurements, layout, robot, limits, asked, at_csv, plot, save, serial, by, urdf, geometric_joints,
+            measurements, layout, robot, limits, at_options, at_csv, plot, save, serial, by, urdf, geometric_joints,
             dh, as_json,
         )  # fmt: skip
         return identify_cell(command, CellOptions(level=level, seed=seed, free=words))
-    named = {key: tuple(value.split(",")) for key, value in _pairs(columns, "--columns").items()}
-    read = ReadOptions(named, _pairs(units, "--units"), convention, sheet, joint_coupling)
+    named = {key: tuple(value.split(",")) for key, value in _parse_pairs(columns, "--columns").items()}
+    read = ReadOptions(named, _parse_pairs(units, "--units"), convention, sheet, joint_coupling)
     if layout is not None:
-        read = overlaid(read_layout(layout), read)
+        read = overlay_options(read_layout(layout), read)
     if show_layout:
         return _show_layout(measurements, robot, read, as_json=as_json)
     begin = StartOptions(start, save, serial, free)
     options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
     report = identify_file(measurements, robot, options)
-    outputs.write(report, measurements)
-    _show(report, _Views(plot, asked, at_csv, dh=dh), as_json=as_json)
+    outputs.write_files(report, measurements)
+    _print_identification(report, _ReportViews(plot, at_options, at_csv, dh=dh), as_json=as_json)
     return _exit_code(report)
 
 
 @dataclass(frozen=True, slots=True)
-class _Views:
+class _ReportViews:
     """What is shown beside the report."""
 
     plot: Path | None
@@ -192,21 +192,21 @@ class _Views:
     dh: bool
 
 
-def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
+def _print_identification(report: "IdentifyReport", views: _ReportViews, *, as_json: bool) -> None:
     from dataclasses import asdict
 
     from rich.console import Console
 
     from cellcal.service.cli.identify_report import print_dh, print_report, print_tips
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.identify_at import tips_at, write_tips
 
     tips = None if views.at is None else tips_at(views.at, report)
     if tips is not None and views.at_csv is not None:
         write_tips(tips, views.at_csv)
-        EN_ROUTE.print(f"wrote {views.at_csv}", markup=False)
+        STDERR_CONSOLE.print(f"wrote {views.at_csv}", markup=False)
     if views.plot is not None:
-        _draw(report, views.plot)
+        _draw_plots(report, views.plot)
     if as_json:
         at = {} if tips is None else {"at": tips.as_document()}
         dh = {"dh": asdict(report.dh)} if views.dh and report.dh is not None else {}
@@ -220,27 +220,27 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
         print_tips(console, tips)
 
 
-def _draw(report: "IdentifyReport", folder: Path) -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+def _draw_plots(report: "IdentifyReport", folder: Path) -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.plots.identify_plots import draw_identification
 
     for path in draw_identification(report, folder):
-        EN_ROUTE.print(f"wrote {path}", markup=False)
+        STDERR_CONSOLE.print(f"wrote {path}", markup=False)
 
 
 def _exit_code(report: "IdentifyReport") -> int:
     from cellcal.service.exit_codes import ExitCode
 
-    return ExitCode.PASS if report.verdicts.proved else ExitCode.OUT_OF_TOLERANCE
+    return ExitCode.PASS if report.verdicts.is_proved else ExitCode.OUT_OF_TOLERANCE
 
 
-def _mounted(robot: str, mounting: str) -> str:
-    from cellcal.calibration.arm.mounting import mounted
+def _apply_mounting(robot: str, mounting: str) -> str:
+    from cellcal.calibration.arm.mounting import mounted_name
 
-    return mounted(robot, mounting)
+    return mounted_name(robot, mounting)
 
 
-def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
+def _parse_quantity(text: str, option: str, units: dict[str, float]) -> float | None:
     """Return a positive number with its unit in SI; None if nothing was said."""
     import math
     import re
@@ -266,7 +266,7 @@ def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json
     from rich.console import Console
 
     from cellcal.calibration.arm.kinematics import load_model
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.measured.layouts import layout_document, layout_text
     from cellcal.service.engineering.measured.measurements import read_measurements
 
@@ -276,15 +276,15 @@ def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json
         usable = {"rows": found.read, "usable": len(found.rows), "guesses": list(found.guesses)}
         print_json({**document, **usable})
         return 0
-    EN_ROUTE.print(f"{len(found.rows)} of {found.read} rows are usable.")
+    STDERR_CONSOLE.print(f"{len(found.rows)} of {found.read} rows are usable.")
     for guess in found.guesses:
-        EN_ROUTE.print(guess, markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(guess, markup=False, soft_wrap=True)
     Console(highlight=False, soft_wrap=True, emoji=False).print(layout_text(document), end="", markup=False)
     return 0
 
 
 @dataclass(frozen=True, slots=True)
-class _Outputs:
+class _IdentifyOutputs:
     """Files to write when the identification is done."""
 
     save: Path | None
@@ -293,41 +293,41 @@ class _Outputs:
     urdf: Path | None
     geometric_joints: bool
 
-    def check(self, *, residual_model: bool) -> None:
+    def refuse_unwritable(self, *, residual_model: bool) -> None:
         """Refuse before the work rather than after it."""
-        from cellcal.service.engineering.identification.identify_outputs import refuse_to_keep
+        from cellcal.service.engineering.identification.identify_outputs import refuse_saving
         from cellcal.service.engineering.measured.table import MeasurementError
 
         if residual_model:
-            refuse_to_keep(self.save, self.urdf)
+            refuse_saving(self.save, self.urdf)
         if self.save is not None and not (self.serial and self.by):
             raise MeasurementError(
                 "a parameter set belongs to one robot and to the person who measured it.",
                 remedy="Give `--serial` and `--by`.",
             )
 
-    def write(self, report: "IdentifyReport", measurements: Path) -> None:
+    def write_files(self, report: "IdentifyReport", measurements: Path) -> None:
         """Write them."""
         import datetime
 
-        from cellcal.service.cli.printing import EN_ROUTE
+        from cellcal.service.cli.printing import STDERR_CONSOLE
         from cellcal.service.engineering.identification.identify_outputs import (
             save_identification,
             write_identified_urdf,
         )
-        from cellcal.service.engineering.parameters.parameter_files import Who
+        from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 
         if self.save is not None:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            made = save_identification(report, measurements, self.save, Who(self.serial, self.by, now))
-            EN_ROUTE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
+            made = save_identification(report, measurements, self.save, SetOrigin(self.serial, self.by, now))
+            STDERR_CONSOLE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
         if self.urdf is not None:
             missing = write_identified_urdf(report, self.urdf, geometric_joints=self.geometric_joints)
             without = f", without {' and '.join(missing)}, which a description cannot hold" if missing else ""
-            EN_ROUTE.print(f"wrote {self.urdf}{without}", markup=False)
+            STDERR_CONSOLE.print(f"wrote {self.urdf}{without}", markup=False)
 
 
-def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
+def _parse_pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
     from cellcal.service.engineering.measured.table import MeasurementError
 
     wrong = [word for word in words if "=" not in word]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from cellcal.calibration.cells.levels import CellOptions
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.cell_identify import CellReport
+    from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport
     from cellcal.service.engineering.identification.identify_at import TipsAt
-    from cellcal.service.engineering.identification.identify_verdicts import Limits
+    from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
 
 _WHY_NOT = {
     "check": "a second file would need its own layout: hold rows out instead, as is done by itself",
@@ -33,7 +33,7 @@ class CellCommand:
     measurements: Path
     layout: Path
     robot: str
-    limits: "Limits"
+    limits: "IdentificationLimits"
     at: "AtOptions | None"
     at_csv: Path | None
     plot: Path | None
@@ -70,7 +70,7 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
     from cellcal.service.exit_codes import ExitCode
 
     report = identify_cell_file(command.measurements, command.layout, command.robot, options, command.limits)
-    _write(command, report)
+    _write_outputs(command, report)
     tips = {} if command.at is None else cell_tips(command.at, report)
     if command.at_csv is not None:
         _write_tips(tips, command.at_csv)
@@ -84,42 +84,42 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
             print_tables(console, report)
         for name, found in tips.items():
             print_tips(console, found, name)
-    return ExitCode.PASS if report.proved else ExitCode.OUT_OF_TOLERANCE
+    return ExitCode.PASS if report.is_proved else ExitCode.OUT_OF_TOLERANCE
 
 
-def _write(command: CellCommand, report: "CellReport") -> None:
+def _write_outputs(command: CellCommand, report: "IdentifiedCellReport") -> None:
     import datetime
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.identification.cell_outputs import (
         save_cell,
         serials_of,
         write_cell_urdfs,
     )
-    from cellcal.service.engineering.parameters.parameter_files import Who
+    from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 
     if command.save is not None:
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         serials = serials_of(command.serial, tuple(arm.name for arm in report.arms))
-        who = Who("", command.by, now)
+        who = SetOrigin("", command.by, now)
         for made in save_cell(report, command.measurements, command.save, serials, who):
-            EN_ROUTE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
+            STDERR_CONSOLE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
     if command.urdf is not None:
         for one in write_cell_urdfs(report, command.urdf, geometric_joints=command.geometric_joints):
             lost = f", without {' and '.join(one.missing)}, which a description cannot hold"
-            EN_ROUTE.print(f"wrote {one.path}{lost if one.missing else ''}", markup=False)
+            STDERR_CONSOLE.print(f"wrote {one.path}{lost if one.missing else ''}", markup=False)
     if command.plot is not None:
         from cellcal.service.engineering.plots.cell_plots import draw_cell
 
         for path in draw_cell(report, command.plot):
-            EN_ROUTE.print(f"wrote {path}", markup=False)
+            STDERR_CONSOLE.print(f"wrote {path}", markup=False)
 
 
 def _write_tips(tips: "Mapping[str, TipsAt]", path: Path) -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.identification.identify_at import write_tips
 
     for name, found in tips.items():
         one = path if len(tips) == 1 else path.with_stem(f"{path.stem}_{name.replace(' ', '_')}")
         write_tips(found, one)
-        EN_ROUTE.print(f"wrote {one}", markup=False)
+        STDERR_CONSOLE.print(f"wrote {one}", markup=False)

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from cellcal.calibration.identification.cross_validation import Errors
+    from cellcal.calibration.identification.cross_validation import ErrorSummary
     from cellcal.calibration.identification.identifiability import NotIdentified
     from cellcal.calibration.identification.offset_acceptance import OffsetAcceptance
     from cellcal.calibration.identification.tip_uncertainty import HayatiTable
@@ -53,7 +53,13 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     from cellcal.service.cli.printing import PlainTable
 
     table = PlainTable(
-        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {_rows_said(report)}"
+        "errors (mm)",
+        "rows",
+        "RMSE",
+        "mean",
+        "95 %",
+        "max",
+        title=f"{report.robot}: {_describe_rows(report)}",
     )
     robot = "the nominal robot" if report.start == "nominal" else report.start
     figures = (
@@ -66,12 +72,12 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     )
     for title, errors in figures:
         if errors is not None:
-            _add(table, title, errors)
+            _add_error_row(table, title, errors)
     console.print(table)
     console.print(f"Held out by {escape(report.held_out_by)}.")
 
 
-def _rows_said(report: "IdentifyReport") -> str:
+def _describe_rows(report: "IdentifyReport") -> str:
     usable = len(report.measurements.rows)
     return f"{usable} rows" if usable == report.rows else f"{usable} usable rows of {report.rows}"
 
@@ -99,7 +105,7 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
         )
 
 
-def _add(table: "PlainTable", title: str, errors: "Errors") -> None:
+def _add_error_row(table: "PlainTable", title: str, errors: "ErrorSummary") -> None:
     sizes = (errors.rmse_m, errors.mean_m, errors.p95_m, errors.max_m)
     table.add_row(title, str(errors.n), *(f"{size * 1e3:.3f}" for size in sizes))
 
@@ -131,7 +137,7 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
 
     from cellcal.service.cli.printing import PlainTable
 
-    shown, ripple = _identified(report)
+    shown, ripple = _identified_rows(report)
     if shown:
         table = PlainTable("identified", "off nominal", "sigma", "unit")
         for name, value, sigma, kind in shown:
@@ -140,9 +146,9 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
         console.print(table)
     if ripple:
         console.print(f"and {ripple} coefficients of ripple (`--json` lists them)")
-    held = [p.name for p in report.parameters if p.held]
-    if held:
-        console.print(f"Held as in {escape(report.start)}: {len(held)} parameters.")
+    held_names = [p.name for p in report.parameters if p.held]
+    if held_names:
+        console.print(f"Held as in {escape(report.start)}: {len(held_names)} parameters.")
     console.print(f"[dim]{_coverage_sentence(report)}[/]")
     if report.identification.group_effect.said:
         console.print(f"[yellow]note[/] {escape(report.identification.group_effect.said)}")
@@ -158,9 +164,9 @@ def _coverage_sentence(report: "IdentifyReport") -> str:
     return f"95 % is {report.coverage:.2f} sigma ({why})."
 
 
-def _identified(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float, str]], int]":
+def _identified_rows(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float, str]], int]":
     """Return name, value, sigma and unit of what is known, geometry as `--dh` has it; and how much ripple is."""
-    known = [p for p in report.parameters if not p.held and p.sigma < LEARNT * p.prior]
+    determined = [p for p in report.parameters if not p.held and p.sigma < LEARNT * p.prior]
     prior = {p.name: p.prior for p in report.parameters if not p.held}
     table = {} if report.dh is None else {entry.name: entry for entry in report.dh.entries}
     shown = [
@@ -169,14 +175,14 @@ def _identified(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float
         if name in prior and entry.sigma < LEARNT * prior[name]
     ]
     geometry = {"offset", "d", "a", "alpha", "beta"} if table else set()
-    rest = [p for p in known if p.name.split()[-1] not in geometry]
+    rest = [p for p in determined if p.name.split()[-1] not in geometry]
     shown += [(p.name, p.value, p.sigma, p.unit) for p in rest if " ripple " not in p.name]
     return shown, sum(" ripple " in p.name for p in rest)
 
 
 def _print_unknown(console: "Console", report: "IdentifyReport") -> None:
-    known = {name for name, *_ in _identified(report)[0]}
-    print_unknown(console, [i for i in report.identification.not_identified if i.parameter not in known])
+    determined = {name for name, *_ in _identified_rows(report)[0]}
+    print_unknown(console, [i for i in report.identification.not_identified if i.parameter not in determined])
 
 
 def print_unknown(console: "Console", items: "Iterable[NotIdentified]") -> None:

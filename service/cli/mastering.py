@@ -22,14 +22,14 @@ Json = Annotated[
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True)
-class Whose:
+class BackupArm:
     """Which arm a controller's backup is of; its files do not say."""
 
     robot: RobotName = None
     group: Annotated[int, Parameter(name="--group", help="Motion group of the robot in the backup.")] = 1
 
 
-_ANY = Whose()
+_ANY = BackupArm()
 
 
 @mastering.command
@@ -43,11 +43,11 @@ def show(*, cell: CellFile, robot: RobotName = None, as_json: Json = False) -> i
     from cellcal.service.engineering.parameters.mastering_sheet import as_sheet
 
     config = read_cell_file(cell)
-    kept = in_force(config, robot)
+    record = in_force(config, robot)
     if as_json:
-        print_json(kept.as_content(config.cell.name))
+        print_json(record.as_content(config.cell.name))
     else:
-        sys.stdout.write(as_sheet(kept, config.cell.name))
+        sys.stdout.write(as_sheet(record, config.cell.name))
     return 0
 
 
@@ -60,15 +60,15 @@ def export(*, cell: CellFile, robot: RobotName = None, out: Path = Path(), as_js
     out
         Folder to write to; this one when not said.
     """
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.engineering.parameters.mastering_files import export as write
+    from cellcal.service.engineering.parameters.mastering_files import export_record as write
 
     signed, sheet = write(read_cell_file(cell), robot, out)
     if as_json:
         print_json({"record": str(signed), "sheet": str(sheet)})
-    EN_ROUTE.print(f"record: {signed}", markup=False, soft_wrap=True)
-    EN_ROUTE.print(f"sheet:  {sheet}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"record: {signed}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(f"sheet:  {sheet}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -79,7 +79,7 @@ def take_in(
     *,
     cell: CellFile,
     key: str | None = None,
-    whose: Whose = _ANY,
+    whose: BackupArm = _ANY,
     replace: bool = False,
     as_json: Json = False,
 ) -> int:
@@ -105,7 +105,7 @@ def take_in(
 def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_json: bool) -> int:
     import getpass
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.mastering_files import import_record
     from cellcal.service.record.signing import read_public_key
@@ -114,32 +114,32 @@ def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_
     expected = None if key is None else read_public_key(key)
     done = import_record(config, file, who=getpass.getuser(), expected_key=expected, replace=replace)
     if as_json:
-        told = {"sha256": done.record.sha256, "public_key": done.public_key, "was_known": done.was_known}
-        print_json({"robot": done.robot, "serial": done.record.robot_serial, **told})
-    EN_ROUTE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
+        document = {"sha256": done.record.sha256, "public_key": done.public_key, "was_known": done.was_known}
+        print_json({"robot": done.robot, "serial": done.record.robot_serial, **document})
+    STDERR_CONSOLE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
     if expected is None:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             f"It is signed by key {done.public_key}; whose key that is was not checked (--key).", markup=False
         )
     return 0
 
 
-def _take_in_backup(folder: Path, cell: Path, whose: Whose, *, replace: bool, as_json: bool) -> int:
+def _take_in_backup(folder: Path, cell: Path, whose: BackupArm, *, replace: bool, as_json: bool) -> int:
     import getpass
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.fanuc_backup import import_backup
 
     config = read_cell_file(cell)
     done = import_backup(config, folder, who=getpass.getuser(), of=whose, replace=replace)
     if as_json:
-        told = {"sha256": done.record.sha256, "was_known": done.was_known, "untold": done.untold}
-        told |= {"findings": done.findings, "counts_at_zero": done.record.counts_at_zero}
-        print_json({"robot": done.robot, "serial": done.record.robot_serial, **told})
-    EN_ROUTE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
+        document = {"sha256": done.record.sha256, "was_known": done.was_known, "untold": done.untold}
+        document |= {"findings": done.findings, "counts_at_zero": done.record.counts_at_zero}
+        print_json({"robot": done.robot, "serial": done.record.robot_serial, **document})
+    STDERR_CONSOLE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
     for line in (*done.findings, *(f"The backup does not tell {untold}." for untold in done.untold)):
-        EN_ROUTE.print(line, markup=False)
+        STDERR_CONSOLE.print(line, markup=False)
     return 0
 
 
@@ -154,7 +154,7 @@ def edits(
     /,
     *,
     cell: CellFile,
-    whose: Whose = _ANY,
+    whose: BackupArm = _ANY,
     as_json: Json = False,
 ) -> int:
     """List what an operator types to give a FANUC controller the counts of the record in force.

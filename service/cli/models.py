@@ -32,7 +32,7 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
     if name is None:
         table = PlainTable("model", "robot", "axes")
         for model in found:
-            table.add_row(model.name, model.title, str(model.axes))
+            table.add_row(model.name, model.title, str(model.axis_count))
         console.print(table)
         return 0
     shown = _as_object(found[0])
@@ -55,8 +55,8 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
 
 
 def _as_object(model: "RobotModel") -> dict[str, Any]:
-    rows = [] if model.dh is None else [_row(model, model.dh, i) for i in range(model.axes)]
-    return {"name": model.name, "title": model.title, "axes": model.axes, "dh": rows}
+    rows = [] if model.dh is None else [_row(model, model.dh, i) for i in range(model.axis_count)]
+    return {"name": model.name, "title": model.title, "axes": model.axis_count, "dh": rows}
 
 
 def _row(model: "RobotModel", dh: "DhTable", i: int) -> dict[str, Any]:

@@ -9,7 +9,11 @@ from cyclopts import App, Parameter
 from cellcal.calibration.documents.plain_files import read_plain_text
 
 if TYPE_CHECKING:
-    from cellcal.service.engineering.parameters.parameter_sets import Change, ParameterSet, ParameterSets
+    from cellcal.service.engineering.parameters.parameter_sets import (
+        ParameterChange,
+        ParameterSet,
+        ParameterSets,
+    )
 
 parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
 
@@ -38,14 +42,14 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
 
     from cellcal.service.cli.printing import PlainTable, print_json
 
-    sets = _sets(folder)
+    sets = _open_sets(folder)
     found = (
-        [sets.load(serial) for serial in sets.robots()]
+        [sets.load_set(serial) for serial in sets.robot_serials()]
         if robot_serial is None
-        else sets.history(robot_serial)
+        else sets.load_history(robot_serial)
     )
     if as_json:
-        print_json({"parameter_sets": [_head(item) for item in found]})
+        print_json({"parameter_sets": [_head_to_json(item) for item in found]})
         return 0
     table = PlainTable("robot", "version", "model", "made", "by", "from", "note")
     for item in found:
@@ -80,7 +84,7 @@ def show(
 
     from cellcal.service.cli.printing import PlainTable, print_json
 
-    item = _sets(folder).load(robot_serial, version)
+    item = _open_sets(folder).load_set(robot_serial, version)
     if as_json:
         values = [
             {
@@ -92,7 +96,7 @@ def show(
             }
             for v in item.values
         ]
-        print_json({**_head(item), "parameters": values})
+        print_json({**_head_to_json(item), "parameters": values})
         return 0
     table = PlainTable(
         "parameter",
@@ -135,14 +139,20 @@ def diff(
     from rich.console import Console
 
     from cellcal.service.cli.printing import PlainTable, print_json
-    from cellcal.service.engineering.parameters.parameter_sets import diff as changes_between
+    from cellcal.service.engineering.parameters.parameter_sets import compare_sets as changes_between
 
-    sets = _sets(folder)
-    new = sets.load(robot_serial, after)
-    old = sets.load(robot_serial, new.version - 1 if before is None else before)
+    sets = _open_sets(folder)
+    new = sets.load_set(robot_serial, after)
+    old = sets.load_set(robot_serial, new.version - 1 if before is None else before)
     changes = changes_between(old, new)
     if as_json:
-        print_json({"before": _head(old), "after": _head(new), "changes": [_change(c) for c in changes]})
+        print_json(
+            {
+                "before": _head_to_json(old),
+                "after": _head_to_json(new),
+                "changes": [_change_to_json(c) for c in changes],
+            }
+        )
         return 0
     table = PlainTable(
         "parameter", "before", "after", "difference", "unit", "in uncertainties",
@@ -151,9 +161,9 @@ def diff(
     for change in changes:
         unit, scale = _SCALES[change.unit]
         numbers = [_or_dash(v.value if v else None, scale) for v in (change.before, change.after)]
-        size = "-" if change.deviations is None else f"{change.deviations:.1f}"
-        size = size if change.determined else _ASSUMED
-        table.add_row(change.name, *numbers, f"{change.difference * scale:+.5f}", unit, size)
+        size = "-" if change.difference_in_sigmas is None else f"{change.difference_in_sigmas:.1f}"
+        size = size if change.is_determined else _ASSUMED
+        table.add_row(change.name, *numbers, f"{change.value_difference * scale:+.5f}", unit, size)
     Console(highlight=False, emoji=False).print(table)
     return 0
 
@@ -179,10 +189,10 @@ def keep(
         Which robot of the cell; the first if not said.
     """
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.engineering.parameters.calibrated_runs import keep_calibration
+    from cellcal.service.engineering.parameters.calibrated_runs import save_calibration
 
-    saved = keep_calibration(read_cell_file(cell), robot, _sets(folder), by, _now())
-    return _report(saved, (), as_json=as_json)
+    saved = save_calibration(read_cell_file(cell), robot, _open_sets(folder), by, _utc_now())
+    return _print_saved(saved, (), as_json=as_json)
 
 
 @parameters.command
@@ -209,12 +219,12 @@ def rollback(
     note
         Why.
     """
-    saved = _sets(folder).rollback(robot_serial, version, made_by=by, made_at=_now(), note=note)
-    return _report(saved, (), as_json=as_json)
+    saved = _open_sets(folder).roll_back(robot_serial, version, made_by=by, made_at=_utc_now(), note=note)
+    return _print_saved(saved, (), as_json=as_json)
 
 
 @parameters.command(name="import")
-def import_(  # noqa: PLR0913  # a command's options are its arguments
+def import_parameters(  # noqa: PLR0913  # a command's options are its arguments
     file: Path,
     /,
     *,
@@ -242,11 +252,11 @@ def import_(  # noqa: PLR0913  # a command's options are its arguments
         Anything worth keeping.
     """
     from cellcal.calibration.arm.kinematics import load_model
-    from cellcal.service.engineering.parameters.parameter_files import Who, import_file
+    from cellcal.service.engineering.parameters.parameter_files import SetOrigin, import_file
 
     _must_exist(file)
-    found = import_file(_sets(folder), file, load_model(robot), Who(serial, by, _now(), note))
-    return _report(found.parameter_set, found.notes, as_json=as_json)
+    found = import_file(_open_sets(folder), file, load_model(robot), SetOrigin(serial, by, _utc_now(), note))
+    return _print_saved(found.parameter_set, found.notes, as_json=as_json)
 
 
 @parameters.command
@@ -282,8 +292,12 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         Allow a URDF of a robot that couples joints, driven by geometric angles.
     """
     from cellcal.calibration.arm.kinematics import load_model
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.engineering.parameters.parameter_files import FileKind, Template, export_set
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.engineering.parameters.parameter_files import (
+        DescriptionTemplate,
+        FileKind,
+        export_set,
+    )
     from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
 
     if kind not in list(FileKind):
@@ -293,8 +307,8 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     source = None
     if template is not None:
         _must_exist(template)
-        source = Template(read_plain_text(template), tip_link)
-    item = _sets(folder).load(robot_serial, version)
+        source = DescriptionTemplate(read_plain_text(template), tip_link)
+    item = _open_sets(folder).load_set(robot_serial, version)
     nominal = load_model(item.model)
     data, notes = export_set(
         item, nominal, FileKind(kind), template=source, geometric_joints=geometric_joints
@@ -306,19 +320,21 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         raise ParameterSetError(
             f"{to} is there already.", remedy="Choose another name.", code="usage"
         ) from taken
-    EN_ROUTE.print(f"wrote {to}: {item.robot_serial} version {item.version}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(
+        f"wrote {to}: {item.robot_serial} version {item.version}", markup=False, soft_wrap=True
+    )
     for note in notes:
-        EN_ROUTE.print(f"note: {note}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(f"note: {note}", markup=False, soft_wrap=True)
     return 0
 
 
-def _sets(folder: Path) -> "ParameterSets":
+def _open_sets(folder: Path) -> "ParameterSets":
     from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
     return ParameterSets(folder.expanduser())
 
 
-def _now() -> str:
+def _utc_now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
@@ -329,19 +345,21 @@ def _must_exist(path: Path) -> None:
         raise ParameterSetError(f"there is no file {path}.", remedy="Check the path.", code="usage")
 
 
-def _report(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+def _print_saved(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
 
     if as_json:
-        print_json({**_head(saved), "notes": list(notes)})
+        print_json({**_head_to_json(saved), "notes": list(notes)})
         return 0
-    EN_ROUTE.print(f"robot {saved.robot_serial}: version {saved.version} saved", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(
+        f"robot {saved.robot_serial}: version {saved.version} saved", markup=False, soft_wrap=True
+    )
     for note in notes:
-        EN_ROUTE.print(f"note: {note}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(f"note: {note}", markup=False, soft_wrap=True)
     return 0
 
 
-def _head(item: "ParameterSet") -> dict[str, Any]:
+def _head_to_json(item: "ParameterSet") -> dict[str, Any]:
     keys = (
         "robot_serial", "version", "model", "made_at", "made_by", "source", "note",
         "rolls_back_to", "factory_hash", "sha256",
@@ -349,14 +367,14 @@ def _head(item: "ParameterSet") -> dict[str, Any]:
     return {key: getattr(item, key) for key in keys}
 
 
-def _change(change: "Change") -> dict[str, Any]:
+def _change_to_json(change: "ParameterChange") -> dict[str, Any]:
     values = {
         key: None if value is None else value.value
         for key, value in (("before", change.before), ("after", change.after))
     }
     return {
         "name": change.name, "unit": change.unit, **values,
-        "difference": change.difference, "deviations": change.deviations, "determined": change.determined,
+        "difference": change.value_difference, "deviations": change.difference_in_sigmas, "determined": change.is_determined,
     }  # fmt: skip
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from cellcal.service.people.accounts import Register
-    from cellcal.service.people.pin_hashing import Hasher
+    from cellcal.service.people.accounts import AccountStore
+    from cellcal.service.people.pin_hashing import PinHasher
     from cellcal.service.people.roles import Role
 
 people = App(name="people", help="People, roles, PINs and enrolled devices of a cell's service.")
@@ -38,9 +38,11 @@ def add(name: str, /, *, cell: CellFile, role: RoleName, secret_stdin: FromInput
     name
         As it will stand in runs and certificates; never given to somebody else again.
     """
-    register, hasher = _kept(cell)
-    kept_name = register.add(name, _role(role), _asked(hasher, _role(role), secret_stdin), _administrator())
-    _say(f"{kept_name} may sign in as {role}.")
+    register, hasher = _open_with_hasher(cell)
+    kept_name = register.add_person(
+        name, _parse_role(role), _ask_pin_hash(hasher, _parse_role(role), secret_stdin), _administrator_name()
+    )
+    _print_message(f"{kept_name} may sign in as {role}.")
     return 0
 
 
@@ -57,13 +59,13 @@ def reset(
     """
     from cellcal.service.people.errors import PeopleError
 
-    register, hasher = _kept(cell)
-    known = register.person(name)
-    if known is None:
+    register, hasher = _open_with_hasher(cell)
+    account = register.find_person(name)
+    if account is None:
         raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
-    new = known.role if role is None else _role(role)
-    register.reset(name, new, _asked(hasher, new, secret_stdin), _administrator())
-    _say(f"{known.name} may sign in as {new}, with the new PIN.")
+    new = account.role if role is None else _parse_role(role)
+    register.reset_person(name, new, _ask_pin_hash(hasher, new, secret_stdin), _administrator_name())
+    _print_message(f"{account.name} may sign in as {new}, with the new PIN.")
     return 0
 
 
@@ -76,28 +78,28 @@ def remove(name: str, /, *, cell: CellFile) -> int:
     name
         The person.
     """
-    _register(cell).remove(name, _administrator())
-    _say(f"{name} may sign in no longer; sessions have ended.")
+    _open_accounts(cell).remove_person(name, _administrator_name())
+    _print_message(f"{name} may sign in no longer; sessions have ended.")
     return 0
 
 
 @people.command(name="list")
-def list_(*, cell: CellFile, as_json: Json = False) -> int:
+def list_people(*, cell: CellFile, as_json: Json = False) -> int:
     """List people and devices."""
     import sys
     from datetime import UTC, datetime
 
     from cellcal.service.cli.printing import print_json
 
-    register = _register(cell)
-    who = [{"name": each.name, "role": each.role} for each in register.people()]
+    register = _open_accounts(cell)
+    who = [{"name": each.name, "role": each.role} for each in register.list_people()]
     devices = [
         {
             "id": each.id,
             "name": each.name,
             "enrolled_utc": datetime.fromtimestamp(each.enrolled_at, UTC).isoformat(timespec="seconds"),
         }
-        for each in register.devices()
+        for each in register.list_devices()
     ]
     if as_json:
         print_json({"people": who, "devices": devices})
@@ -138,12 +140,12 @@ def enrol_device(name: str, /, *, cell: CellFile, url: str = "http://localhost:8
             remedy="Give https://NAME:PORT of the service.",
             code="usage",
         )
-    token = _register(cell).enrolment(name, _administrator())
+    token = _open_accounts(cell).create_enrolment(name, _administrator_name())
     address = f"{parts.scheme}://{parts.netloc}/#/enrol/{token}"
     if sys.stdout.isatty():
         segno.make(address, error="m").terminal(sys.stdout, compact=True)
     sys.stdout.write(f"{address}\n")
-    _say("Open it on the device within ten minutes; it works once.")
+    _print_message("Open it on the device within ten minutes; it works once.")
     return 0
 
 
@@ -156,34 +158,34 @@ def revoke_device(device_id: str, /, *, cell: CellFile) -> int:
     device_id
         As `cellcal people list` shows it.
     """
-    device = _register(cell).revoke(device_id, _administrator())
-    _say(f"{device.name} ({device.id}) is let in no longer.")
+    device = _open_accounts(cell).revoke_device(device_id, _administrator_name())
+    _print_message(f"{device.name} ({device.id}) is let in no longer.")
     return 0
 
 
-def _register(cell: Path) -> "Register":
+def _open_accounts(cell: Path) -> "AccountStore":
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.people.accounts import Register
+    from cellcal.service.people.accounts import AccountStore
 
-    return Register(read_cell_file(cell).cell.data_dir)
+    return AccountStore(read_cell_file(cell).cell.data_dir)
 
 
-def _kept(cell: Path) -> "tuple[Register, Hasher]":
-    from cellcal.service.people.pin_hashing import Hasher, pepper_of
+def _open_with_hasher(cell: Path) -> "tuple[AccountStore, PinHasher]":
+    from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 
-    register = _register(cell)
-    hasher = Hasher(pepper_of(register.path.parent))
+    register = _open_accounts(cell)
+    hasher = PinHasher(pepper_of(register.path.parent))
     register.hold_to_pepper(hasher.pepper_mark)
     return register, hasher
 
 
-def _role(name: str) -> "Role":
+def _parse_role(name: str) -> "Role":
     from cellcal.service.people.roles import Role
 
     return Role(name)
 
 
-def _asked(hasher: "Hasher", role: "Role", from_input: bool) -> str:
+def _ask_pin_hash(hasher: "PinHasher", role: "Role", from_input: bool) -> str:
     """Ask for a PIN twice, unseen, and return what is kept of it."""
     import sys
     from getpass import getpass
@@ -200,17 +202,17 @@ def _asked(hasher: "Hasher", role: "Role", from_input: bool) -> str:
     else:
         raise CellError("there is no terminal to ask for a PIN.", remedy="Give --secret-stdin.", code="usage")
     refuse_weak(secret, role)
-    return hasher.hashed(secret)
+    return hasher.hash_secret(secret)
 
 
-def _administrator() -> str:
+def _administrator_name() -> str:
     """Return who types here, for the log: the user of this computer."""
     from getpass import getuser
 
     return f"{getuser()} (command line)"
 
 
-def _say(text: str) -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+def _print_message(text: str) -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE
 
-    EN_ROUTE.print(text, markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(text, markup=False, soft_wrap=True)

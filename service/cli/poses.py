@@ -9,8 +9,8 @@ from rich.markup import escape
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from cellcal.calibration.poses.enough_poses import Acceptance
-    from cellcal.calibration.poses.measurement_poses import Criterion
+    from cellcal.calibration.poses.enough_poses import AcceptanceLimits
+    from cellcal.calibration.poses.measurement_poses import DesignCriterion
     from cellcal.service.engineering.identification.pose_planning import PlanReport
 
 _DEG = 57.29577951308232
@@ -101,27 +101,27 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from cellcal.calibration.poses.measurement_poses import Instrument
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.calibration.poses.measurement_poses import DesignInstrument
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.pose_planning import (
-        Description,
         PlanRequest,
+        RobotDescription,
         plan_poses,
         write_plan,
     )
     from cellcal.service.exit_codes import ExitCode
 
-    acceptance = _acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
-    instrument = Instrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _metres(anchor_mm))
+    acceptance = _build_acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
+    instrument = DesignInstrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _to_metres(anchor_mm))
     report = plan_poses(
         PlanRequest(
             robot=robot,
             instrument=instrument,
-            tool_in_flange_m=_metres(tool_mm),
+            tool_in_flange_m=_to_metres(tool_mm),
             wire_range_m=None if wire_range_mm is None else wire_range_mm / 1e3,
             poses=count,
             acceptance=acceptance,
-            criterion=_criterion(criterion),
+            criterion=_parse_criterion(criterion),
             level=level,
             drop_redundant=drop_redundant,
             candidates=candidates,
@@ -129,7 +129,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
             after=after,
             tests=tests,
             shape=shape,
-            description=None if description is None else Description(description, tip_link, mesh_folder),
+            description=None if description is None else RobotDescription(description, tip_link, mesh_folder),
         )
     )
     if as_json:
@@ -140,34 +140,34 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
         return ExitCode.OUT_OF_TOLERANCE
     if out is not None:
         write_plan(out, report)
-        EN_ROUTE.print(f"wrote {out}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(f"wrote {out}", markup=False, soft_wrap=True)
     return ExitCode.PASS
 
 
-def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
+def _to_metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = millimetres
     return x / 1e3, y / 1e3, z / 1e3
 
 
-def _criterion(word: str | None) -> "Criterion | None":
-    from cellcal.calibration.poses.measurement_poses import Criterion
+def _parse_criterion(word: str | None) -> "DesignCriterion | None":
+    from cellcal.calibration.poses.measurement_poses import DesignCriterion
     from cellcal.service.engineering.identification.pose_planning import PlanError
 
     if word is None:
         return None
-    if word not in list(Criterion):
-        raise PlanError(f"there is no criterion {word}.", remedy=f"Criteria: {', '.join(Criterion)}.")
-    return Criterion(word)
+    if word not in list(DesignCriterion):
+        raise PlanError(f"there is no criterion {word}.", remedy=f"Criteria: {', '.join(DesignCriterion)}.")
+    return DesignCriterion(word)
 
 
-def _acceptance(
+def _build_acceptance(
     tip_mm: float | None, worst_mm: float | None, offset_deg: float | None, offsets: tuple[str, ...]
-) -> "Acceptance | None":
-    from cellcal.calibration.poses.enough_poses import Acceptance
+) -> "AcceptanceLimits | None":
+    from cellcal.calibration.poses.enough_poses import AcceptanceLimits
 
     if tip_mm is None and worst_mm is None and offset_deg is None:
         return None
-    return Acceptance(
+    return AcceptanceLimits(
         None if tip_mm is None else tip_mm / 1e3,
         None if worst_mm is None else worst_mm / 1e3,
         None if offset_deg is None else offset_deg / _DEG,

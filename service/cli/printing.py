@@ -8,7 +8,7 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-EN_ROUTE = Console(stderr=True, highlight=False, emoji=False)
+STDERR_CONSOLE = Console(stderr=True, highlight=False, emoji=False)
 
 
 class PlainTable(Table):

@@ -13,12 +13,12 @@ from cellcal.service.translation import Locale
 if TYPE_CHECKING:
     from cellcal.drivers.programs.brands import ConfigurationRule
     from cellcal.drivers.programs.positions import ProgramFile
-    from cellcal.service.engineering.programs.files import Found
+    from cellcal.service.engineering.programs.files import FoundPrograms
     from cellcal.service.engineering.programs.project import Project as CellProject
-    from cellcal.service.engineering.programs.report import Report
-    from cellcal.service.engineering.programs.report_run import Carry
+    from cellcal.service.engineering.programs.report import ProgramsReport
+    from cellcal.service.engineering.programs.report_run import TransferPrograms
     from cellcal.service.engineering.programs.result import ProgramResult
-    from cellcal.service.engineering.programs.versions import Recorder
+    from cellcal.service.engineering.programs.versions import CloneRecorder
 
 program = App(
     name="program",
@@ -37,7 +37,7 @@ ReportFile = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # "-"
 
 
 @dataclass(frozen=True)
-class Outputs:
+class ProgramOutputs:
     """Where new programs and reports go; `-` is standard output, and the tables then go to standard error."""
 
     out: Path
@@ -58,7 +58,7 @@ class Outputs:
     """How many points the terminal lists, worst first."""
 
 
-Out = Annotated[Outputs, Parameter(name="*")]
+Out = Annotated[ProgramOutputs, Parameter(name="*")]
 
 
 @program.command
@@ -97,16 +97,18 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     after
         The fixture's alignment file after the move.
     """
-    from cellcal.service.cli.program_moves import base_change_of, tell_frame
-    from cellcal.service.engineering.programs.move import moving
+    from cellcal.service.cli.program_moves import base_change_of, print_frame_instead
+    from cellcal.service.engineering.programs.move import move_transfer
     from cellcal.service.engineering.programs.project import read_project
 
     cell = read_project(project)
     change = base_change_of(cell, offset, frame, (before, after))
-    carry = _of_each_brand(lambda rule: moving(cell, change, rule, frame=frame, joints=joints).carry)
-    report = _change(_found(files, cell, outputs), carry, outputs, f"Moved in {cell.name}")
+    carry = _of_each_brand(
+        lambda rule: move_transfer(cell, change, rule, frame=frame, joints=joints).transfer_programs
+    )
+    report = _change_programs(_find_programs(files, cell, outputs), carry, outputs, f"Moved in {cell.name}")
     if frame is not None:
-        tell_frame(cell, frame, change)
+        print_frame_instead(cell, frame, change)
     return report.exit_code
 
 
@@ -128,15 +130,19 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
     files
         Files, folders, or patterns in quotes; the master's own programs when none is named.
     """
-    from cellcal.service.engineering.programs.clone import cloning
+    from cellcal.service.engineering.programs.clone import clone_transfer
     from cellcal.service.engineering.programs.project import read_project
-    from cellcal.service.engineering.programs.versions import Recorder
+    from cellcal.service.engineering.programs.versions import CloneRecorder
 
     source, cell = read_project(master), read_project(target)
-    recorder = Recorder(source, cell)
-    carry = _of_each_brand(lambda rule: cloning(source, cell, rule).carry)
-    report = _change(
-        _found(files, source, outputs), carry, outputs, f"{source.name} cloned to {cell.name}", recorder
+    recorder = CloneRecorder(source, cell)
+    carry = _of_each_brand(lambda rule: clone_transfer(source, cell, rule).transfer_programs)
+    report = _change_programs(
+        _find_programs(files, source, outputs),
+        carry,
+        outputs,
+        f"{source.name} cloned to {cell.name}",
+        recorder,
     )
     return report.exit_code
 
@@ -162,15 +168,15 @@ def compensate(
     download
         The other way round: points taught on the real robot, brought to the nominal world of a simulation.
     """
-    from cellcal.calibration.compensation.compensate import Direction
-    from cellcal.service.engineering.programs.compensate import compensating
+    from cellcal.calibration.compensation.compensate import ProgramDirection
+    from cellcal.service.engineering.programs.compensate import compensation_transfer
     from cellcal.service.engineering.programs.project import read_project
 
     cell = read_project(project)
-    way = Direction.DOWNLOAD if download else Direction.UPLOAD
-    carry = _of_each_brand(lambda rule: compensating(cell, way, rule).carry)
+    way = ProgramDirection.DOWNLOAD if download else ProgramDirection.UPLOAD
+    carry = _of_each_brand(lambda rule: compensation_transfer(cell, way, rule).transfer_programs)
     title = f"Taught in {cell.name}, for the nominal robot" if download else f"Compensated for {cell.name}"
-    return _change(_found(files, cell, outputs), carry, outputs, title).exit_code
+    return _change_programs(_find_programs(files, cell, outputs), carry, outputs, title).exit_code
 
 
 @program.command
@@ -200,15 +206,15 @@ def inspect(
     roundtrip
         Write each file as it was read and printed to this folder, under its own name, and compare the bytes.
     """
-    from cellcal.service.cli.program_screen import InspectionScreen, counting, tell_passed_over
-    from cellcal.service.engineering.programs.inspect import Asked, inspect_programs, sources_of
+    from cellcal.service.cli.program_screen import InspectionScreen, counting_bar, print_passed_over
+    from cellcal.service.engineering.programs.inspect import InspectionRequest, inspect_programs, sources_of
 
-    found, cell = sources_of(Asked(files, project, robot, roundtrip))
+    found, cell = sources_of(InspectionRequest(files, project, robot, roundtrip))
     screen = InspectionScreen(as_json=as_json, points=points or len(found.sources) == 1)
-    with counting("inspecting", len(found.sources)) as counted:
-        totals = inspect_programs(found, cell, roundtrip, counted(screen.add))
-    screen.end(totals)
-    tell_passed_over(found)
+    with counting_bar("inspecting", len(found.sources)) as counted:
+        totals = inspect_programs(found, cell, roundtrip, counted(screen.print_program))
+    screen.print_totals(totals)
+    print_passed_over(found)
     return totals.exit_code
 
 
@@ -227,7 +233,7 @@ def status(*projects: str, as_json: Json = False) -> int:
         Projects of clones: files, or folders in which every project.toml of a clone is taken.
     """
     from cellcal.service.cli.printing import print_json
-    from cellcal.service.cli.program_screen import status_as_object, tell_status
+    from cellcal.service.cli.program_screen import print_status, status_as_object
     from cellcal.service.engineering.programs.versions import find_projects, status_of
     from cellcal.service.exit_codes import ExitCode
 
@@ -235,10 +241,10 @@ def status(*projects: str, as_json: Json = False) -> int:
     if as_json:
         print_json(status_as_object(found, refused))
     else:
-        tell_status(found, refused)
+        print_status(found, refused)
     if refused:
         return ExitCode.FILES_REFUSED
-    return ExitCode.PASS if all(one.ok for one in found) else ExitCode.REFUSED
+    return ExitCode.PASS if all(one.is_current for one in found) else ExitCode.REFUSED
 
 
 @program.command
@@ -275,60 +281,66 @@ def registers(
         A new folder for POSREG.VA with the new numbers, of the controller that gets them.
     """
     from cellcal.drivers.program_registry import read_program
-    from cellcal.service.cli.program_registers import carrier_of, tell_registers
+    from cellcal.service.cli.program_registers import print_registers, transfer_of
     from cellcal.service.engineering.programs.files import find_programs, read_bytes
     from cellcal.service.engineering.programs.inspect import named_by
     from cellcal.service.engineering.programs.project import read_project
-    from cellcal.service.engineering.programs.registers import Registers
+    from cellcal.service.engineering.programs.registers import ProgramRegisters
 
     cell = read_project(project)
     target = cell if clone is None else read_project(clone)
     found = find_programs(files or named_by(cell), out=out)
     programs = [read_program(str(one.path), read_bytes(one.path)) for one in found.sources]
-    carrier = carrier_of(cell, None if clone is None else target, offset, frame, joints)
-    return tell_registers(Registers(programs, cell), carrier, target, out)
+    program_transfer = transfer_of(cell, None if clone is None else target, offset, frame, joints)
+    return print_registers(ProgramRegisters(programs, cell), program_transfer, target, out)
 
 
-def _found(files: Sequence[str], cell: "CellProject", outputs: Outputs) -> "Found":
+def _find_programs(files: Sequence[str], cell: "CellProject", outputs: ProgramOutputs) -> "FoundPrograms":
     from cellcal.service.engineering.programs.files import find_programs
     from cellcal.service.engineering.programs.inspect import named_by
 
     return find_programs(files or named_by(cell), out=outputs.out)
 
 
-def _of_each_brand(make: Callable[["ConfigurationRule | None"], "Carry"]) -> "Carry":
+def _of_each_brand(make: Callable[["ConfigurationRule | None"], "TransferPrograms"]) -> "TransferPrograms":
     """Return what carries programs of any brand: one carrier a brand, made when its first program comes."""
     from cellcal.drivers.program_registry import brand_named
 
-    made: dict[str, Carry] = {}
+    made: dict[str, TransferPrograms] = {}
 
-    def carry(programs: "Sequence[ProgramFile]") -> "Sequence[ProgramResult]":
+    def transfer(programs: "Sequence[ProgramFile]") -> "Sequence[ProgramResult]":
         brand = programs[0].brand
         if brand not in made:
             made[brand] = make(brand_named(brand).configurations)
         return made[brand](programs)
 
     make(None)  # what the projects lack is said once, and not of every file
-    return carry
+    return transfer
 
 
-def _change(
-    found: "Found", carry: "Carry", outputs: Outputs, title: str, recorder: "Recorder | None" = None
-) -> "Report":
+def _change_programs(
+    found: "FoundPrograms",
+    carry: "TransferPrograms",
+    outputs: ProgramOutputs,
+    title: str,
+    recorder: "CloneRecorder | None" = None,
+) -> "ProgramsReport":
     from rich.console import Console
 
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.cli.program_screen import counting, tell_passed_over, tell_report
-    from cellcal.service.engineering.programs.report_run import Wanted, change_programs
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.cli.program_screen import counting_bar, print_passed_over, print_report
+    from cellcal.service.engineering.programs.report_run import ReportOutputs, change_programs
 
-    wanted = Wanted(
+    outputs_to_write = ReportOutputs(
         outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff, outputs.language
     )
-    with counting("changing", len(found.sources)) as counted:
-        report = change_programs(found, carry, wanted, title, counted(lambda _: None), recorder)
-    console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False, emoji=False)
-    tell_report(report, most=outputs.top, console=console)
-    tell_passed_over(found)
-    for path in (*([outputs.out] if report.entries else []), *wanted.reports):
-        EN_ROUTE.print(f"written: {path}", markup=False, soft_wrap=True)
+    with counting_bar("changing", len(found.sources)) as counted:
+        report = change_programs(found, carry, outputs_to_write, title, counted(lambda _: None), recorder)
+    console = (
+        STDERR_CONSOLE if outputs_to_write.fills_standard_output else Console(highlight=False, emoji=False)
+    )
+    print_report(report, most=outputs.top, console=console)
+    print_passed_over(found)
+    for path in (*([outputs.out] if report.entries else []), *outputs_to_write.report_paths):
+        STDERR_CONSOLE.print(f"written: {path}", markup=False, soft_wrap=True)
     return report

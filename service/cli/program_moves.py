@@ -38,7 +38,7 @@ def base_change_of(
             remedy="Give --offset x,y,z,w,p,r, or the fixture's alignments with --from and --to.",
         )
     if before is not None and after is not None:
-        return change_between(_alignment(before, cell), _alignment(after, cell))
+        return change_between(_read_alignment(before, cell), _read_alignment(after, cell))
     moved = offset_of(offset or "")
     if frame is None:
         return moved
@@ -55,7 +55,7 @@ def offset_of(text: str) -> "Array":
     """
     import numpy as np
 
-    from cellcal.calibration.geometry import homogeneous
+    from cellcal.calibration.geometry import homogeneous_matrix
     from cellcal.calibration.orientation import rotation_from
 
     try:
@@ -68,19 +68,19 @@ def offset_of(text: str) -> "Array":
             remedy="Write x,y,z in mm or x,y,z,w,p,r in mm and degrees: --offset=-12.5,0,3,0,0,1.5",
         )
     turned = numbers[3:] if len(numbers) == 6 else np.zeros(3)
-    return homogeneous(rotation_from("fanuc_wpr", np.deg2rad(turned)), numbers[:3] / 1e3)
+    return homogeneous_matrix(rotation_from("fanuc_wpr", np.deg2rad(turned)), numbers[:3] / 1e3)
 
 
-def tell_frame(cell: "Project", frame: str, base_change: "Array") -> None:
+def print_frame_instead(cell: "Project", frame: str, base_change: "Array") -> None:
     """Say what could be entered into the controller instead, so that programs stay as they are."""
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.programs.move import instead_of_moving
 
-    if told := instead_of_moving(cell, frame, base_change):
-        EN_ROUTE.print(told, markup=False)
+    if advice := instead_of_moving(cell, frame, base_change):
+        STDERR_CONSOLE.print(advice, markup=False)
 
 
-def _alignment(path: Path, cell: "Project") -> "Alignment":
+def _read_alignment(path: Path, cell: "Project") -> "Alignment":
     from cellcal.calibration.points.alignment import read_alignments
 
     try:

@@ -8,9 +8,9 @@ from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from cellcal.service.engineering.programs.carry import Carrier
+    from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
     from cellcal.service.engineering.programs.project import Project
-    from cellcal.service.engineering.programs.registers import Registers
+    from cellcal.service.engineering.programs.registers import ProgramRegisters
 
 _FILE = "POSREG.VA"
 
@@ -21,13 +21,13 @@ class RegistersError(CellError):
     code = "usage"
 
 
-def carrier_of(
+def transfer_of(
     cell: "Project",
     clone: "Project | None",
     offset: str | None,
     frame: str | None,
     joints: JointPoints | None,
-) -> "Carrier | None":
+) -> "ProgramTransfer | None":
     """Return what carries the registers to a clone or with the work; None where they are only looked at.
 
     Raises
@@ -37,8 +37,8 @@ def carrier_of(
     """
     from cellcal.drivers.program_registry import brand_named
     from cellcal.service.cli.program_moves import base_change_of
-    from cellcal.service.engineering.programs.clone import cloning
-    from cellcal.service.engineering.programs.move import moving
+    from cellcal.service.engineering.programs.clone import clone_transfer
+    from cellcal.service.engineering.programs.move import move_transfer
 
     if clone is not None and offset is not None:
         raise RegistersError(
@@ -46,28 +46,32 @@ def carrier_of(
         )
     rule = brand_named("fanuc").configurations
     if clone is not None:
-        return cloning(cell, clone, rule)
+        return clone_transfer(cell, clone, rule)
     if offset is None:
         return None
-    return moving(cell, base_change_of(cell, offset, frame, (None, None)), rule, frame=frame, joints=joints)
+    return move_transfer(
+        cell, base_change_of(cell, offset, frame, (None, None)), rule, frame=frame, joints=joints
+    )
 
 
-def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Project", out: Path | None) -> int:
+def print_registers(
+    found: "ProgramRegisters", program_transfer: "ProgramTransfer | None", target: "Project", out: Path | None
+) -> int:
     """Print the registers, what to type, and write the target's POSREG.VA where it is asked for."""
     from rich.console import Console
 
-    from cellcal.drivers.fanuc.program_files.va_edits import instructions
+    from cellcal.drivers.fanuc.program_files.va_edits import edit_instructions
     from cellcal.service.engineering.programs.files import whole_file
 
     console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
     for register in found.all:
         console.print(str(register))
-    if carrier is None or not found.places.places:
+    if program_transfer is None or not found.places.places:
         return ExitCode.PASS
-    carried = found.carried(carrier, target)
-    for line in instructions(carried.edits):
+    carried = found.transfer_registers(program_transfer, target)
+    for line in edit_instructions(carried.edits):
         console.print(line)
-    for name, reason in carried.result.left:
+    for name, reason in carried.result.excluded_points:
         console.print(f"{name} stays as it is: {reason}")
     if out is not None:
         if carried.file is None:
@@ -79,5 +83,5 @@ def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Proje
         with whole_file(out / _FILE, replace=False) as file:
             file.write(carried.file)
         console.print(f"written: {out / _FILE}")
-    stay = any(register.stays for register in found.all) or not carried.result.ok
+    stay = any(register.stays for register in found.all) or not carried.result.is_complete
     return ExitCode.REFUSED if stay else ExitCode.PASS

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
-    from cellcal.service.record.run_outcome import Outcome
+    from cellcal.service.record.run_outcome import RunOutcome
 
 _WORDS = {
     "passed": "passed",
@@ -16,28 +16,28 @@ _WORDS = {
 }
 
 
-def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
+def print_outcome(outcome: "RunOutcome", config: "CellConfig", *, as_json: bool) -> int:
     """Print how a run ended, write its certificate or the record of its refusal, and return its exit code."""
     from pydantic_core import to_jsonable_python
     from rich.markup import escape
 
     from cellcal.service.cli.certificate import issue_after_run
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.exit_codes import exit_code_named, exit_code_of_word
-    from cellcal.service.record.run_outcome import Verdict
+    from cellcal.service.record.run_outcome import RunVerdict
 
-    passed = outcome.verdict is Verdict.PASSED
+    passed = outcome.verdict is RunVerdict.PASSED
     if not as_json:
         colour = "green" if passed else "red"
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             f"[bold {colour}]{_WORDS[outcome.verdict]}[/] {outcome.procedure}, run {outcome.run_id}"
         )
         for line in (outcome.reason, f"What to do: {outcome.remedy}" if outcome.remedy else ""):
             if line:
-                EN_ROUTE.print(escape(line))
-        tell_judgement(outcome.judgement)
-    told = passed or outcome.verdict in (Verdict.REFUSED, Verdict.OUT_OF_TOLERANCE)
-    issued = issue_after_run(config, outcome.run_id) if told else None
+                STDERR_CONSOLE.print(escape(line))
+        print_judgement(outcome.judgement)
+    is_certified = passed or outcome.verdict in (RunVerdict.REFUSED, RunVerdict.OUT_OF_TOLERANCE)
+    issued = issue_after_run(config, outcome.run_id) if is_certified else None
     if as_json:
         path = None if issued is None else str(issued.json_path)
         print_json({**to_jsonable_python(outcome), "certificate": path})
@@ -46,25 +46,25 @@ def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
     )
 
 
-def tell_judgement(judgement: Any) -> None:
+def print_judgement(judgement: Any) -> None:
     """Print the verdict, what keeps it from being PASS, and its remarks: what was saved among them."""
     from rich.markup import escape
 
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.quantities import quantity
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.quantities import format_quantity
 
     if judgement is None:
         return
     word = judgement["word"]
     colour = {"pass": "green", "fail": "red"}.get(word, "yellow")
-    EN_ROUTE.print(f"verdict: [bold {colour}]{word.upper()}[/] ({escape(judgement['limits_from'])})")
+    STDERR_CONSOLE.print(f"verdict: [bold {colour}]{word.upper()}[/] ({escape(judgement['limits_from'])})")
     for figure in judgement["characteristics"]:
         if figure["decision"] in ("fail", "undecided"):
             unit, limit = figure["unit"], figure["limit"]
-            found = f"{figure['name']}: {quantity(figure['value'], unit)}"
-            found += "" if limit is None else f", limit {quantity(limit, unit)}"
-            EN_ROUTE.print(escape(f"  {figure['decision'].upper()} {found}. {figure['rule']}"))
+            found = f"{figure['name']}: {format_quantity(figure['value'], unit)}"
+            found += "" if limit is None else f", limit {format_quantity(limit, unit)}"
+            STDERR_CONSOLE.print(escape(f"  {figure['decision'].upper()} {found}. {figure['rule']}"))
     for line in judgement["remarks"]:
-        EN_ROUTE.print(escape(f"  {line}"))
+        STDERR_CONSOLE.print(escape(f"  {line}"))
     for line in judgement["to_sign"]:
-        EN_ROUTE.print(f"[bold yellow]to be signed by hand:[/] {escape(line)}")
+        STDERR_CONSOLE.print(f"[bold yellow]to be signed by hand:[/] {escape(line)}")

@@ -11,7 +11,7 @@ from cellcal.calibration.documents.json_text import parse_json
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
-    from cellcal.service.record.run_outcome import Outcome
+    from cellcal.service.record.run_outcome import RunOutcome
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -52,20 +52,20 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from cellcal.service.cli.given import settings_of
-    from cellcal.service.cli.outlook import tell_dry_run
-    from cellcal.service.cli.run_end import tell
+    from cellcal.service.cli.procedure_preview import print_dry_run
+    from cellcal.service.cli.run_arguments import settings_of
+    from cellcal.service.cli.run_end import print_outcome
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.runs.outline import refuse_class_out_of_reach
+    from cellcal.service.runs.run_preview import refuse_class_out_of_reach
 
     config, settings = read_cell_file(cell), settings_of(setting)
     if dry_run:
-        return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
+        return print_dry_run(config, procedure, robot, settings, as_json=as_json)
     refuse_class_out_of_reach(config, procedure, settings, robot)
     outcome = asyncio.run(
         run_live(config, procedure, robot, settings, answers, accept_missing_end=accept_missing_end)
     )
-    return tell(outcome, config, as_json=as_json)
+    return print_outcome(outcome, config, as_json=as_json)
 
 
 def resume(  # noqa: PLR0913  a command's options are its arguments
@@ -99,13 +99,13 @@ def resume(  # noqa: PLR0913  a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from cellcal.service.cli.run_end import tell
+    from cellcal.service.cli.run_end import print_outcome
     from cellcal.service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
-    resumed = _resume(config, run_id, robot, answers, redo_from, accept_missing_end=accept_missing_end)
+    resumed = _resume_run(config, run_id, robot, answers, redo_from, accept_missing_end=accept_missing_end)
     outcome = asyncio.run(resumed)
-    return tell(outcome, config, as_json=as_json)
+    return print_outcome(outcome, config, as_json=as_json)
 
 
 def runs(*, cell: Path, as_json: Json = False) -> int:
@@ -126,15 +126,15 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     from cellcal.service.runs.cell_check import journal_flaw
 
     with _journal(cell) as (journal, store):
-        views = store.runs()
+        views = store.list_runs()
         config = read_cell_file(cell)
         damage = journal_flaw(config, journal)
-        pending = () if journal.damage else _unconfirmed(store, config)
+        pending = () if journal.damage else _list_unconfirmed(store, config)
     if as_json:
         keys = ("run_id", "procedure", "started_utc", "begun_by", "begun_as", "state", "reason")
-        told = [{key: getattr(view, key) for key in keys} for view in views]
-        print_json({"runs": told, "unconfirmed": [run_id for _, run_id in pending]})
-        return _tell_damage(damage)
+        rows = [{key: getattr(view, key) for key in keys} for view in views]
+        print_json({"runs": rows, "unconfirmed": [run_id for _, run_id in pending]})
+        return _print_damage(damage)
     table = PlainTable(
         Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "by", "ended", "reason"
     )
@@ -146,8 +146,8 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         Console(emoji=False).print(
             table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
         )
-    _tell_unconfirmed(Console(emoji=False), pending)
-    return _tell_damage(damage)
+    _print_unconfirmed(Console(emoji=False), pending)
+    return _print_damage(damage)
 
 
 def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
@@ -171,11 +171,11 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     from cellcal.service.runs.cell_check import journal_flaw
 
     with _journal(cell) as (journal, store):
-        view = store.run(store.newest(run_id))
+        view = store.find_run(store.resolve_run_id(run_id))
         config = read_cell_file(cell)
-        damage, events = journal_flaw(config, journal), journal.events(view.run_id)
-        known = () if journal.damage else _unconfirmed(store, config)
-        pending = tuple(one for one in known if one[1] == view.run_id)
+        damage, events = journal_flaw(config, journal), journal.list_events(view.run_id)
+        unconfirmed = () if journal.damage else _list_unconfirmed(store, config)
+        pending = tuple(one for one in unconfirmed if one[1] == view.run_id)
     if as_json:
         findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
         print_json(
@@ -187,7 +187,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
                 "journal": damage or "unchanged",
             }
         )  # fmt: skip
-        return _tell_damage(damage)
+        return _print_damage(damage)
     console = Console(emoji=False)
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
@@ -196,16 +196,16 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     if isinstance(view.result, dict):
         tree = Tree("result")
         for key, value in view.result.items():
-            tree.add(Text(f"{key}: {_short(value)}"))
+            tree.add(Text(f"{key}: {_shorten_text(value)}"))
         console.print(tree)
     if view.judgement is not None:
         console.print(
             f"verdict: {escape(view.judgement['word'].upper())}; `cellcal certificate` tells it whole"
         )
-    _tell_unconfirmed(console, pending)
+    _print_unconfirmed(console, pending)
     if not damage:
         console.print("journal: unchanged")
-    return _tell_damage(damage)
+    return _print_damage(damage)
 
 
 def _begun_by(view: Any) -> str:
@@ -225,14 +225,14 @@ def _events_table(events: Any) -> Any:
     return table
 
 
-def _unconfirmed(store: Any, config: "CellConfig") -> tuple[tuple[str, str], ...]:
+def _list_unconfirmed(store: Any, config: "CellConfig") -> tuple[tuple[str, str], ...]:
     """Return robots and the runs that wrote their mastering and left it neither confirmed nor undone."""
     return tuple(
-        (robot.name, one.of_run) for robot in config.robots for one in store.unconfirmed(robot.serial)
+        (robot.name, one.of_run) for robot in config.robots for one in store.list_unconfirmed(robot.serial)
     )
 
 
-def _tell_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> None:
+def _print_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> None:
     for name, run_id in pending:
         console.print(
             f"[bold red]{name}: the mastering that {run_id} wrote is not confirmed.[/] Do not move the robot in "
@@ -240,15 +240,15 @@ def _tell_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> Non
         )
 
 
-def _tell_damage(damage: str) -> int:
+def _print_damage(damage: str) -> int:
     from rich.markup import escape
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.exit_codes import ExitCode
 
     if not damage:
         return ExitCode.PASS
-    EN_ROUTE.print(f"[bold red]{escape(damage)}[/]")
+    STDERR_CONSOLE.print(f"[bold red]{escape(damage)}[/]")
     return ExitCode.SIGNATURE
 
 
@@ -257,12 +257,12 @@ def _step_of(body: str) -> str:
     return str(parse_json(body).get("step", ""))
 
 
-def _short(value: Any) -> str:
+def _shorten_text(value: Any) -> str:
     text = str(value)
     return text if len(text) <= 100 else text[:97] + "…"
 
 
-class _Opened:
+class _JournalReader:
     """A cell's journal for reading."""
 
     def __init__(self, cell: Path) -> None:
@@ -272,15 +272,15 @@ class _Opened:
         self._journal = open_journal(read_cell_file(cell))
 
     def __enter__(self) -> tuple[Any, Any]:
-        from cellcal.service.record.run_store import Store
+        from cellcal.service.record.run_store import RunStore
 
-        return self._journal, Store(self._journal)
+        return self._journal, RunStore(self._journal)
 
     def __exit__(self, *_: object) -> None:
         self._journal.close()
 
 
-_journal = _Opened
+_journal = _JournalReader
 
 
 async def run_live(
@@ -291,18 +291,18 @@ async def run_live(
     answers: Path | None,
     *,
     accept_missing_end: bool = False,
-) -> "Outcome":
+) -> "RunOutcome":
     """Run a procedure with progress on standard error."""
-    from cellcal.service.cli.given import operator_of
     from cellcal.service.cli.progress import live_progress
-    from cellcal.service.runs.launch import Where, start
+    from cellcal.service.cli.run_arguments import operator_of
+    from cellcal.service.runs.launch import RunTarget, start_run
 
     with live_progress(procedure) as show_event:
-        where = Where(config, operator_of(answers), robot, show_event, _who_typed(), accept_missing_end)
-        return await start(where, procedure, settings)
+        where = RunTarget(config, operator_of(answers), robot, show_event, _user_name(), accept_missing_end)
+        return await start_run(where, procedure, settings)
 
 
-def _who_typed() -> str:
+def _user_name() -> str:
     import getpass
 
     try:
@@ -311,7 +311,7 @@ def _who_typed() -> str:
         return "service"
 
 
-async def _resume(
+async def _resume_run(
     config: "CellConfig",
     run_id: str,
     robot: str | None,
@@ -319,11 +319,13 @@ async def _resume(
     redo_from: str | None,
     *,
     accept_missing_end: bool,
-) -> "Outcome":
-    from cellcal.service.cli.given import operator_of
+) -> "RunOutcome":
     from cellcal.service.cli.progress import live_progress
-    from cellcal.service.runs.launch import Where, go_on
+    from cellcal.service.cli.run_arguments import operator_of
+    from cellcal.service.runs.launch import RunTarget, go_on
 
     with live_progress("resume") as show_event:
-        where = Where(config, operator_of(answers), robot, show_event, accept_missing_end=accept_missing_end)
+        where = RunTarget(
+            config, operator_of(answers), robot, show_event, accept_missing_end=accept_missing_end
+        )
         return await go_on(where, run_id, redo_from)

@@ -39,38 +39,40 @@ def serve(
     """
     import uvicorn
 
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.cli.serve_checks import Listening, refuse_unguarded
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.cli.serve_checks import ListenAddress, refuse_unguarded
 
-    listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
+    listening = ListenAddress(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
-    from cellcal.service.settled import settle
+    from cellcal.service.gc_freeze import freeze_startup_objects
     from cellcal.service.web.app import create_app  # the heavy part last
-    from cellcal.service.web.context import Settings
-    from cellcal.service.web.server import Server, bind_address, run_server
+    from cellcal.service.web.context import ServiceSettings
+    from cellcal.service.web.server import WebServer, bind_address, run_server
 
-    address = f"{listening.scheme}://{listening.name}:{port}"
+    address = f"{listening.url_scheme}://{listening.host_name}:{port}"
 
-    def show(token: str) -> None:
-        EN_ROUTE.print(
+    def print_address(token: str) -> None:
+        STDERR_CONSOLE.print(
             f"Open once: {address}/api/sign-in/console?token={token}", markup=False, soft_wrap=True
         )
 
-    known = Settings(
+    service_settings = ServiceSettings(
         cell, tls=tls_cert is not None, allowed_hosts=listening.hosts,
-        on_console_token=show if listening.on_loopback else None,
+        on_console_token=print_address if listening.on_loopback else None,
     )  # fmt: skip
     listening_socket = bind_address(host, port)
-    app = create_app(known)
-    EN_ROUTE.print(f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True)
+    app = create_app(service_settings)
+    STDERR_CONSOLE.print(
+        f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True
+    )
     if listening.on_loopback:
-        show(app.state.house.entrance.console_token())
-    settle()
+        print_address(app.state.house.authenticator.console_token())
+    freeze_startup_objects()
     config = uvicorn.Config(
         app, host=host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=5,
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes
         ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
     )  # fmt: skip
-    run_server(Server(config), listening_socket)
+    run_server(WebServer(config), listening_socket)
     return 0

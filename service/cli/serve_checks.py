@@ -6,13 +6,13 @@ from pathlib import Path
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.people.accounts import Register
+from cellcal.service.people.accounts import AccountStore
 from cellcal.service.people.roles import Role
 from cellcal.service.web.middleware import is_loopback
 
 
 @dataclass(frozen=True, slots=True)
-class Listening:
+class ListenAddress:
     """Where the service listens, and by which names it is known."""
 
     host: str
@@ -26,18 +26,18 @@ class Listening:
         return is_loopback(self.host)
 
     @property
-    def scheme(self) -> str:
+    def url_scheme(self) -> str:
         """How browsers come here."""
         return "http" if self.tls_cert is None else "https"
 
     @property
-    def name(self) -> str:
+    def host_name(self) -> str:
         """The name to show in an address."""
         name = self.hosts[0] if self.hosts else self.host
         return f"[{name}]" if ":" in name else name
 
 
-def refuse_unguarded(cell: Path, listening: Listening) -> None:
+def refuse_unguarded(cell: Path, listening: ListenAddress) -> None:
     """Refuse to listen to others without TLS, an administrator and names; refuse a certificate that cannot be used.
 
     Raises
@@ -46,18 +46,20 @@ def refuse_unguarded(cell: Path, listening: Listening) -> None:
         What is missing, all of it.
     """
     if (listening.tls_cert is None) != (listening.tls_key is None):
-        raise _usage("--tls-cert and --tls-key belong together.", "Give both.")
+        raise _usage_error("--tls-cert and --tls-key belong together.", "Give both.")
     for name in listening.hosts:
         if not name or any(each in "/:*@ " for each in name.removeprefix("[").removesuffix("]")):
-            raise _usage(f"--allow-host {name!r} is no host's name.", "Give it without scheme, port and *.")
+            raise _usage_error(
+                f"--allow-host {name!r} is no host's name.", "Give it without scheme, port and *."
+            )
     if not listening.on_loopback:
         _refuse_missing(cell, listening)
     if listening.tls_cert is not None and listening.tls_key is not None:
         _refuse_bad_certificate(listening.tls_cert, listening.tls_key)
 
 
-def _refuse_missing(cell: Path, listening: Listening) -> None:
-    people = Register(read_cell_file(cell).cell.data_dir).people()
+def _refuse_missing(cell: Path, listening: ListenAddress) -> None:
+    people = AccountStore(read_cell_file(cell).cell.data_dir).list_people()
     lacks = {
         "a TLS certificate and key (--tls-cert, --tls-key)": listening.tls_cert is None,
         "an administrator (`cellcal people add … --role admin`)": all(
@@ -67,7 +69,7 @@ def _refuse_missing(cell: Path, listening: Listening) -> None:
     }
     missing = [what for what, is_missing in lacks.items() if is_missing]
     if missing:
-        raise _usage(
+        raise _usage_error(
             f"{listening.host} is not this computer alone, and what guards the service there is missing: "
             f"{'; '.join(missing)}.",
             "Set it up, or serve on 127.0.0.1.",
@@ -77,14 +79,14 @@ def _refuse_missing(cell: Path, listening: Listening) -> None:
 def _refuse_bad_certificate(certificate: Path, key: Path) -> None:
     try:
         if key.stat().st_mode & 0o077:
-            raise _usage(f"other users of this computer may read {key}.", f"Run: chmod 600 {key}")
+            raise _usage_error(f"other users of this computer may read {key}.", f"Run: chmod 600 {key}")
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=lambda: b"")
     except OSError as error:  # also ssl.SSLError
-        raise _usage(
+        raise _usage_error(
             f"{certificate} with {key} cannot be used for TLS: {error.strerror or error}.",
             "Give a certificate and its own key, both PEM, the key without a password.",
         ) from error
 
 
-def _usage(message: str, remedy: str) -> CellError:
+def _usage_error(message: str, remedy: str) -> CellError:
     return CellError(message, remedy=remedy, code="usage")

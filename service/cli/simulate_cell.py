@@ -69,10 +69,10 @@ def robot(  # noqa: PLR0913  a command's options are its arguments
     }  # fmt: skip
     if urdf is not None:
         settings["description"] = str(urdf)
-    found, spec = _calibrated("robot", (simulated, measured), settings, (columns, units))
+    found, spec = _calibrate_part("robot", (simulated, measured), settings, (columns, units))
     if save is not None:
-        _save(found, spec, save, (serial, by))
-    return _tell(found, spec, out, as_json=as_json)
+        _save_parameters(found, spec, save, (serial, by))
+    return _print_part(found, spec, out, as_json=as_json)
 
 
 @simulate_cell.command
@@ -102,8 +102,8 @@ def base(  # noqa: PLR0913  a command's options are its arguments
         Of the limits: A, B or C.
     """
     settings = {"sigma_m": None if sigma_mm is None else sigma_mm / 1e3, "accuracy_class": accuracy_class}
-    found, spec = _calibrated("base", (in_base, in_fixture), settings, (columns, units))
-    return _tell(found, spec, out, as_json=as_json)
+    found, spec = _calibrate_part("base", (in_base, in_fixture), settings, (columns, units))
+    return _print_part(found, spec, out, as_json=as_json)
 
 
 @simulate_cell.command
@@ -138,8 +138,8 @@ def workpiece(  # noqa: PLR0913  a command's options are its arguments
     settings = {
         "method": method, "sigma_m": None if sigma_mm is None else sigma_mm / 1e3, "accuracy_class": accuracy_class,
     }  # fmt: skip
-    found, spec = _calibrated("workpiece", (drawn, touched), settings, (columns, units))
-    return _tell(found, spec, out, as_json=as_json)
+    found, spec = _calibrate_part("workpiece", (drawn, touched), settings, (columns, units))
+    return _print_part(found, spec, out, as_json=as_json)
 
 
 @simulate_cell.command
@@ -162,48 +162,50 @@ def export(
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.simulated_cells import result_of_run
     from cellcal.service.record.journal_files import open_journal
-    from cellcal.service.record.run_store import Store
+    from cellcal.service.record.run_store import RunStore
 
     with open_journal(read_cell_file(cell)) as journal:
-        store = Store(journal)
-        view = store.run(store.newest(run_id))
-    _write(result_of_run(view.procedure, view.result), out)
+        store = RunStore(journal)
+        view = store.find_run(store.resolve_run_id(run_id))
+    _write_part(result_of_run(view.procedure, view.result), out)
     return 0
 
 
-def _calibrated(
+def _calibrate_part(
     part: str,
     files: tuple[Path, Path],
     settings: dict[str, Any],
     options: tuple[tuple[str, ...], tuple[str, ...]],
 ) -> "tuple[CalibratedPart, SimulationCell]":
-    from cellcal.procedures.simulation_cell import calibrate
+    from cellcal.procedures.simulation_cell import calibrate_part
     from cellcal.service.runs.settings import spec_of
 
-    columns, units = (_pairs(given) for given in options)
+    columns, units = (_parse_pairs(option) for option in options)
     paths = {
         key: {"file": str(path), "columns": columns, "units": units}
         for key, path in zip(("simulated", "measured"), files, strict=True)
     }
     spec = spec_of("simulation_cell", {"part": part, **paths, **settings})
-    return calibrate(spec), spec
+    return calibrate_part(spec), spec
 
 
-def _pairs(given: tuple[str, ...]) -> dict[str, str]:
+def _parse_pairs(pairs: tuple[str, ...]) -> dict[str, str]:
     from cellcal.calibration.errors import CellError
 
-    wrong = [pair for pair in given if not all(pair.partition("="))]
+    wrong = [pair for pair in pairs if not all(pair.partition("="))]
     if wrong:
         raise CellError(f"{wrong[0]!r} is not KEY=VALUE.", remedy="For example position=mm.", code="usage")
-    return {key: value for key, _, value in (pair.partition("=") for pair in given)}
+    return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
-def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tuple[str, str]) -> None:
+def _save_parameters(
+    found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tuple[str, str]
+) -> None:
     from datetime import UTC, datetime
 
     from cellcal.calibration.errors import CellError
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.engineering.parameters.parameter_files import Who
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.engineering.parameters.parameter_files import SetOrigin
     from cellcal.service.engineering.parameters.simulated_cells import save_robot
 
     if not all(who):
@@ -211,37 +213,37 @@ def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tu
             "--save needs --serial and --by.", remedy="Say whose robot it is and who says so.", code="usage"
         )
     made_at = datetime.now(UTC).isoformat(timespec="seconds")
-    saved = save_robot(found, spec, folder, Who(*who, made_at))
-    EN_ROUTE.print(f"version {saved.version} of robot {saved.robot_serial} in {folder}", markup=False)
+    saved = save_robot(found, spec, folder, SetOrigin(*who, made_at))
+    STDERR_CONSOLE.print(f"version {saved.version} of robot {saved.robot_serial} in {folder}", markup=False)
 
 
-def _write(found: "CalibratedPart", folder: Path) -> None:
-    from cellcal.service.cli.printing import EN_ROUTE
+def _write_part(found: "CalibratedPart", folder: Path) -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.parameters.simulated_cells import write_part
 
     for path in write_part(found, folder):
-        EN_ROUTE.print(f"wrote {path}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(f"wrote {path}", markup=False, soft_wrap=True)
 
 
-def _tell(found: "CalibratedPart", spec: "SimulationCell", out: Path | None, *, as_json: bool) -> int:
+def _print_part(found: "CalibratedPart", spec: "SimulationCell", out: Path | None, *, as_json: bool) -> int:
     import sys
 
     from pydantic_core import to_jsonable_python
 
     from cellcal.procedures.simulation_cell import CalibratedRobot, verdict_on_part
     from cellcal.service.cli.printing import print_json
-    from cellcal.service.cli.run_end import tell_judgement
+    from cellcal.service.cli.run_end import print_judgement
     from cellcal.service.engineering.parameters.simulated_cells import placed_text, robot_text
     from cellcal.service.exit_codes import exit_code_of_word
 
     if out is not None:
-        _write(found, out)
-    judgement = verdict_on_part(spec, found).as_object()
+        _write_part(found, out)
+    judgement = verdict_on_part(spec, found).to_json()
     if as_json:
         print_json({"result": to_jsonable_python(found), "judgement": judgement})
     else:
         result = found.found
         text = robot_text(result) if isinstance(result, CalibratedRobot) else placed_text(found.part, result)
         sys.stdout.write(text)
-        tell_judgement(judgement)
+        print_judgement(judgement)
     return exit_code_of_word(judgement["word"])

@@ -33,17 +33,17 @@ def enroll(*cell: str, folder: Path = _FOLDER, name: str = "", endpoint: str = "
     listen
         HOST:PORT where the router listens, where that is another one (0.0.0.0:7447).
     """
-    from cellcal.service.cli.printing import EN_ROUTE
-    from cellcal.service.site.enrolment import NewSite, applicant, enroll
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.site.enrolment import NewSite, enroll_cells, parse_applicant
 
     new = NewSite(name, endpoint, listen) if name or endpoint or listen else None
-    made = enroll(folder, [applicant(word) for word in cell], new)
+    made = enroll_cells(folder, [parse_applicant(word) for word in cell], new)
     for path in made:
-        EN_ROUTE.print(
+        STDERR_CONSOLE.print(
             f"{path.name}: carry {path} to the cell's computer over a safe way and delete it here. In the cell file:"
             f'\n\\[site]\nfolder = "{path.name}"'
         )
-    EN_ROUTE.print(
+    STDERR_CONSOLE.print(
         f"The router is started with `cellcal site router --folder {folder}`; one that runs takes new cells in. "
         f"Keep {folder / 'ca.key'} where nobody else comes: who has it can add cells."
     )
@@ -59,12 +59,14 @@ def router(*, folder: Path = _FOLDER) -> int:
     folder
         The site's folder, or its router/ alone.
     """
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.site.link_files import ROUTER_FILE
     from cellcal.service.site.router import host_router
 
-    with interrupted() as leave:
-        host_router(part_of(folder, "router", ROUTER_FILE), leave, partial(EN_ROUTE.print, markup=False))
+    with interrupt_event() as leave:
+        host_router(
+            part_of(folder, "router", ROUTER_FILE), leave, partial(STDERR_CONSOLE.print, markup=False)
+        )
     return 0
 
 
@@ -83,14 +85,14 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     """
     import sys
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.site.publisher import publish
+    from cellcal.service.site.publisher import run_publisher
 
     config = read_cell_file(cell)
-    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.", markup=False)
-    with interrupted() as leave:
-        publish(config, sys.stdin.buffer if from_desk else None, leave)
+    STDERR_CONSOLE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.", markup=False)
+    with interrupt_event() as leave:
+        run_publisher(config, sys.stdin.buffer if from_desk else None, leave)
     return 0
 
 
@@ -100,7 +102,7 @@ def part_of(folder: Path, part: str, file: str) -> Path:
 
 
 @contextlib.contextmanager
-def interrupted() -> Iterator[threading.Event]:
+def interrupt_event() -> Iterator[threading.Event]:
     """Lend an event that an interrupt or a request to end sets, so that sessions are closed: else nothing ends."""
     leave = threading.Event()
 

@@ -21,13 +21,13 @@ def secret(file: Path, /) -> int:
     """
     import os
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.export.webhook_sender import new_secret
 
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as written:
         written.write(new_secret() + "\n")
-    EN_ROUTE.print(
+    STDERR_CONSOLE.print(
         f"{file}: give its content to the receiver over a safe way. In the cell file:\n\\[webhook]\n"
         f'url = "https://…"\nsecret_file = "{file}"',
         soft_wrap=True,
@@ -55,10 +55,10 @@ def show(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json", neg
     config = read_cell_file(cell)
     target = target_of(webhook_of(config))
     with WebhookOutbox(config.cell.data_dir) as outbox:
-        standing = outbox.standing()
-    told = {name: getattr(standing, name) for name in standing.__slots__}
+        standing = outbox.delivery_state()
+    document = {name: getattr(standing, name) for name in standing.__slots__}
     if as_json:
-        print_json({"host": target.host, **told})
+        print_json({"host": target.host, **document})
         return 0
     sys.stdout.write(
         f"to {target.host}: {standing.waiting} waiting, {standing.delivered} delivered, {standing.refused} refused, "
@@ -81,18 +81,18 @@ def test(cell: Path, /) -> int:
     import time
     import uuid
 
-    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.exit_codes import ExitCode
     from cellcal.service.export.webhook_outbox import event_body
     from cellcal.service.export.webhook_sender import read_secret, signed_headers, webhook_of
-    from cellcal.service.export.webhook_target import deliver, target_of
+    from cellcal.service.export.webhook_target import deliver_event, target_of
 
     config = read_cell_file(cell)
     table = webhook_of(config)
     body = event_body("test", {"cell": config.cell.name})
     headers = signed_headers(read_secret(table.secret_file), f"evt_{uuid.uuid4().hex}", body, time.time())
-    status = deliver(target_of(table), body, headers)
+    status = deliver_event(target_of(table), body, headers)
     taken = 200 <= status < 300
-    EN_ROUTE.print(f"The receiver answers {status}.", style="green" if taken else "bold red")
+    STDERR_CONSOLE.print(f"The receiver answers {status}.", style="green" if taken else "bold red")
     return ExitCode.PASS if taken else ExitCode.UNREACHABLE

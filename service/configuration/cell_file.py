@@ -25,9 +25,9 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
-from cellcal.service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
+from cellcal.service.configuration.device_keys import CHOICES, keys_of, suggest_key, wrong_choice
 from cellcal.service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
-from cellcal.service.configuration.report_tables import MetricsTable, Reports, WebhookTable
+from cellcal.service.configuration.report_tables import MetricsTable, ReportTables, WebhookTable
 from cellcal.service.configuration.site_config import SiteTable
 from cellcal.service.configuration.usual_settings import USUAL_KEY, Usual, read_usual
 
@@ -45,11 +45,11 @@ class ConfigError(CellError):
         self.path, self.faults = path, faults
 
 
-class _Table(BaseModel):
+class _StrictTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class CellTable(_Table):
+class CellTable(_StrictTable):
     """[cell]: who we are and where our data live; a relative folder is meant from the cell file's own."""
 
     name: str = Field(min_length=1, max_length=64)
@@ -57,14 +57,14 @@ class CellTable(_Table):
 
     @field_validator("data_dir")
     @classmethod
-    def _expand(cls, path: Path) -> Path:
+    def _expand_path(cls, path: Path) -> Path:
         return path.expanduser()
 
 
 _INSIDE_EVERY_BASE_MM = 20.0
 
 
-class InstrumentCertificate(_Table):
+class InstrumentCertificate(_StrictTable):
     """Who calibrated an instrument, and until when that holds. Without it no traceability is claimed."""
 
     number: str = Field(min_length=1, max_length=64)
@@ -75,7 +75,7 @@ class InstrumentCertificate(_Table):
     expanded_uncertainty_mm: float = Field(gt=0)
 
 
-class GaugeSetup(_Table):
+class GaugeSetupTable(_StrictTable):
     """Where a length gauge stands, as far as a tape measure tells. The truth is fitted."""
 
     robot: str
@@ -96,15 +96,15 @@ class GaugeSetup(_Table):
     @property
     def anchor_in_base_m(self) -> Triple:
         """Exit point of the wire in the robot's base frame [m]."""
-        return _metres(self.anchor_in_base_mm)
+        return _to_metres(self.anchor_in_base_mm)
 
     @property
     def hook_in_flange_m(self) -> Triple:
         """Hook of the wire in the robot's flange frame [m]."""
-        return _metres(self.hook_in_flange_mm)
+        return _to_metres(self.hook_in_flange_mm)
 
 
-class WatchTable(_Table):
+class WatchTable(_StrictTable):
     """[watch]: how the service follows the devices, and what it may start by itself."""
 
     period_s: float = Field(default=0.5, gt=0, le=60)
@@ -120,10 +120,10 @@ class GaugeEntry:
     """One length gauge: how to reach it, and where it stands."""
 
     device: GaugeConfig
-    setup: GaugeSetup
+    setup: GaugeSetupTable
 
 
-class TrackerSetup(_Table):
+class TrackerSetupTable(_StrictTable):
     """Where a tracker's target sits on a flange, as far as a ruler tells. Where the tracker stands is fitted."""
 
     robot: str
@@ -134,7 +134,7 @@ class TrackerSetup(_Table):
     @property
     def target_in_flange_m(self) -> Triple:
         """Centre of the reflector in the robot's flange frame [m]."""
-        return _metres(self.target_in_flange_mm)
+        return _to_metres(self.target_in_flange_mm)
 
 
 @dataclass(frozen=True)
@@ -142,10 +142,10 @@ class TrackerEntry:
     """One tracker: how to reach it, and what it looks at."""
 
     device: TrackerConfig
-    setup: TrackerSetup
+    setup: TrackerSetupTable
 
 
-class ProbeSetup(_Table):
+class ProbeSetupTable(_StrictTable):
     """Where a probe's tip sits on a flange, as far as a ruler tells, and which way it points."""
 
     robot: str
@@ -167,7 +167,7 @@ class ProbeEntry:
     """One touch probe or dial gauge: how to reach it, and where its tip is."""
 
     device: ProbeConfig
-    setup: ProbeSetup
+    setup: ProbeSetupTable
 
     @property
     def role(self) -> str:
@@ -193,7 +193,7 @@ class CellConfig:
     probes: tuple[ProbeEntry, ...] = ()
     motions: Mapping[str, RobotMotion] = field(default_factory=dict)  # by the robot's name
     site: SiteTable | None = None
-    reports: Reports = field(default_factory=Reports)
+    reports: ReportTables = field(default_factory=ReportTables)
     usual: Mapping[str, Usual] = field(default_factory=dict)  # settings, by the robot's name
 
     @property
@@ -201,13 +201,13 @@ class CellConfig:
         """Hash of the file's text; stored with every run."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
-    def robot(self, name: str | None = None) -> RobotConfig:
+    def robot_named(self, name: str | None = None) -> RobotConfig:
         """Return the robot of that name; the only or first one when no name is given."""
         for robot in self.robots:
             if name in (None, robot.name):
                 return robot
-        known = ", ".join(robot.name for robot in self.robots)
-        raise ConfigError(self.path, [("robot", f"there is no robot {name!r}; this cell has {known}")])
+        names = ", ".join(robot.name for robot in self.robots)
+        raise ConfigError(self.path, [("robot", f"there is no robot {name!r}; this cell has {names}")])
 
     def motion_of(self, robot: str) -> RobotMotion:
         """Return who moves that robot; a person, where the file does not say."""
@@ -226,7 +226,7 @@ class CellConfig:
         return tuple(entry for entry in self.probes if entry.setup.robot == robot)
 
     @property
-    def instruments(self) -> tuple[InstrumentEntry, ...]:
+    def instrument_entries(self) -> tuple[InstrumentEntry, ...]:
         """Everything that measures in this cell."""
         return (*self.gauges, *self.trackers, *self.probes)
 
@@ -245,7 +245,7 @@ def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
         document = parse_toml(text)
     except DocumentError as error:
         raise ConfigError(path, [(error.key or "file", error.why.removeprefix("it "))]) from error
-    return _Reader(path, text).read(document)
+    return _CellFileReader(path, text).read_config(document)
 
 
 def _text_of(path: Path) -> str:
@@ -259,7 +259,7 @@ def _text_of(path: Path) -> str:
         raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
 
 
-def _strict(table: Any) -> str:
+def _to_json(table: Any) -> str:
     """Return a table as JSON: of that, strict reading takes lists and dates, but no ``true`` as a number."""
     return json.dumps(table, default=str)
 
@@ -269,20 +269,20 @@ _MOST_BYTES = 1_000_000
 _TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "site", "metrics", "webhook", "fake")
 
 
-class _Reader:
+class _CellFileReader:
     """Collects every fault before it gives up."""
 
     def __init__(self, path: Path, text: str) -> None:
         self.path, self.text = path, text
         self.faults: list[tuple[str, str]] = []
 
-    def read(self, document: dict[str, Any]) -> CellConfig:
+    def read_config(self, document: dict[str, Any]) -> CellConfig:
         for key in document:
             if key not in _TABLES:
-                self.faults.append((key, f"unknown table; {nearest(key, _TABLES)}"))
-        cell = self._model(CellTable, document.get("cell", {}), "cell")
-        tables = self._tables(document, "robot")
-        robots = [self._robot(table, f"robot[{i}]") for i, table in enumerate(tables)]
+                self.faults.append((key, f"unknown table; {suggest_key(key, _TABLES)}"))
+        cell = self._validate_model(CellTable, document.get("cell", {}), "cell")
+        tables = self._table_list(document, "robot")
+        robots = [self._read_robot(table, f"robot[{i}]") for i, table in enumerate(tables)]
         motions = {
             str(table.get("name")): read_motion(table, f"robot[{i}]", self.faults)
             for i, table in enumerate(tables)
@@ -291,16 +291,16 @@ class _Reader:
             str(table.get("name")): read_usual(table, f"robot[{i}]", self.faults)
             for i, table in enumerate(tables)
         }
-        gauges = self._placed(document, "gauge", GaugeConfig, GaugeEntry, GaugeSetup)
-        trackers = self._placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetup)
-        probes = self._placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetup)
-        watch = self._model(WatchTable, document.get("watch", {}), "watch")
-        site = self._optional(SiteTable, document, "site")
-        reports = Reports(
-            self._optional(MetricsTable, document, "metrics"),
-            self._optional(WebhookTable, document, "webhook"),
+        gauges = self._read_placed(document, "gauge", GaugeConfig, GaugeEntry, GaugeSetupTable)
+        trackers = self._read_placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetupTable)
+        probes = self._read_placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetupTable)
+        watch = self._validate_model(WatchTable, document.get("watch", {}), "watch")
+        site = self._validate_optional(SiteTable, document, "site")
+        reports = ReportTables(
+            self._validate_optional(MetricsTable, document, "metrics"),
+            self._validate_optional(WebhookTable, document, "webhook"),
         )
-        self._models(robots)
+        self._check_models(robots)
         if not robots and "robot" not in dict(self.faults):
             self.faults.append(("robot", "a cell needs at least one [[robot]]"))
         if not self.faults:
@@ -310,7 +310,7 @@ class _Reader:
                 for entry in found
             ]
             names = [r.name for r in robots] + [entry.device.name for _, entry in entries]
-            self._names(names, entries, {r.name for r in robots})
+            self._check_names(names, entries, {r.name for r in robots})
         if self.faults:
             raise ConfigError(self.path, self.faults)
         cell = cell.model_copy(update={"data_dir": self.path.parent / cell.data_dir})
@@ -330,37 +330,44 @@ class _Reader:
             usual,
         )
 
-    def _robot(self, table: dict[str, Any], where: str) -> Any:
+    def _read_robot(self, table: dict[str, Any], where: str) -> Any:
         ours = (*MOTION_KEYS, USUAL_KEY)
         device = {key: value for key, value in table.items() if key not in ours}
-        return self._device(RobotConfig, device, where, ours)
+        return self._validate_device(RobotConfig, device, where, ours)
 
-    def _models(self, robots: list[Any]) -> None:
+    def _check_models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):
             if robot is not None and not is_mounted_model(robot.model, model_names()):
-                sentence = f"there is no robot model {robot.model!r}; {nearest(robot.model, model_names())}"
+                sentence = (
+                    f"there is no robot model {robot.model!r}; {suggest_key(robot.model, model_names())}"
+                )
                 self.faults.append((f"robot[{i}].model", sentence))
 
-    def _tables(self, document: dict[str, Any], key: str) -> list[Any]:
+    def _table_list(self, document: dict[str, Any], key: str) -> list[Any]:
         tables = document.get(key, [])
         if isinstance(tables, list) and all(isinstance(table, dict) for table in tables):
             return tables
         self.faults.append((key, f"is written as [[{key}]], once for each"))
         return []
 
-    def _placed(
+    def _read_placed(
         self, document: dict[str, Any], key: str, union: Any, entry: type[Any], setup: type[Any]
     ) -> list[Any]:
         """Read tables that hold a device and where it stands: the keys tell which is which."""
         found = []
-        for i, table in enumerate(self._tables(document, key)):
+        for i, table in enumerate(self._table_list(document, key)):
             where, placing = f"{key}[{i}]", tuple(setup.model_fields)
             device = {name: value for name, value in table.items() if name not in placing}
             place = {name: value for name, value in table.items() if name in placing}
-            found.append(entry(self._device(union, device, where, placing), self._model(setup, place, where)))
+            found.append(
+                entry(
+                    self._validate_device(union, device, where, placing),
+                    self._validate_model(setup, place, where),
+                )
+            )
         return found
 
-    def _names(self, names: list[str], entries: list[tuple[str, Any]], robots: set[str]) -> None:
+    def _check_names(self, names: list[str], entries: list[tuple[str, Any]], robots: set[str]) -> None:
         for name in names:
             if not _NAME.fullmatch(name):  # it becomes part of file names
                 self.faults.append(("name", f"{name!r} is no name; letters, digits, '-', '_', '.', ' '"))
@@ -374,21 +381,29 @@ class _Reader:
                 sentence = f"names the robot {entry.setup.robot!r}, which is not in this file"
                 self.faults.append((f"{kind} {entry.device.name}", sentence))
 
-    def _model(self, model: type[Any], table: Any, where: str) -> Any:
+    def _validate_model(self, model: type[Any], table: Any, where: str) -> Any:
         build = TypeAdapter(model).validate_json
-        return self._validate(lambda: build(_strict(table), strict=True), where, tuple(model.model_fields))
-
-    def _optional(self, model: type[Any], document: dict[str, Any], key: str) -> Any:
-        return self._model(model, document[key], key) if key in document else None
-
-    def _device(self, union: Any, table: dict[str, Any], where: str, placing: tuple[str, ...] = ()) -> Any:
-        build = TypeAdapter(union).validate_json
-        tags = tuple(table.get(key) for key in CHOICES)
-        return self._validate(
-            lambda: build(_strict(table), strict=True), where, (*keys_of(union, table), *placing), tags, union
+        return self._collect_faults(
+            lambda: build(_to_json(table), strict=True), where, tuple(model.model_fields)
         )
 
-    def _validate(
+    def _validate_optional(self, model: type[Any], document: dict[str, Any], key: str) -> Any:
+        return self._validate_model(model, document[key], key) if key in document else None
+
+    def _validate_device(
+        self, union: Any, table: dict[str, Any], where: str, placing: tuple[str, ...] = ()
+    ) -> Any:
+        build = TypeAdapter(union).validate_json
+        tags = tuple(table.get(key) for key in CHOICES)
+        return self._collect_faults(
+            lambda: build(_to_json(table), strict=True),
+            where,
+            (*keys_of(union, table), *placing),
+            tags,
+            union,
+        )
+
+    def _collect_faults(
         self, build: Any, where: str, valid: tuple[str, ...], tags: tuple[Any, ...] = (), union: Any = None
     ) -> Any:
         try:
@@ -399,13 +414,13 @@ class _Reader:
                 key = str(fault["loc"][-1]) if fault["loc"] else ""
                 sentence = fault["msg"]
                 if fault["type"] == "extra_forbidden":
-                    sentence = f"unknown key; {nearest(key, valid)}"
+                    sentence = f"unknown key; {suggest_key(key, valid)}"
                 elif fault["type"].startswith("union_tag"):
                     sentence = wrong_choice(union, fault["ctx"])
                 self.faults.append((f"{where}.{path}" if path else where, sentence))
             return None
 
 
-def _metres(millimetres: Triple) -> Triple:
+def _to_metres(millimetres: Triple) -> Triple:
     x, y, z = millimetres
     return (x * 1e-3, y * 1e-3, z * 1e-3)

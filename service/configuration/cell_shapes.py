@@ -12,11 +12,11 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
-from cellcal.calibration.geometry import Pose, homogeneous
-from cellcal.calibration.motion.collision import Capsule, CellShape, Plane, Sphere
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.motion.collision import CellShape, LinkCapsule, PlaneObstacle, SphereObstacle
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.calibration.orientation import rotation_from
-from cellcal.procedures.surroundings import Block, Surroundings, cell_shape, clearances
+from cellcal.procedures.surroundings import BoxBlock, Surroundings, cell_shape, clearance_check
 
 Place = tuple[float, float, float]
 _TABLES = ("capsule", "box", "sphere", "plane")
@@ -84,87 +84,91 @@ def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
             f"{where}: unknown {sorted(unknown)}.", remedy=f"Known: {', '.join((*_SINGLE, *_TABLES))}."
         )
     lengths = {
-        f"{key.removesuffix('_mm')}_m": _number(data, key, where) / 1e3 for key in _LENGTHS if key in data
+        f"{key.removesuffix('_mm')}_m": _read_number(data, key, where) / 1e3
+        for key in _LENGTHS
+        if key in data
     }
-    places = {f"{key.removesuffix('_mm')}_m": _place(data, key, where) for key in _PLACES if key in data}
+    places = {f"{key.removesuffix('_mm')}_m": _read_place(data, key, where) for key in _PLACES if key in data}
     if ("box_low_m" in places) != ("box_high_m" in places):
         raise CellShapeError(f"{where}: box_low_mm and box_high_mm are given together")
-    known: dict[str, Any] = {**lengths, **places}
+    fields: dict[str, Any] = {**lengths, **places}
     return Surroundings(
-        blocks=tuple(_box(table, where) for table in _list(data, "box", where)),
-        balls=tuple(_sphere(table, where) for table in _list(data, "sphere", where)),
-        planes=tuple(_plane(table, where) for table in _list(data, "plane", where)),
-        capsules=tuple(_capsule(table, where) for table in _list(data, "capsule", where)),
-        **known,
+        blocks=tuple(_read_box(table, where) for table in _read_tables(data, "box", where)),
+        balls=tuple(_read_sphere(table, where) for table in _read_tables(data, "sphere", where)),
+        planes=tuple(_read_plane(table, where) for table in _read_tables(data, "plane", where)),
+        capsules=tuple(_read_capsule(table, where) for table in _read_tables(data, "capsule", where)),
+        **fields,
     )
 
 
 def check_shapes(model_name: str, surroundings: Surroundings) -> None:
     """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
     if is_mounted_model(model_name, model_names()):
-        clearances(model_name, surroundings)
+        clearance_check(model_name, surroundings)
 
 
-def _capsule(table: dict[str, Any], where: str) -> Capsule:
-    _keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), where)
+def _read_capsule(table: dict[str, Any], where: str) -> LinkCapsule:
+    _check_keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), where)
     if type(table["link"]) is not int:
         raise CellShapeError(f"{where}: link is a whole number, 0 for the base")
-    start, end = (_place(table, key, where) for key in ("start_mm", "end_mm"))
-    return Capsule(str(table["name"]), table["link"], start, end, _number(table, "radius_mm", where) / 1e3)
-
-
-def _box(table: dict[str, Any], where: str) -> Block:
-    _keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, where)
-    angles = np.deg2rad(_three(table, "rpy_deg", where)) if "rpy_deg" in table else np.zeros(3)
-    centre = np.array(_place(table, "centre_in_base_mm", where))
-    size = _place(table, "size_mm", where)
-    base_box = Pose.from_matrix(homogeneous(rotation_from("ros_rpy", angles), centre))
-    return Block(str(table["name"]), base_box, size)
-
-
-def _sphere(table: dict[str, Any], where: str) -> Sphere:
-    _keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), where)
-    return Sphere(
-        str(table["name"]),
-        _place(table, "centre_in_base_mm", where),
-        _number(table, "radius_mm", where) / 1e3,
+    start, end = (_read_place(table, key, where) for key in ("start_mm", "end_mm"))
+    return LinkCapsule(
+        str(table["name"]), table["link"], start, end, _read_number(table, "radius_mm", where) / 1e3
     )
 
 
-def _plane(table: dict[str, Any], where: str) -> Plane:
-    _keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), where)
-    x, y, z = _three(table, "normal_in_base", where)
-    return Plane(str(table["name"]), _place(table, "point_in_base_mm", where), (x, y, z))
+def _read_box(table: dict[str, Any], where: str) -> BoxBlock:
+    _check_keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, where)
+    angles = np.deg2rad(_read_triple(table, "rpy_deg", where)) if "rpy_deg" in table else np.zeros(3)
+    centre = np.array(_read_place(table, "centre_in_base_mm", where))
+    size = _read_place(table, "size_mm", where)
+    base_box = Pose.from_matrix(homogeneous_matrix(rotation_from("ros_rpy", angles), centre))
+    return BoxBlock(str(table["name"]), base_box, size)
 
 
-def _list(data: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+def _read_sphere(table: dict[str, Any], where: str) -> SphereObstacle:
+    _check_keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), where)
+    return SphereObstacle(
+        str(table["name"]),
+        _read_place(table, "centre_in_base_mm", where),
+        _read_number(table, "radius_mm", where) / 1e3,
+    )
+
+
+def _read_plane(table: dict[str, Any], where: str) -> PlaneObstacle:
+    _check_keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), where)
+    x, y, z = _read_triple(table, "normal_in_base", where)
+    return PlaneObstacle(str(table["name"]), _read_place(table, "point_in_base_mm", where), (x, y, z))
+
+
+def _read_tables(data: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
     tables = data.get(key, [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise CellShapeError(f"{where}: {key} is written as [[{key}]]")
     return tables
 
 
-def _keys(table: dict[str, Any], wanted: set[str], optional: set[str], where: str) -> None:
-    missing, unknown = wanted - table.keys(), table.keys() - wanted - optional
+def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+    missing, unknown = required - table.keys(), table.keys() - required - optional
     if missing or unknown:
         raise CellShapeError(
             f"{where}: {table.get('name', 'a table')} lacks {sorted(missing)}, does not know {sorted(unknown)}"
         )
 
 
-def _place(table: dict[str, Any], key: str, where: str) -> Place:
-    x, y, z = (value / 1e3 for value in _three(table, key, where))
+def _read_place(table: dict[str, Any], key: str, where: str) -> Place:
+    x, y, z = (value / 1e3 for value in _read_triple(table, key, where))
     return x, y, z
 
 
-def _three(table: dict[str, Any], key: str, where: str) -> list[float]:
+def _read_triple(table: dict[str, Any], key: str, where: str) -> list[float]:
     values = table[key]
     if not isinstance(values, list) or len(values) != 3 or not all(_is_number(v) for v in values):
         raise CellShapeError(f"{where}: {key} is three finite numbers")
     return [float(v) for v in values]
 
 
-def _number(table: dict[str, Any], key: str, where: str) -> float:
+def _read_number(table: dict[str, Any], key: str, where: str) -> float:
     if not _is_number(table[key]):
         raise CellShapeError(f"{where}: {key} is a finite number")
     return float(table[key])

@@ -10,13 +10,13 @@ CHOICES = ("driver", "interface")  # keys that choose among device models
 def wrong_choice(union: Any, context: Mapping[str, Any]) -> str:
     """Say that there is no such device model, and which there are."""
     key = str(context["discriminator"]).strip("'")
-    told = f"there is no {key} {context['tag']!r}" if "tag" in context else f"names no {key}"
-    return f"{told}; there are {', '.join(_literals(union, key))}"
+    problem = f"there is no {key} {context['tag']!r}" if "tag" in context else f"names no {key}"
+    return f"{problem}; there are {', '.join(_valid_choices(union, key))}"
 
 
-def _literals(union: Any, key: str) -> tuple[str, ...]:
+def _valid_choices(union: Any, key: str) -> tuple[str, ...]:
     """Return what may stand behind a key that chooses."""
-    found = [str(name) for model in _device_models(union) for name in _literal(model, key)]
+    found = [str(name) for model in _device_models(union) for name in _literal_values(model, key)]
     return tuple(dict.fromkeys(found))
 
 
@@ -24,12 +24,12 @@ def keys_of(union: Any, table: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the valid keys of the device model that a table chooses."""
     choices = [(key, table[key]) for key in CHOICES if key in table]
     for model in _device_models(union):
-        if choices and all(value in _literal(model, key) for key, value in choices):
+        if choices and all(value in _literal_values(model, key) for key, value in choices):
             return tuple(model.model_fields)
     return ("driver",)
 
 
-def _literal(model: Any, key: str) -> tuple[Any, ...]:
+def _literal_values(model: Any, key: str) -> tuple[Any, ...]:
     field = model.model_fields.get(key)
     return () if field is None else getattr(field.annotation, "__args__", ())
 
@@ -42,7 +42,7 @@ def _device_models(union: Any) -> list[Any]:
     return [model for part in bare.__args__ for model in _device_models(part)]
 
 
-def nearest(key: str, valid: tuple[str, ...]) -> str:
+def suggest_key(key: str, valid: tuple[str, ...]) -> str:
     """Say which key was meant, or which are valid."""
     close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
     return f"did you mean {close[0]!r}?" if close else f"valid here: {', '.join(sorted(valid))}"

@@ -44,11 +44,11 @@ def read_motion(table: Mapping[str, Any], where: str, faults: list[tuple[str, st
     if not isinstance(space, dict):
         faults.append((f"{where}.space", "is written as [robot.space]"))
         space = {}
-    surroundings = _surroundings(table, space, f"{where}.space", faults)
-    return RobotMotion(MotionLevel(level), surroundings, _active(table, f"{where}.active", faults))
+    surroundings = _read_surroundings(table, space, f"{where}.space", faults)
+    return RobotMotion(MotionLevel(level), surroundings, _read_active(table, f"{where}.active", faults))
 
 
-def _active(table: Mapping[str, Any], where: str, faults: list[tuple[str, str]]) -> ActiveFrames:
+def _read_active(table: Mapping[str, Any], where: str, faults: list[tuple[str, str]]) -> ActiveFrames:
     try:
         named = ActiveTable.model_validate(table.get("active", {}))
     except ValidationError as error:
@@ -57,7 +57,7 @@ def _active(table: Mapping[str, Any], where: str, faults: list[tuple[str, str]])
     return ActiveFrames(named.tool_number, None, named.user_frame_number, named.payload_kg)
 
 
-def _surroundings(
+def _read_surroundings(
     table: Mapping[str, Any], space: dict[str, Any], where: str, faults: list[tuple[str, str]]
 ) -> Surroundings:
     try:

@@ -6,17 +6,17 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class _Table(BaseModel):
+class _ReportTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class MetricsTable(_Table):
+class MetricsTable(_ReportTable):
     """[metrics]: who may read `/metrics`. Without the table only programs on this computer."""
 
     token_file: Path  # whose first line a reader sends as "Authorization: Bearer …", from this computer, too
 
 
-class WebhookTable(_Table):
+class WebhookTable(_ReportTable):
     """[webhook]: where alarms are sent. Without the table nothing leaves the computer."""
 
     url: str = Field(min_length=1, max_length=2000)
@@ -28,13 +28,13 @@ class WebhookTable(_Table):
 
 
 @dataclass(frozen=True)
-class Reports:
+class ReportTables:
     """What other programs are told."""
 
     metrics: MetricsTable | None = None
     webhook: WebhookTable | None = None
 
-    def seen_from(self, cell_file: Path) -> "Reports":
+    def seen_from(self, cell_file: Path) -> "ReportTables":
         """Return them with files as the cell file means them: a relative one from its own folder."""
         here = cell_file.parent
         metrics, webhook = self.metrics, self.webhook
@@ -44,4 +44,4 @@ class Reports:
             ca_file = None if webhook.ca_file is None else here / webhook.ca_file.expanduser()
             secret_file = here / webhook.secret_file.expanduser()
             webhook = webhook.model_copy(update={"secret_file": secret_file, "ca_file": ca_file})
-        return Reports(metrics, webhook)
+        return ReportTables(metrics, webhook)

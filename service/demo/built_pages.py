@@ -18,11 +18,11 @@ def see_to_pages(say: Callable[[str], None]) -> bool:
         with _SCRIPT.open("rb") as turn:  # two demos at once do not build into each other
             fcntl.flock(turn, fcntl.LOCK_EX)
             if not _are_there():
-                _build(say)
+                _build_pages(say)
     return _are_there()
 
 
-def _build(say: Callable[[str], None]) -> None:
+def _build_pages(say: Callable[[str], None]) -> None:
     say("The pages are built first; that takes a minute once.")
     ended = subprocess.run(
         ["bash", str(_SCRIPT)], env={**os.environ, "VENV": sys.prefix}, stdin=subprocess.DEVNULL, check=False

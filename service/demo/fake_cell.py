@@ -12,8 +12,8 @@ from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
-from cellcal.service.demo.door import Door
-from cellcal.service.demo.furniture import FURNITURE, USUAL
+from cellcal.service.demo.demo_fixtures import FIXTURES_TOML, USUAL
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 
 # ur-rtde cannot be told other ports, so every fake robot needs a loopback address of its own.
 _PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
@@ -136,14 +136,14 @@ def write_cell_file(
         data_dir=data_dir,
         settle_s=settle_s,
         usual=USUAL if furnished else "",
-        furniture=FURNITURE if furnished else "",
+        furniture=FIXTURES_TOML if furnished else "",
     )
     path.write_text(text, encoding="utf-8")
     return path
 
 
 @asynccontextmanager
-async def running_fakes(cell_file: Path) -> AsyncIterator[Door]:
+async def running_fakes(cell_file: Path) -> AsyncIterator[FakeCellClient]:
     """Run the devices that the file names in their own process, until the block ends."""
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "cellcal.fake_devices", str(cell_file), "--watch-stdin",
@@ -153,9 +153,9 @@ async def running_fakes(cell_file: Path) -> AsyncIterator[Door]:
     try:
         ready = await _ready_line(process)
         host, port = ready["control"]
-        yield Door(str(host), int(port))
+        yield FakeCellClient(str(host), int(port))
     finally:
-        await _end(process)
+        await _end_process(process)
 
 
 async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
@@ -173,7 +173,7 @@ async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
     )
 
 
-async def _end(process: asyncio.subprocess.Process) -> None:
+async def _end_process(process: asyncio.subprocess.Process) -> None:
     if process.returncode is None:
         with suppress(ProcessLookupError):
             process.terminate()

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, field
 
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.progress import StepProgress
 
 TRUE_FACTOR = 4.0  # above it, sockets and computing are counted too often to be called robot time
 _PARTS = (
@@ -23,18 +23,18 @@ class RobotTime:
     parts_s: tuple[tuple[str, float], ...]
 
     @property
-    def true(self) -> bool:
+    def is_real_time(self) -> bool:
         """Whether the clock ran slowly enough for the figure to be that of a real robot."""
         return self.time_factor <= TRUE_FACTOR
 
-    def sentence(self) -> str:
+    def describe_time(self) -> str:
         """Return the figure as it is told, with what it is made of."""
         minutes, seconds = divmod(round(self.total_s), 60)
         parts = ", ".join(f"{name} {part_s:.0f} s" for name, part_s in self.parts_s)
-        told = f"robot time {minutes} min {seconds} s by the world's clock ({parts})"
-        if self.true:
-            return told
-        return f"{told}; computing counts {self.time_factor:g} times: --time-factor 1 tells the true figure"
+        text = f"robot time {minutes} min {seconds} s by the world's clock ({parts})"
+        if self.is_real_time:
+            return text
+        return f"{text}; computing counts {self.time_factor:g} times: --time-factor 1 tells the true figure"
 
 
 @dataclass
@@ -45,7 +45,7 @@ class StepClock:
     _began_s: float | None = None
     _parts_s: dict[str, float] = field(default_factory=dict)
 
-    def on_event(self, event: Progress) -> None:
+    def on_event(self, event: StepProgress) -> None:
         """Follow a run."""
         if event.kind == "started":
             self._began_s = time.monotonic()
@@ -54,7 +54,7 @@ class StepClock:
             self._parts_s[part] = self._parts_s.get(part, 0.0) + took_s * self.time_factor
             self._began_s = None
 
-    def told(self, total_s: float) -> RobotTime:
+    def split_total(self, total_s: float) -> RobotTime:
         """Return the split of a total [world s] that was read at the control door; the rest is between steps."""
         parts = dict(self._parts_s)
         parts["other"] = parts.get("other", 0.0) + max(0.0, total_s - sum(parts.values()))

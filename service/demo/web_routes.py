@@ -16,19 +16,19 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import Name
-from cellcal.service.demo.door import Door
-from cellcal.service.demo.hands import lend_a_hand
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from cellcal.service.demo.faults import DEMO_FAULTS, ROBOT, clear_faults, trigger_fault
 from cellcal.service.demo.jogging import can_jog, jog_for
-from cellcal.service.demo.mishaps import MISHAPS, ROBOT, happen, mend
-from cellcal.service.web.cell_client import DeskLink
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.demo.technician_actions import perform_instruction
+from cellcal.service.web.cell_client import CellProcessClient
+from cellcal.service.web.dependencies import Who, app_context
 
 router = APIRouter(prefix="/demo")
-_KEPT = 50
-MENDED, JOGGED = "mended", "hand_jog"
+_MOST_PRESSES = 50
+CLEARED, JOGGED = "mended", "hand_jog"
 
 
-class Wanted(BaseModel):
+class FaultRequest(BaseModel):
     """Which button was pressed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -36,7 +36,7 @@ class Wanted(BaseModel):
     name: Name
 
 
-class Pace(BaseModel):
+class PaceRequest(BaseModel):
     """How much faster than real the world's time is to run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -45,7 +45,7 @@ class Pace(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
+class PressRecord:
     """Something that was done to the world, by a button or by the technician's hands."""
 
     n: int
@@ -57,68 +57,72 @@ class Pressed:
 class DemoWorld:
     """The fake world as the demo's pages reach it."""
 
-    door: Door
-    pressed: deque[Pressed] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    fake_cell: FakeCellClient
+    pressed: deque[PressRecord] = field(default_factory=lambda: deque(maxlen=_MOST_PRESSES))
     preparing: bool = False  # the demo takes the mastering record by itself
-    dice: np.random.Generator = field(default_factory=np.random.default_rng)  # of the technician's eye
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)  # of the technician's eye
     _count: int = 0
 
-    def note(self, name: str) -> None:
+    def record_press(self, name: str) -> None:
         """Keep what was done."""
         self._count += 1
-        self.pressed.appendleft(Pressed(self._count, datetime.now(UTC).isoformat(timespec="seconds"), name))
+        self.pressed.appendleft(
+            PressRecord(self._count, datetime.now(UTC).isoformat(timespec="seconds"), name)
+        )
 
-    async def told(self) -> dict[str, Any]:
+    async def to_json(self) -> dict[str, Any]:
         """Return what the demo's bar shows. The tool's error is the world's truth; no procedure can see it."""
-        error = await self.door.ask("tcp_error", robot=ROBOT)
+        error = await self.fake_cell.send_command("tcp_error", robot=ROBOT)
         return {
-            "mishaps": [{"name": each.name, "kind": each.kind, "device": each.device} for each in MISHAPS],
+            "mishaps": [
+                {"name": each.name, "kind": each.kind, "device": each.device} for each in DEMO_FAULTS
+            ],
             "pressed": list(self.pressed),
             "preparing": self.preparing,
-            "time_factor": (await self.door.ask("pace"))["time_factor"],
+            "time_factor": (await self.fake_cell.send_command("pace"))["time_factor"],
             "tcp_error_m": {"robot": ROBOT, "mean": error["mean"], "max": error["max"]},
         }
 
 
-class DemoLink(DeskLink):
+class DemoCellProcessClient(CellProcessClient):
     """The line to the desk, with hands: what a person says is done at the cabinet is done in the world first."""
 
     def __init__(
-        self, cell_file: Path, heard: Callable[[str, dict[str, Any]], None], world: DemoWorld
+        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None], world: DemoWorld
     ) -> None:
-        super().__init__(cell_file, heard)
+        super().__init__(cell_file, on_event)
         self.world = world
 
-    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         """Send a command; before a yes to an instruction, do what it asks for."""
         if self._is_yes(command):
             prompt = (self.session or {})["prompt"]
-            done = await lend_a_hand(self.world.door, prompt["key"], prompt["text"])
+            done = await perform_instruction(self.world.fake_cell, prompt["key"], prompt["text"])
             if done:
-                self.world.note(f"hand_{done}")
-        return await super().order(command)
+                self.world.record_press(f"hand_{done}")
+        return await super().send_order(command)
 
     @property
-    def touches(self) -> tuple[str, str, str] | None:
+    def jog_target(self) -> tuple[str, str, str] | None:
         """Robot, procedure and key of what is asked, where the technician can jog the arm there; else None."""
         session = self.session or {}
         run, prompt = session.get("run"), session.get("prompt")
         if run is None or prompt is None:
             return None
-        asked = session["robot"], run["procedure"], prompt["key"]
-        return asked if can_jog(*asked) else None
+        target = session["robot"], run["procedure"], prompt["key"]
+        return target if can_jog(*target) else None
 
-    async def jog(self) -> None:
+    async def jog_arm(self) -> None:
         """Bring the arm to where the step that is asked wants it."""
-        asked = self.touches
-        if asked is None:
+        target = self.jog_target
+        if target is None:
             raise CellError(
                 "no step that the demo's technician can jog the arm to is asked just now.",
                 remedy="Look at the present step.",
                 code="usage",
             )
-        await jog_for(self.world.door, *asked, self.world.dice)
-        self.world.note(JOGGED)
+        await jog_for(self.world.fake_cell, *target, self.world.rng)
+        self.world.record_press(JOGGED)
 
     def _is_yes(self, command: dict[str, Any]) -> bool:
         """Whether the desk will take this as the answer to what it asks just now."""
@@ -137,65 +141,67 @@ class DemoLink(DeskLink):
 class DemoExtension:
     """What a demo adds to the service: the routes of its buttons, and a line with hands."""
 
-    door: Door
+    fake_cell: FakeCellClient
 
     @property
     def router(self) -> APIRouter:
         """The routes of the demo's bar."""
         return router
 
-    def make_link(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> DeskLink:
+    def make_link(
+        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]
+    ) -> CellProcessClient:
         """Return a line to the cell's process that does in the world what a person says was done."""
-        return DemoLink(cell_file, on_event, DemoWorld(self.door))
+        return DemoCellProcessClient(cell_file, on_event, DemoWorld(self.fake_cell))
 
 
 @router.get("")
-async def shown(request: Request, who: Who) -> dict[str, Any]:
+async def show_demo(request: Request, who: Who) -> dict[str, Any]:
     """Return the mishaps that there are, what was pressed, the truth, and whether the arm can be jogged now."""
     del who
-    return await _told(request)
+    return await _demo_state(request)
 
 
 @router.post("/mishaps")
-async def let_happen(wanted: Wanted, request: Request, who: Who) -> dict[str, Any]:
+async def trigger_demo_fault(requested: FaultRequest, request: Request, who: Who) -> dict[str, Any]:
     """Let something happen to the fake cell."""
     del who
-    world = _link(request).world
-    await happen(world.door, wanted.name)
-    world.note(wanted.name)
-    return await _told(request)
+    world = _demo_link(request).world
+    await trigger_fault(world.fake_cell, requested.name)
+    world.record_press(requested.name)
+    return await _demo_state(request)
 
 
 @router.post("/jog")
-async def jog(request: Request, who: Who) -> dict[str, Any]:
+async def jog_now(request: Request, who: Who) -> dict[str, Any]:
     """Let the technician bring the arm to where the step that is asked wants it."""
     del who
-    await _link(request).jog()
-    return await _told(request)
+    await _demo_link(request).jog_arm()
+    return await _demo_state(request)
 
 
 @router.post("/mend")
 async def mend_all(request: Request, who: Who) -> dict[str, Any]:
     """Put cables, wire, stops and switches back in order; what was lost stays lost."""
     del who
-    world = _link(request).world
-    await mend(world.door)
-    world.note(MENDED)
-    return await _told(request)
+    world = _demo_link(request).world
+    await clear_faults(world.fake_cell)
+    world.record_press(CLEARED)
+    return await _demo_state(request)
 
 
 @router.post("/pace")
-async def set_pace(pace: Pace, request: Request, who: Who) -> dict[str, Any]:
+async def set_pace(pace: PaceRequest, request: Request, who: Who) -> dict[str, Any]:
     """Let the world's time run faster or slower."""
     del who
-    await _link(request).world.door.ask("pace", time_factor=pace.time_factor)
-    return await _told(request)
+    await _demo_link(request).world.fake_cell.send_command("pace", time_factor=pace.time_factor)
+    return await _demo_state(request)
 
 
-async def _told(request: Request) -> dict[str, Any]:
-    link = _link(request)
-    return {**await link.world.told(), "can_jog": link.touches is not None}
+async def _demo_state(request: Request) -> dict[str, Any]:
+    link = _demo_link(request)
+    return {**await link.world.to_json(), "can_jog": link.jog_target is not None}
 
 
-def _link(request: Request) -> DemoLink:
-    return cast(DemoLink, house_of(request).link)
+def _demo_link(request: Request) -> DemoCellProcessClient:
+    return cast(DemoCellProcessClient, app_context(request).link)

@@ -17,8 +17,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.export.kept_names import is_kept_name
-from cellcal.service.record.signing import Finding, StationKey, check
+from cellcal.service.export.backup_names import is_backup_name
+from cellcal.service.record.signing import CellKey, CheckFinding, check_document
 
 FORMAT = "cellcal backup 1"
 MANIFEST = "manifest.json"
@@ -36,7 +36,7 @@ class BackupError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ArchiveEntry:
     """One file of a backup."""
 
     path: str  # relative, with "/"
@@ -45,15 +45,15 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
+class BackupManifest:
     """What a backup says of itself, as it was signed."""
 
     content: Mapping[str, Any]
-    entries: Mapping[str, Entry]
+    entries: Mapping[str, ArchiveEntry]
     public_key: str
 
 
-def damaged(path: Path, why: str) -> BackupError:
+def damaged_error(path: Path, why: str) -> BackupError:
     """Return the refusal of an archive that cannot be trusted."""
     return BackupError(
         f"{path} is no whole backup: {why}. Nothing of it was put back.",
@@ -62,7 +62,7 @@ def damaged(path: Path, why: str) -> BackupError:
     )
 
 
-def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, Any], key: StationKey) -> None:
+def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, Any], key: CellKey) -> None:
     """Write files, by their paths in the archive, whole or not at all, and never over another file.
 
     Raises
@@ -70,16 +70,16 @@ def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, A
     BackupError
         The archive is there already, or cannot be written.
     """
-    entries = [_entry(name, source) for name, source in sorted(files.items())]
+    entries = [_make_entry(name, source) for name, source in sorted(files.items())]
     listed = [{"path": one.path, "bytes": one.size, "sha256": one.sha256} for one in entries]
-    manifest = key.sign(FORMAT, {**content, "files": listed}).encode()
+    manifest = key.sign_document(FORMAT, {**content, "files": listed}).encode()
     try:
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # for its owner only
         draft = Path(name)
         try:
             with os.fdopen(descriptor, "w+b") as file:
                 _write_tar(file, manifest, entries, files)
-                file.write(f"{_sha256(file, file.tell())}\n".encode())
+                file.write(f"{_hash_content(file, file.tell())}\n".encode())
                 file.flush()
                 os.fsync(file.fileno())
             os.link(draft, path)
@@ -95,7 +95,7 @@ def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, A
         ) from error
 
 
-def unpack(path: Path, folder: Path) -> Manifest:
+def unpack_archive(path: Path, folder: Path) -> BackupManifest:
     """Unpack a backup into an empty folder after all of it was found whole; each file is checked once more.
 
     Raises
@@ -105,9 +105,9 @@ def unpack(path: Path, folder: Path) -> Manifest:
     """
     try:
         with path.open("rb") as file:
-            length = _whole(path, file)
-            with _opened(path, file, length) as tar:
-                manifest = _manifest(path, tar)
+            length = _verified_length(path, file)
+            with _open_tar(path, file, length) as tar:
+                manifest = _read_manifest(path, tar)
                 _unpack_files(path, tar, manifest, folder)
     except OSError as error:
         raise BackupError(
@@ -118,89 +118,95 @@ def unpack(path: Path, folder: Path) -> Manifest:
     return manifest
 
 
-def _entry(name: str, source: Path) -> Entry:
+def _make_entry(name: str, source: Path) -> ArchiveEntry:
     with source.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
-        return Entry(name, size, _sha256(file, size))
+        return ArchiveEntry(name, size, _hash_content(file, size))
 
 
-def _write_tar(file: IO[bytes], manifest: bytes, entries: list[Entry], files: Mapping[str, Path]) -> None:
+def _write_tar(
+    file: IO[bytes], manifest: bytes, entries: list[ArchiveEntry], files: Mapping[str, Path]
+) -> None:
     with tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar:
-        tar.addfile(_header(MANIFEST, len(manifest)), io.BytesIO(manifest))
+        tar.addfile(_tar_header(MANIFEST, len(manifest)), io.BytesIO(manifest))
         for entry in entries:
             with files[entry.path].open("rb") as source:
-                tar.addfile(_header(entry.path, entry.size), source)
+                tar.addfile(_tar_header(entry.path, entry.size), source)
 
 
-def _header(name: str, size: int) -> tarfile.TarInfo:
+def _tar_header(name: str, size: int) -> tarfile.TarInfo:
     header = tarfile.TarInfo(name)
     header.size, header.mode = size, 0o600
     return header
 
 
-def _whole(path: Path, file: IO[bytes]) -> int:
+def _verified_length(path: Path, file: IO[bytes]) -> int:
     """Return how long the tar is, once the trailer has proved every byte of it."""
     length = os.fstat(file.fileno()).st_size - _TRAILER_BYTES
     if length <= 0:
-        raise damaged(path, "it is too short")
-    found = f"{_sha256(file, length)}\n".encode()
+        raise damaged_error(path, "it is too short")
+    found = f"{_hash_content(file, length)}\n".encode()
     if file.read(_TRAILER_BYTES) != found:
-        raise damaged(path, "a byte was changed, or its end is missing")
+        raise damaged_error(path, "a byte was changed, or its end is missing")
     return length
 
 
-def _sha256(file: IO[bytes], length: int) -> str:
+def _hash_content(file: IO[bytes], length: int) -> str:
     file.seek(0)
-    hashed, left = hashlib.sha256(), length
-    while left > 0 and (chunk := file.read(min(_CHUNK, left))):
+    hashed, remaining = hashlib.sha256(), length
+    while remaining > 0 and (chunk := file.read(min(_CHUNK, remaining))):
         hashed.update(chunk)
-        left -= len(chunk)
+        remaining -= len(chunk)
     return hashed.hexdigest()
 
 
 @contextmanager
-def _opened(path: Path, file: IO[bytes], length: int) -> Iterator[tarfile.TarFile]:
+def _open_tar(path: Path, file: IO[bytes], length: int) -> Iterator[tarfile.TarFile]:
     del length  # the tar ends by itself, before the trailer
     file.seek(0)
     try:
         with tarfile.open(fileobj=file, mode="r:") as tar:
             yield tar
     except (tarfile.TarError, EOFError, ValueError, OverflowError) as error:
-        raise damaged(path, f"it is no tar: {error}") from error
+        raise damaged_error(path, f"it is no tar: {error}") from error
 
 
-def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
+def _read_manifest(path: Path, tar: tarfile.TarFile) -> BackupManifest:
     first = tar.next()
     if first is None or first.name != MANIFEST or not _is_plain(first) or first.size > _MOST_MANIFEST_BYTES:
-        raise damaged(path, f"it does not begin with {MANIFEST}")
+        raise damaged_error(path, f"it does not begin with {MANIFEST}")
     reader = tar.extractfile(first)
-    checked = check(b"" if reader is None else reader.read())
-    if checked.finding is not Finding.INTACT or checked.format != FORMAT:
-        raise damaged(path, f"its {MANIFEST} is not what was signed. {checked.sentence}")
+    checked = check_document(b"" if reader is None else reader.read())
+    if checked.finding is not CheckFinding.INTACT or checked.format != FORMAT:
+        raise damaged_error(path, f"its {MANIFEST} is not what was signed. {checked.sentence}")
     try:
-        listed = [Entry(str(f["path"]), int(f["bytes"]), str(f["sha256"])) for f in checked.content["files"]]
+        listed = [
+            ArchiveEntry(str(f["path"]), int(f["bytes"]), str(f["sha256"])) for f in checked.content["files"]
+        ]
     except (KeyError, TypeError, ValueError) as error:
-        raise damaged(path, f"its {MANIFEST} names no files") from error
-    wrong = [entry.path for entry in listed if not (_is_safe(entry.path) and is_kept_name(entry.path))]
+        raise damaged_error(path, f"its {MANIFEST} names no files") from error
+    wrong = [entry.path for entry in listed if not (_is_safe(entry.path) and is_backup_name(entry.path))]
     if wrong or len({entry.path for entry in listed}) != len(listed) or len(listed) > _MOST_FILES:
-        raise damaged(path, f"its list names files that no backup has: {', '.join(map(repr, wrong[:3]))}")
-    return Manifest(checked.content, {entry.path: entry for entry in listed}, checked.public_key)
+        raise damaged_error(
+            path, f"its list names files that no backup has: {', '.join(map(repr, wrong[:3]))}"
+        )
+    return BackupManifest(checked.content, {entry.path: entry for entry in listed}, checked.public_key)
 
 
-def _unpack_files(path: Path, tar: tarfile.TarFile, manifest: Manifest, folder: Path) -> None:
-    left = dict(manifest.entries)
+def _unpack_files(path: Path, tar: tarfile.TarFile, manifest: BackupManifest, folder: Path) -> None:
+    missing = dict(manifest.entries)
     while (member := tar.next()) is not None:
-        entry = left.pop(member.name, None)
+        entry = missing.pop(member.name, None)
         if entry is None or not _is_plain(member) or member.size != entry.size:
-            raise damaged(path, f"it holds {member.name!r} otherwise than its list says")
+            raise damaged_error(path, f"it holds {member.name!r} otherwise than its list says")
         reader = tar.extractfile(member)
-        if reader is None or _copied(reader, folder / entry.path) != entry.sha256:
-            raise damaged(path, f"{entry.path} is not what was put into it")
-    if left:
-        raise damaged(path, f"{next(iter(left))} is missing in it")
+        if reader is None or _copy_hashed(reader, folder / entry.path) != entry.sha256:
+            raise damaged_error(path, f"{entry.path} is not what was put into it")
+    if missing:
+        raise damaged_error(path, f"{next(iter(missing))} is missing in it")
 
 
-def _copied(reader: IO[bytes], target: Path) -> str:
+def _copy_hashed(reader: IO[bytes], target: Path) -> str:
     target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     hashed = hashlib.sha256()
     descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)

@@ -20,13 +20,13 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.archive import BackupError, write_archive
-from cellcal.service.export.kept_names import is_kept_name
+from cellcal.service.export.backup_names import is_backup_name
 from cellcal.service.export.sealed_keys import seal_keys
 from cellcal.service.people.pin_hashing import PEPPER_NAME
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import certificates_folder, journal_path
-from cellcal.service.record.signing import KEY_NAME, Finding, check, read_document, station_key
-from cellcal.service.site.keys import chunk
+from cellcal.service.record.signing import KEY_NAME, CheckFinding, check_document, read_document, station_key
+from cellcal.service.site.keys import key_part
 from cellcal.service.site.outbox import OUTBOX_NAME
 
 SUFFIX = ".cellcal-backup"
@@ -39,7 +39,7 @@ _SQLITE_NAMES = (".db", ".sqlite")
 
 
 @dataclass(frozen=True, slots=True)
-class BackedUp:
+class BackupResult:
     """A backup that was made."""
 
     path: Path
@@ -51,7 +51,7 @@ class BackedUp:
     left_out: tuple[str, ...]  # links, which are not followed, and files that no cell writes
 
 
-def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> BackedUp:
+def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> BackupResult:
     """Write a backup of a cell; ``target`` is a new file, or a folder in which it gets a name.
 
     Raises
@@ -60,7 +60,7 @@ def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> 
         There is nothing to keep, a part of it is damaged, or the archive cannot be written.
     """
     made_utc = datetime.now(UTC)
-    path = target / _name(config, made_utc) if target.is_dir() else target
+    path = target / _backup_name(config, made_utc) if target.is_dir() else target
     data_dir = config.cell.data_dir
     if not journal_path(config).exists():
         raise BackupError(
@@ -69,12 +69,14 @@ def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> 
             code="usage",
         )
     certificates = refuse_spoilt_certificates(certificates_folder(config))
-    with _scratch(path.parent) as scratch:
+    with _scratch_folder(path.parent) as scratch:
         odd: list[str] = []
-        files = _copies(config, scratch, odd)
+        files = _copy_files(config, scratch, odd)
         head = _head_of(files[f"{DATA}/{journal_path(config).name}"])
         if passphrase is not None:
-            files[KEYS_FILE] = _written(scratch / KEYS_FILE, seal_keys(_secrets(data_dir), passphrase))
+            files[KEYS_FILE] = _write_file(
+                scratch / KEYS_FILE, seal_keys(_secret_files(data_dir), passphrase)
+            )
         content = {
             "cell": config.cell.name,
             "made_utc": made_utc.isoformat(timespec="seconds"),
@@ -85,12 +87,12 @@ def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> 
         }
         write_archive(path, files, content, station_key(data_dir))
     size = path.stat().st_size
-    return BackedUp(path, len(files), head[0], certificates, size, passphrase is not None, tuple(odd))
+    return BackupResult(path, len(files), head[0], certificates, size, passphrase is not None, tuple(odd))
 
 
 def forget_older(config: CellConfig, folder: Path, keep: int) -> list[Path]:
     """Remove all but the newest backups of this cell that got their names here; return what was removed."""
-    mine = sorted(folder.glob(f"{chunk(config.cell.name)}-????????T??????Z{SUFFIX}"))
+    mine = sorted(folder.glob(f"{key_part(config.cell.name)}-????????T??????Z{SUFFIX}"))
     gone = mine[: max(len(mine) - keep, 0)]
     for path in gone:
         path.unlink()
@@ -108,8 +110,8 @@ def refuse_spoilt_certificates(folder: Path) -> int:
     found = sorted(folder.glob("*.json")) if folder.is_dir() else []
     for path in found:
         raw = read_document(path)
-        checked = check(raw) if isinstance(raw, bytes) else raw
-        if checked.finding is not Finding.INTACT:
+        checked = check_document(raw) if isinstance(raw, bytes) else raw
+        if checked.finding is not CheckFinding.INTACT:
             raise BackupError(
                 f"{path.name} is no certificate as it was signed: {checked.sentence}",
                 remedy="Find out who changed it. Move it away: `cellcal certificate` makes it anew from the journal.",
@@ -122,13 +124,17 @@ def journal_flaw(path: Path) -> tuple[int, str, str]:
     """Return number and hash of the last event, and what is wrong with the chain; nothing where it holds."""
     with closing(Journal(path)) as journal:
         damage = journal.damage
-        events = journal.events()
+        events = journal.list_events()
         last = events[-1].seq if events else 0
-        return last, journal.head().hex() if damage is None else "", "" if damage is None else damage.reason
+        return (
+            last,
+            journal.head_hash().hex() if damage is None else "",
+            "" if damage is None else damage.reason,
+        )
 
 
 @contextmanager
-def _scratch(folder: Path) -> Iterator[Path]:
+def _scratch_folder(folder: Path) -> Iterator[Path]:
     """Lend a folder on the disk of the backup, for its owner only."""
     try:
         with tempfile.TemporaryDirectory(prefix=".cellcal-backup-", dir=folder) as name:
@@ -141,10 +147,10 @@ def _scratch(folder: Path) -> Iterator[Path]:
         ) from error
 
 
-def _copies(config: CellConfig, scratch: Path, odd: list[str]) -> dict[str, Path]:
+def _copy_files(config: CellConfig, scratch: Path, odd: list[str]) -> dict[str, Path]:
     """Copy what is kept, so that nothing of it changes any more; return the copies by their paths in the backup."""
     files: dict[str, Path] = {}
-    for name, source in (*_sets(config), *_data(config.cell.data_dir, odd)):
+    for name, source in (*_parameter_files(config), *_data_files(config.cell.data_dir, odd)):
         copy = scratch / f"{len(files)}-{source.name}"
         try:
             _copy_database(source, copy) if _is_database(source) else shutil.copyfile(source, copy)
@@ -154,7 +160,7 @@ def _copies(config: CellConfig, scratch: Path, odd: list[str]) -> dict[str, Path
     journal = scratch / journal_path(config).name  # last: certificates are of runs that are in it
     _copy_database(journal_path(config), journal)
     files[f"{DATA}/{journal.name}"] = journal
-    files[CELL_FILE] = _written(scratch / CELL_FILE, config.text.encode())
+    files[CELL_FILE] = _write_file(scratch / CELL_FILE, config.text.encode())
     return files
 
 
@@ -170,19 +176,19 @@ def _head_of(copy: Path) -> tuple[int, str]:
     return events, head
 
 
-def _name(config: CellConfig, made_utc: datetime) -> str:
-    return f"{chunk(config.cell.name)}-{made_utc:%Y%m%dT%H%M%SZ}{SUFFIX}"
+def _backup_name(config: CellConfig, made_utc: datetime) -> str:
+    return f"{key_part(config.cell.name)}-{made_utc:%Y%m%dT%H%M%SZ}{SUFFIX}"
 
 
-def _sets(config: CellConfig) -> Iterator[tuple[str, Path]]:
+def _parameter_files(config: CellConfig) -> Iterator[tuple[str, Path]]:
     folder = config.path.parent / SETS
     for path in sorted(folder.rglob("*.toml")) if folder.is_dir() else []:
         name = f"{SETS}/{path.relative_to(folder).as_posix()}"
-        if path.is_file() and not path.is_symlink() and is_kept_name(name):
+        if path.is_file() and not path.is_symlink() and is_backup_name(name):
             yield name, path
 
 
-def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
+def _data_files(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
     """Yield the files of data_dir but those of a moment; names of links go to ``odd``."""
     for here, folders, names in os.walk(data_dir):
         folders[:] = sorted(
@@ -193,7 +199,7 @@ def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
             inside = path.relative_to(data_dir).as_posix()
             if _is_passing(path, top=Path(here) == data_dir):
                 continue
-            if path.is_symlink() or not path.is_file() or not is_kept_name(f"{DATA}/{inside}"):
+            if path.is_symlink() or not path.is_file() or not is_backup_name(f"{DATA}/{inside}"):
                 odd.append(inside)
             else:
                 yield f"{DATA}/{inside}", path
@@ -227,12 +233,12 @@ def _copy_database(source: Path, copy: Path) -> None:
         ) from error
 
 
-def _secrets(data_dir: Path) -> dict[str, bytes]:
+def _secret_files(data_dir: Path) -> dict[str, bytes]:
     station_key(data_dir)
     found = [data_dir / name for name in SECRET_NAMES]
     return {path.name: read_plain_bytes(path) for path in found if path.exists()}
 
 
-def _written(path: Path, content: bytes) -> Path:
+def _write_file(path: Path, content: bytes) -> Path:
     path.write_bytes(content)
     return path

@@ -16,7 +16,7 @@ _HELP_ESCAPES = str.maketrans({"\\": "\\\\", "\n": "\\n"})
 
 
 @dataclass
-class Family:
+class MetricFamily:
     """Samples of one name. ``kind``: gauge or counter."""
 
     name: str
@@ -28,7 +28,7 @@ class Family:
         if _NAME.fullmatch(self.name) is None or (self.kind == "counter") != self.name.endswith("_total"):
             raise ValueError(f"{self.name} is no name of a {self.kind}")
 
-    def add(self, value: float | None, labels: Mapping[str, str] | None = None) -> "Family":
+    def add_sample(self, value: float | None, labels: Mapping[str, str] | None = None) -> "MetricFamily":
         """Add a sample; one without a value, or that is there already, is left out."""
         key = tuple(sorted((labels or {}).items()))
         if any(_LABEL.fullmatch(name) is None for name, _ in key):
@@ -38,7 +38,7 @@ class Family:
         return self
 
 
-def rendered(families: Iterable[Family]) -> str:
+def render_text(families: Iterable[MetricFamily]) -> str:
     """Return the text; a family without samples is left out."""
     lines: list[str] = []
     for family in families:
@@ -46,17 +46,20 @@ def rendered(families: Iterable[Family]) -> str:
             continue
         lines.append(f"# HELP {family.name} {family.help.translate(_HELP_ESCAPES)}")
         lines.append(f"# TYPE {family.name} {family.kind}")
-        lines += [f"{family.name}{_labels(key)} {_number(value)}" for key, value in family.samples.items()]
+        lines += [
+            f"{family.name}{_render_labels(key)} {_render_number(value)}"
+            for key, value in family.samples.items()
+        ]
     return "".join(f"{line}\n" for line in lines)
 
 
-def _labels(labels: tuple[tuple[str, str], ...]) -> str:
+def _render_labels(labels: tuple[tuple[str, str], ...]) -> str:
     if not labels:
         return ""
     return "{" + ",".join(f'{name}="{value.translate(_ESCAPES)}"' for name, value in labels) + "}"
 
 
-def _number(value: float) -> str:
+def _render_number(value: float) -> str:
     if math.isfinite(value):
         return repr(value)
     return "NaN" if math.isnan(value) else "+Inf" if value > 0 else "-Inf"

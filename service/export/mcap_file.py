@@ -13,12 +13,12 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.points import readings
+from cellcal.service.certificates.points import list_readings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import SHARED_FILE, replace_file
-from cellcal.service.record.journal import Event
+from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.record.run_store import RunStore, RunView
 from cellcal.service.times import read_time
 
 _TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()
@@ -40,25 +40,25 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     CellError
         There is no such run, or the extra is not installed.
     """
-    writer_module = _library()
+    writer_module = _import_mcap()
     with open_journal(config) as journal:
-        view, events = Store(journal).with_events(run_id)
+        view, events = RunStore(journal).with_events(run_id)
     draft = out.with_name(f".{out.name}.draft")
     try:
-        count = _write(writer_module, draft, view, events)
+        count = _write_run(writer_module, draft, view, events)
         replace_file(out, read_plain_bytes(draft, _MOST_BYTES), mode=SHARED_FILE)
     finally:
         draft.unlink(missing_ok=True)
     return count
 
 
-def _write(module: Any, path: Path, view: RunView, events: list[Event]) -> int:
+def _write_run(module: Any, path: Path, view: RunView, events: list[JournalEvent]) -> int:
     count = 0
     with path.open("wb") as file:
         writer = module.Writer(file)
         writer.start(profile="", library="cellcal")
-        channels = {name: _channel(writer, name) for name in _SCHEMAS}
-        for name, time_ns, message in sorted(_messages(view, events), key=lambda told: told[1]):
+        channels = {name: _add_channel(writer, name) for name in _SCHEMAS}
+        for name, time_ns, message in sorted(_run_messages(view, events), key=lambda entry: entry[1]):
             data = json.dumps(message, allow_nan=False, ensure_ascii=False).encode()
             writer.add_message(
                 channels[name], log_time=time_ns, publish_time=time_ns, data=data, sequence=count
@@ -69,29 +69,29 @@ def _write(module: Any, path: Path, view: RunView, events: list[Event]) -> int:
     return count
 
 
-def _channel(writer: Any, name: str) -> int:
+def _add_channel(writer: Any, name: str) -> int:
     schema = {"type": "object", "properties": _SCHEMAS[name]}
     schema_id = writer.register_schema(f"cellcal.{name}", "jsonschema", json.dumps(schema).encode())
     channel: int = writer.register_channel(f"/{name}", "json", schema_id)
     return channel
 
 
-def _messages(view: RunView, events: list[Event]) -> Iterator[tuple[str, int, dict[str, Any]]]:
+def _run_messages(view: RunView, events: list[JournalEvent]) -> Iterator[tuple[str, int, dict[str, Any]]]:
     head = {key: getattr(view, key) for key in ("run_id", "procedure", "state")}
-    yield "run", _ns(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
+    yield "run", _to_nanoseconds(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
     for event in events:
-        told = {"seq": event.seq, "idx": event.idx, "kind": event.kind, "actor": event.actor}
-        yield "events", _ns(event.wall_utc), {**told, "body": parse_json(event.body)}
-    for taken in readings(events, view.judgement):
+        fields = {"seq": event.seq, "idx": event.idx, "kind": event.kind, "actor": event.actor}
+        yield "events", _to_nanoseconds(event.wall_utc), {**fields, "body": parse_json(event.body)}
+    for taken in list_readings(events, view.judgement):
         message = {key: taken.get(key) for key in ("step", "used", "reason", "value")}
-        yield "readings", _ns(taken["at_utc"]), message
+        yield "readings", _to_nanoseconds(taken["at_utc"]), message
 
 
-def _ns(wall_utc: str) -> int:
+def _to_nanoseconds(wall_utc: str) -> int:
     return round(read_time(wall_utc).timestamp() * 1000) * 1_000_000
 
 
-def _library() -> Any:
+def _import_mcap() -> Any:
     try:
         return importlib.import_module("mcap.writer")  # an extra: most who calibrate never need it
     except ImportError as error:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.export.archive import BackupError, Manifest, damaged, unpack
+from cellcal.service.export.archive import BackupError, BackupManifest, damaged_error, unpack_archive
 from cellcal.service.export.backup import (
     CELL_FILE,
     DATA,
@@ -29,7 +29,7 @@ _JOURNAL, _CERTIFICATES = "journal.db", "certificates"
 
 
 @dataclass(frozen=True, slots=True)
-class Proved:
+class ProvedBackup:
     """What a backup was found to hold."""
 
     cell: str
@@ -42,7 +42,7 @@ class Proved:
     data_dir: Path | None = None  # where it was put; None where it was only looked at
 
 
-def prove(archive: Path, passphrase: str | None = None) -> Proved:
+def prove_backup(archive: Path, passphrase: str | None = None) -> ProvedBackup:
     """Prove a backup without putting it anywhere: a drill.
 
     Raises
@@ -51,12 +51,12 @@ def prove(archive: Path, passphrase: str | None = None) -> Proved:
         Anything in it is not as it was put there.
     """
     with tempfile.TemporaryDirectory(prefix="cellcal-restore-") as folder:
-        return _unpacked(archive, Path(folder), passphrase)
+        return _unpack_and_prove(archive, Path(folder), passphrase)
 
 
-def restore(
+def restore_backup(
     archive: Path, cell_file: Path, passphrase: str | None = None, *, signed_by: str | None = None
-) -> Proved:
+) -> ProvedBackup:
     """Put a backup where a cell file says; where there is no cell file, the one in the backup is put there.
 
     The cell file of a backup never says where the data go: without one in place, they go to ``data`` beside it.
@@ -74,29 +74,29 @@ def restore(
         Anything in the backup is not as it was put there, another key signed it, or something is in the way.
         Nothing is changed then.
     """
-    with _beside(cell_file.parent) as stage:
-        found = _unpacked(archive, stage, passphrase)
+    with _staging_folder(cell_file.parent) as stage:
+        found = _unpack_and_prove(archive, stage, passphrase)
         data_dir = _data_dir(cell_file, stage, found.cell)
         _refuse_unpinned(archive, found.public_key, signed_by)
         places = {stage / DATA: data_dir, stage / SETS: cell_file.parent / SETS}
         if not cell_file.exists():
             places[stage / CELL_FILE] = cell_file
-        _put(places)
+        _move_all(places)
     return replace(found, data_dir=data_dir)
 
 
-def _unpacked(archive: Path, stage: Path, passphrase: str | None) -> Proved:
-    manifest = unpack(archive, stage)
+def _unpack_and_prove(archive: Path, stage: Path, passphrase: str | None) -> ProvedBackup:
+    manifest = unpack_archive(archive, stage)
     data = stage / DATA
     _prove_journal(archive, manifest, data / _JOURNAL)
     try:
         certificates = refuse_spoilt_certificates(data / _CERTIFICATES)
     except BackupError as error:
-        raise damaged(archive, error.message) from error
+        raise damaged_error(archive, error.message) from error
     if passphrase is not None:
-        _put_keys(stage, passphrase)
+        _write_keys(stage, passphrase)
     content = manifest.content
-    return Proved(
+    return ProvedBackup(
         cell=str(content.get("cell", "")),
         made_utc=str(content.get("made_utc", "")),
         events=int(content["journal"]["events"]),
@@ -107,18 +107,20 @@ def _unpacked(archive: Path, stage: Path, passphrase: str | None) -> Proved:
     )
 
 
-def _prove_journal(archive: Path, manifest: Manifest, path: Path) -> None:
-    told = manifest.content.get("journal")
-    if not path.exists() or not isinstance(told, dict) or CELL_FILE not in manifest.entries:
-        raise damaged(archive, "its journal or its cell file is missing")
+def _prove_journal(archive: Path, manifest: BackupManifest, path: Path) -> None:
+    journal_fields = manifest.content.get("journal")
+    if not path.exists() or not isinstance(journal_fields, dict) or CELL_FILE not in manifest.entries:
+        raise damaged_error(archive, "its journal or its cell file is missing")
     events, head, flaw = journal_flaw(path)
-    if flaw or (events, head) != (told.get("events"), told.get("head")):
-        raise damaged(archive, f"its journal does not hold: {flaw or 'it ends otherwise than its list says'}")
+    if flaw or (events, head) != (journal_fields.get("events"), journal_fields.get("head")):
+        raise damaged_error(
+            archive, f"its journal does not hold: {flaw or 'it ends otherwise than its list says'}"
+        )
     for leftover in path.parent.glob(f"{path.name}-*"):
         leftover.unlink()  # of the look at it
 
 
-def _put_keys(stage: Path, passphrase: str) -> None:
+def _write_keys(stage: Path, passphrase: str) -> None:
     sealed = stage / KEYS_FILE
     if not sealed.exists():
         raise BackupError(
@@ -176,10 +178,10 @@ def _set_data_dir(cell_file: Path) -> None:
         )
 
 
-def _put(places: dict[Path, Path]) -> None:
+def _move_all(places: dict[Path, Path]) -> None:
     """Move each to its place, all or none."""
-    wanted = {source: target for source, target in places.items() if source.exists()}
-    for target in wanted.values():
+    moves = {source: target for source, target in places.items() if source.exists()}
+    for target in moves.values():
         if target.exists() and not (target.is_dir() and not any(target.iterdir())):
             raise BackupError(
                 f"{target} is in the way: a backup is never put over what is there.",
@@ -188,11 +190,11 @@ def _put(places: dict[Path, Path]) -> None:
             )
     moved: list[Path] = []
     try:
-        for source, target in wanted.items():
+        for source, target in moves.items():
             target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             if target.is_dir():
                 target.rmdir()
-            _move(source, target)
+            _move_file(source, target)
             moved.append(target)
     except OSError as error:
         for target in moved:
@@ -205,14 +207,14 @@ def _put(places: dict[Path, Path]) -> None:
     os.sync()
 
 
-def _move(source: Path, target: Path) -> None:
+def _move_file(source: Path, target: Path) -> None:
     """Move, also to another disk, so that the target is whole or not there."""
     try:
         source.rename(target)
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        with _beside(target.parent) as stage:  # nothing of a copy that failed stays
+        with _staging_folder(target.parent) as stage:  # nothing of a copy that failed stays
             draft = stage / target.name
             shutil.copytree(source, draft) if source.is_dir() else shutil.copy(source, draft)
             os.sync()
@@ -220,7 +222,7 @@ def _move(source: Path, target: Path) -> None:
 
 
 @contextmanager
-def _beside(folder: Path) -> Iterator[Path]:
+def _staging_folder(folder: Path) -> Iterator[Path]:
     """Lend a folder on the disk of the cell file, for its owner only; whatever is left in it goes."""
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -27,10 +27,15 @@ def seal_keys(keys: Mapping[str, bytes], passphrase: str) -> bytes:
             code="usage",
         )
     salt, nonce = secrets.token_bytes(_SALT_BYTES), secrets.token_bytes(_NONCE_BYTES)
-    plain = json.dumps({name: _text(raw) for name, raw in keys.items()}).encode()
-    sealed = AESGCM(_key(passphrase, salt)).encrypt(nonce, plain, FORMAT.encode())
-    told = {"format": FORMAT, "salt": _text(salt), "nonce": _text(nonce), "sealed": _text(sealed)}
-    return json.dumps(told).encode()
+    plain = json.dumps({name: _encode_text(raw) for name, raw in keys.items()}).encode()
+    sealed = AESGCM(_derive_key(passphrase, salt)).encrypt(nonce, plain, FORMAT.encode())
+    fields = {
+        "format": FORMAT,
+        "salt": _encode_text(salt),
+        "nonce": _encode_text(nonce),
+        "sealed": _encode_text(sealed),
+    }
+    return json.dumps(fields).encode()
 
 
 def open_keys(raw: bytes, passphrase: str) -> dict[str, bytes]:
@@ -42,9 +47,9 @@ def open_keys(raw: bytes, passphrase: str) -> dict[str, bytes]:
         It is another passphrase, or the file was changed.
     """
     try:
-        told = parse_json(raw)
-        salt, nonce, sealed = (base64.b64decode(told[part]) for part in ("salt", "nonce", "sealed"))
-        plain = AESGCM(_key(passphrase, salt)).decrypt(nonce, sealed, FORMAT.encode())
+        fields = parse_json(raw)
+        salt, nonce, sealed = (base64.b64decode(fields[part]) for part in ("salt", "nonce", "sealed"))
+        plain = AESGCM(_derive_key(passphrase, salt)).decrypt(nonce, sealed, FORMAT.encode())
         return {str(name): base64.b64decode(text) for name, text in parse_json(plain).items()}
     except (ValueError, KeyError, TypeError, InvalidTag) as error:
         raise BackupError(
@@ -54,10 +59,10 @@ def open_keys(raw: bytes, passphrase: str) -> dict[str, bytes]:
         ) from error
 
 
-def _key(passphrase: str, salt: bytes) -> bytes:
+def _derive_key(passphrase: str, salt: bytes) -> bytes:
     secret = passphrase.encode()
     return hash_secret_raw(secret, salt, PASSES, MEMORY_KIB, LANES, _KEY_BYTES, Type.ID)
 
 
-def _text(raw: bytes) -> str:
+def _encode_text(raw: bytes) -> str:
     return base64.b64encode(raw).decode()

@@ -15,7 +15,7 @@ class ExportError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ExportColumn:
     """One column; ``unit`` is empty where there is none."""
 
     name: str
@@ -23,11 +23,11 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ExportTable:
     """One table."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[ExportColumn, ...]
     rows: tuple[Sequence[Value], ...]
 
     def __post_init__(self) -> None:

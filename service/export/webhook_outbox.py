@@ -17,7 +17,7 @@ from typing import Any, Self
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.webhook_target import WebhookError
 from cellcal.service.files import create_private_file, make_private_folder
-from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.alarms import CellAlarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
 KEPT_ROWS = 10_000
@@ -36,7 +36,7 @@ _PRAGMAS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Waiting:
+class WaitingEvent:
     """An event that is to be delivered."""
 
     seq: int
@@ -46,7 +46,7 @@ class Waiting:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class DeliveryState:
     """How deliveries stand."""
 
     waiting: int
@@ -81,76 +81,78 @@ class WebhookOutbox:
     def __exit__(self, *_: object) -> None:
         self._database.close()
 
-    def up(self) -> list[Alarm]:
+    def active_alarms(self) -> list[CellAlarm]:
         """Return the alarms that were up at the last change."""
         rows = self._database.execute("SELECT alarm FROM up ORDER BY rowid").fetchall()
-        return [Alarm(**parse_json(row[0])) for row in rows]
+        return [CellAlarm(**parse_json(row[0])) for row in rows]
 
-    def put(self, cell: str, changes: Sequence[tuple[Alarm, bool]]) -> None:
+    def add_changes(self, cell: str, changes: Sequence[tuple[CellAlarm, bool]]) -> None:
         """Keep alarms that were raised or cleared, all or none."""
-        with self._whole():
+        with self._transaction():
             for alarm, raised in changes:
-                self._put(cell, alarm, raised=raised)
+                self._insert_event(cell, alarm, raised=raised)
 
-    def next(self) -> Waiting | None:
+    def next_event(self) -> WaitingEvent | None:
         """Return the oldest event that is to be delivered."""
         sql = "SELECT seq, id, body, refusals FROM event WHERE refused IS NULL ORDER BY seq LIMIT 1"
         row = self._database.execute(sql).fetchone()
-        return None if row is None else Waiting(*row)
+        return None if row is None else WaitingEvent(*row)
 
-    def delivered(self, event: Waiting) -> None:
+    def mark_delivered(self, event: WaitingEvent) -> None:
         """Forget an event that was taken."""
-        with self._whole():
+        with self._transaction():
             self._database.execute("DELETE FROM event WHERE seq = ?", (event.seq,))
-            self._count("delivered")
-            self._note("last_delivered_utc", _now())
-            self._note("last_error", "")
+            self._increment_count("delivered")
+            self._store_note("last_delivered_utc", _utc_now())
+            self._store_note("last_error", "")
 
-    def failed(self, why: str) -> None:
+    def note_failure(self, why: str) -> None:
         """Note why the newest attempt came to nothing."""
-        with self._whole():
-            self._note("last_error", why)
+        with self._transaction():
+            self._store_note("last_error", why)
 
-    def refused(self, event: Waiting, why: str, *, at_last: bool) -> None:
+    def mark_refused(self, event: WaitingEvent, why: str, *, at_last: bool) -> None:
         """Note that the receiver refused an event; at last it is set aside, so that later ones get through."""
         sql = "UPDATE event SET refusals = refusals + 1, refused = ? WHERE seq = ?"
-        with self._whole():
+        with self._transaction():
             self._database.execute(sql, (why if at_last else None, event.seq))
-            self._note("last_error", why)
+            self._store_note("last_error", why)
 
-    def standing(self) -> Standing:
+    def delivery_state(self) -> DeliveryState:
         """Return how many wait, and what became of the others."""
         tally = dict(self._database.execute("SELECT name, value FROM tally").fetchall())
         waiting, refused = self._database.execute(
             "SELECT count(*) FILTER (WHERE refused IS NULL), count(*) FILTER (WHERE refused IS NOT NULL) FROM event"
         ).fetchone()
         counted = {name: int(tally.get(name, "0")) for name in ("delivered", "dropped")}
-        return Standing(
+        return DeliveryState(
             waiting, counted["delivered"], refused, counted["dropped"],
             tally.get("last_error", ""), tally.get("last_delivered_utc", ""),
         )  # fmt: skip
 
-    def _put(self, cell: str, alarm: Alarm, *, raised: bool) -> None:
+    def _insert_event(self, cell: str, alarm: CellAlarm, *, raised: bool) -> None:
         body = event_body("alarm.raised" if raised else "alarm.cleared", {"cell": cell, **alarm.as_json()})
         self._database.execute("INSERT INTO event(id, body) VALUES(?, ?)", (f"evt_{uuid.uuid4().hex}", body))
         if raised:
-            told = {name: getattr(alarm, name) for name in alarm.__slots__}
-            self._database.execute("INSERT OR REPLACE INTO up VALUES(?, ?)", (alarm.id, json.dumps(told)))
+            fields = {name: getattr(alarm, name) for name in alarm.__slots__}
+            self._database.execute(
+                "INSERT OR REPLACE INTO up VALUES(?, ?)", (alarm.alarm_id, json.dumps(fields))
+            )
         else:
-            self._database.execute("DELETE FROM up WHERE id = ?", (alarm.id,))
+            self._database.execute("DELETE FROM up WHERE id = ?", (alarm.alarm_id,))
         sql = "DELETE FROM event WHERE seq <= (SELECT max(seq) FROM event) - ?"
         for _ in range(self._database.execute(sql, (self._kept_rows,)).rowcount):
-            self._count("dropped")
+            self._increment_count("dropped")
 
-    def _count(self, name: str) -> None:
+    def _increment_count(self, name: str) -> None:
         sql = "INSERT INTO tally VALUES(?, '1') ON CONFLICT(name) DO UPDATE SET value = CAST(value AS INTEGER) + 1"
         self._database.execute(sql, (name,))
 
-    def _note(self, name: str, value: str) -> None:
+    def _store_note(self, name: str, value: str) -> None:
         self._database.execute("INSERT OR REPLACE INTO tally VALUES(?, ?)", (name, value))
 
     @contextmanager
-    def _whole(self) -> Iterator[None]:
+    def _transaction(self) -> Iterator[None]:
         self._database.execute("BEGIN IMMEDIATE")
         try:
             yield
@@ -162,8 +164,8 @@ class WebhookOutbox:
 
 def event_body(kind: str, data: dict[str, Any]) -> bytes:
     """Return the body of an event: {type, timestamp, data}."""
-    return json.dumps({"type": kind, "timestamp": _now(), "data": data}, allow_nan=False).encode()
+    return json.dumps({"type": kind, "timestamp": _utc_now(), "data": data}, allow_nan=False).encode()
 
 
-def _now() -> str:
+def _utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -26,16 +26,16 @@ from typing import BinaryIO
 
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
-from cellcal.drivers.supervision import start_thread, words_of
+from cellcal.drivers.supervision import message_and_remedy_of, start_thread
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.report_tables import WebhookTable
 from cellcal.service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
-from cellcal.service.export.webhook_target import Target, WebhookError, deliver, target_of
+from cellcal.service.export.webhook_target import WebhookError, WebhookTarget, deliver_event, target_of
 from cellcal.service.files import make_private_folder
-from cellcal.service.site.desk_tap import DeskTap
-from cellcal.service.site.standing import DueDates
-from cellcal.service.site.troubles import Troubles
-from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.site.cell_alarms import CellAlarmWatch
+from cellcal.service.site.cell_state import DueDates
+from cellcal.service.site.controller_tap import ControllerTap
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
@@ -95,39 +95,39 @@ def read_secret(path: Path) -> bytes:
     return secret
 
 
-class Delivery:
+class WebhookDelivery:
     """Takes event after event from the outbox to the receiver."""
 
-    def __init__(self, outbox: WebhookOutbox, target: Target, secret: bytes) -> None:
+    def __init__(self, outbox: WebhookOutbox, target: WebhookTarget, secret: bytes) -> None:
         self._outbox, self._target, self._secret = outbox, target, secret
         self._failures = 0
 
-    def step(self) -> float:
+    def deliver_next(self) -> float:
         """Try the oldest event; return after how many seconds to go on."""
-        event = self._outbox.next()
+        event = self._outbox.next_event()
         if event is None:
             return PERIOD_S
         try:
-            status = deliver(
+            status = deliver_event(
                 self._target, event.body, signed_headers(self._secret, event.id, event.body, time.time())
             )
         except WebhookError as error:
-            return self._later(error.message)
+            return self._retry_later(error.message)
         if 200 <= status < 300:
             self._failures = 0
-            self._outbox.delivered(event)
+            self._outbox.mark_delivered(event)
             return 0.0
         if status in _NOT_UNDERSTOOD:
             at_last = event.refusals + 1 >= REFUSALS
-            self._outbox.refused(event, f"the receiver answers {status}.", at_last=at_last)
+            self._outbox.mark_refused(event, f"the receiver answers {status}.", at_last=at_last)
             return 0.0 if at_last else self._wait_s()
         redirect = " That is a redirect: give the address it leads to." if 300 <= status < 400 else ""
-        return self._later(f"the receiver answers {status}.{redirect}")
+        return self._retry_later(f"the receiver answers {status}.{redirect}")
 
-    def _later(self, why: str) -> float:
+    def _retry_later(self, why: str) -> float:
         if self._failures == 0:
             _LOG.warning("%s It is tried again.", why)
-        self._outbox.failed(why)
+        self._outbox.note_failure(why)
         return self._wait_s()
 
     def _wait_s(self) -> float:
@@ -136,7 +136,7 @@ class Delivery:
         return wait_s * random.uniform(0.75, 1.25)  # many cells do not come at once
 
 
-def send(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
+def run_sender(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
     """Send a cell's alarms until ``leave`` is set, or the stream of the desk's words ends.
 
     Raises
@@ -146,15 +146,15 @@ def send(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) ->
     """
     table = webhook_of(config)
     target, secret = target_of(table), read_secret(table.secret_file)
-    with _alone(config.cell.data_dir), WebhookOutbox(config.cell.data_dir) as outbox:
+    with _exclusive_lock(config.cell.data_dir), WebhookOutbox(config.cell.data_dir) as outbox:
         ended = threading.Event()
-        carry = partial(_carry, config.cell.data_dir, target, secret, ended)
-        carrier = start_thread("webhook: delivery", carry, ended)
+        carry = partial(_deliver_forever, config.cell.data_dir, target, secret, ended)
+        program_transfer = start_thread("webhook: delivery", carry, ended)
         try:
-            _look(config, DeskTap(stream), outbox, leave)
+            _collect_alarms(config, ControllerTap(stream), outbox, leave)
         finally:
             ended.set()
-            carrier.join(PERIOD_S)  # a delivery that hangs is begun anew at the next start
+            program_transfer.join(PERIOD_S)  # a delivery that hangs is begun anew at the next start
 
 
 def webhook_of(config: CellConfig) -> WebhookTable:
@@ -168,25 +168,29 @@ def webhook_of(config: CellConfig) -> WebhookTable:
     return config.reports.webhook
 
 
-def _look(config: CellConfig, tap: DeskTap, outbox: WebhookOutbox, leave: threading.Event) -> None:
+def _collect_alarms(
+    config: CellConfig, tap: ControllerTap, outbox: WebhookOutbox, leave: threading.Event
+) -> None:
     now_s = time.monotonic()
-    troubles = Troubles(config, tap, DueDates(config), known=outbox.up(), now_s=now_s, awaits_desk=True)
+    troubles = CellAlarmWatch(
+        config, tap, DueDates(config), initial=outbox.active_alarms(), now_s=now_s, awaits_desk=True
+    )
     while not (leave.is_set() or tap.ended.is_set()):
-        changes = troubles.look(time.monotonic())
+        changes = troubles.update_alarms(time.monotonic())
         if changes:
-            outbox.put(config.cell.name, changes)
+            outbox.add_changes(config.cell.name, changes)
         leave.wait(PERIOD_S)
 
 
-def _carry(data_dir: Path, target: Target, secret: bytes, ended: threading.Event) -> None:
+def _deliver_forever(data_dir: Path, target: WebhookTarget, secret: bytes, ended: threading.Event) -> None:
     with WebhookOutbox(data_dir) as outbox:
-        delivery = Delivery(outbox, target, secret)
-        while not ended.wait(delivery.step()):
+        delivery = WebhookDelivery(outbox, target, secret)
+        while not ended.wait(delivery.deliver_next()):
             pass
 
 
 @contextmanager
-def _alone(data_dir: Path) -> Iterator[None]:
+def _exclusive_lock(data_dir: Path) -> Iterator[None]:
     make_private_folder(data_dir)
     path = (data_dir / OUTBOX_NAME).with_suffix(".lock")
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -213,13 +217,13 @@ def main(path: str) -> None:
     """Send alarms until standard input ends."""
     log_in_lines("webhook: %(message)s")
     try:
-        send(read_cell_file(path), sys.stdin.buffer, threading.Event())
+        run_sender(read_cell_file(path), sys.stdin.buffer, threading.Event())
     except CellError as error:
         _LOG.error("%s %s", error.message, error.remedy)
         raise SystemExit(2) from None
     except Exception as error:  # noqa: BLE001  whatever it was, the service names it
         _LOG.exception("the sender of alarms failed")
-        _LOG.error("%s %s", *words_of(error))  # the last line is what the service shows
+        _LOG.error("%s %s", *message_and_remedy_of(error))  # the last line is what the service shows
         raise SystemExit(70) from None
 
 

@@ -30,7 +30,7 @@ class WebhookError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class WebhookTarget:
     """A receiver, as the cell file names it."""
 
     scheme: str
@@ -46,7 +46,7 @@ class Target:
         return _is_loopback_name(self.host)
 
 
-def target_of(table: WebhookTable) -> Target:
+def target_of(table: WebhookTable) -> WebhookTarget:
     """Return where a cell file wants its alarms.
 
     Raises
@@ -58,19 +58,21 @@ def target_of(table: WebhookTable) -> Target:
         parts = urlsplit(table.url)
         port = parts.port or (443 if parts.scheme == "https" else 80)
     except ValueError as error:
-        raise _usage(f"{table.url!r} is no address: {error}.") from error
+        raise _usage_error(f"{table.url!r} is no address: {error}.") from error
     host = parts.hostname or ""
     if parts.username is not None or parts.password is not None:
-        raise _usage("the webhook's url holds a name or a password; the signature is what proves who sends.")
+        raise _usage_error(
+            "the webhook's url holds a name or a password; the signature is what proves who sends."
+        )
     if any(letter <= " " or letter == "\x7f" for letter in table.url) or parts.fragment or not host:
-        raise _usage(f"{table.url!r} is no address of a receiver.")
+        raise _usage_error(f"{table.url!r} is no address of a receiver.")
     if parts.scheme != "https" and not (parts.scheme == "http" and _is_loopback_name(host)):
-        raise _usage("a webhook goes to https://…, or to http://… of this computer itself.")
+        raise _usage_error("a webhook goes to https://…, or to http://… of this computer itself.")
     path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
-    return Target(parts.scheme, host, port, path, table.private_network, table.ca_file)
+    return WebhookTarget(parts.scheme, host, port, path, table.private_network, table.ca_file)
 
 
-def deliver(target: Target, body: bytes, headers: Mapping[str, str]) -> int:
+def deliver_event(target: WebhookTarget, body: bytes, headers: Mapping[str, str]) -> int:
     """Send one event and return the status of the answer.
 
     Raises
@@ -78,9 +80,9 @@ def deliver(target: Target, body: bytes, headers: Mapping[str, str]) -> int:
     WebhookError
         Nobody answers, the address is not allowed, or what answers is no web server.
     """
-    connection = _Checked(target)
+    connection = _CheckedConnection(target)
     # whatever happens, this one delivery ends: a socket's own timeout begins anew with each byte
-    watchdog = threading.Timer(WHOLE_S, connection.cut)
+    watchdog = threading.Timer(WHOLE_S, connection.cut_connection)
     watchdog.daemon = True
     watchdog.start()
     try:
@@ -98,7 +100,7 @@ def deliver(target: Target, body: bytes, headers: Mapping[str, str]) -> int:
         connection.close()
 
 
-def refuse_address(address: _IpAddress, target: Target) -> None:
+def refuse_address(address: _IpAddress, target: WebhookTarget) -> None:
     """Raise WebhookError for an address that the cell file did not mean to reach."""
     mapped = getattr(address, "ipv4_mapped", None)
     address = mapped or address
@@ -119,22 +121,22 @@ def refuse_address(address: _IpAddress, target: Target) -> None:
         )
 
 
-class _Checked(http.client.HTTPConnection):
+class _CheckedConnection(http.client.HTTPConnection):
     """A connection to an address that was checked, with TLS for the name that was meant."""
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: WebhookTarget) -> None:
         super().__init__(target.host, target.port, timeout=TIMEOUT_S)
         self._target = target
 
     def connect(self) -> None:
-        address = _resolved(self._target)
-        context = _context(self._target)
+        address = _resolve_address(self._target)
+        context = _ssl_context(self._target)
         plain = socket.create_connection((str(address), self._target.port), TIMEOUT_S)
         self.sock = plain
         if context is not None:
             self.sock = context.wrap_socket(plain, server_hostname=self._target.host)
 
-    def cut(self) -> None:
+    def cut_connection(self) -> None:
         """End it, from another thread."""
         if self.sock is not None:
             try:
@@ -143,7 +145,7 @@ class _Checked(http.client.HTTPConnection):
                 return
 
 
-def _resolved(target: Target) -> _IpAddress:
+def _resolve_address(target: WebhookTarget) -> _IpAddress:
     found = socket.getaddrinfo(target.host, target.port, type=socket.SOCK_STREAM)
     addresses = [ipaddress.ip_address(str(one[4][0]).partition("%")[0]) for one in found]
     for address in addresses:
@@ -151,7 +153,7 @@ def _resolved(target: Target) -> _IpAddress:
     return addresses[0]
 
 
-def _context(target: Target) -> ssl.SSLContext | None:
+def _ssl_context(target: WebhookTarget) -> ssl.SSLContext | None:
     if target.scheme == "http":
         return None
     context = ssl.create_default_context(cafile=None if target.ca_file is None else str(target.ca_file))
@@ -166,5 +168,5 @@ def _is_loopback_name(host: str) -> bool:
         return host == "localhost"
 
 
-def _usage(message: str) -> WebhookError:
+def _usage_error(message: str) -> WebhookError:
     return WebhookError(message, remedy="Correct url in [webhook] of the cell file.", code="usage")

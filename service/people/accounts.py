@@ -17,7 +17,7 @@ from typing import Any
 
 from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
-from cellcal.service.people.naming import clean_name, folded
+from cellcal.service.people.naming import clean_name, fold_name
 from cellcal.service.people.rate_limits import DAY_S, DEVICE, PERSON, STATION, wait_s
 from cellcal.service.people.roles import Role
 
@@ -39,17 +39,17 @@ CREATE TABLE mark (pepper TEXT NOT NULL) STRICT;
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class Account:
     """A person. ``epoch`` grows when the PIN or the role changes: sessions of an earlier one have ended."""
 
     name: str
     role: Role
-    kept: str
+    pin_hash: str
     epoch: int
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class EnrolledDevice:
     """An enrolled device: the public half of a key that never leaves its browser."""
 
     id: str
@@ -58,7 +58,7 @@ class Device:
     enrolled_at: float
 
 
-class Register:
+class AccountStore:
     """The file, read and written in short transactions; ``clock`` is the time of day in seconds."""
 
     def __init__(self, data_dir: Path, clock: Callable[[], float] = time.time) -> None:
@@ -67,49 +67,57 @@ class Register:
 
     # people
 
-    def people(self) -> tuple[Known, ...]:
+    def list_people(self) -> tuple[Account, ...]:
         """Return everybody who may sign in, by name."""
-        rows = self._read(
+        rows = self._query_rows(
             "SELECT name, role, kept, epoch FROM person WHERE removed_at IS NULL ORDER BY folded"
         )
-        return tuple(Known(name, Role(role), kept, epoch) for name, role, kept, epoch in rows)
+        return tuple(Account(name, Role(role), pin_hash, epoch) for name, role, pin_hash, epoch in rows)
 
-    def person(self, name: str) -> Known | None:
+    def find_person(self, name: str) -> Account | None:
         """Return one person, None when nobody of that name may sign in."""
-        sought = folded(name)
-        return next((each for each in self.people() if folded(each.name) == sought), None)
+        sought = fold_name(name)
+        return next((each for each in self.list_people() if fold_name(each.name) == sought), None)
 
-    def add(self, name: str, role: Role, kept: str, by: str) -> str:
+    def add_person(self, name: str, role: Role, pin_hash: str, by: str) -> str:
         """Add a person; return the name as it is kept. A name is never given twice, not even after years."""
         clean = clean_name(name)
-        with self._write(by, f"add {role} {clean}") as at:
-            taken = at.execute("SELECT removed_at FROM person WHERE folded = ?", (folded(clean),)).fetchone()
+        with self._write_transaction(by, f"add {role} {clean}") as at:
+            taken = at.execute(
+                "SELECT removed_at FROM person WHERE folded = ?", (fold_name(clean),)
+            ).fetchone()
             if taken is not None:
-                left = " (left since)" if taken[0] is not None else ""
+                removed_note = " (left since)" if taken[0] is not None else ""
                 raise PeopleError(
-                    f"there is a {clean} already{left}.",
+                    f"there is a {clean} already{removed_note}.",
                     remedy="Give another name: names stand in signatures.",
                 )
-            at.execute("INSERT INTO person VALUES (?, ?, ?, ?, 1, NULL)", (clean, folded(clean), role, kept))
+            at.execute(
+                "INSERT INTO person VALUES (?, ?, ?, ?, 1, NULL)", (clean, fold_name(clean), role, pin_hash)
+            )
         return clean
 
-    def remove(self, name: str, by: str) -> None:
+    def remove_person(self, name: str, by: str) -> None:
         """Let a person sign in no longer; what runs goes on."""
-        self._change(name, by, "remove", "removed_at = ?", (self._clock(),))
+        self._change_person(name, by, "remove", "removed_at = ?", (self._clock(),))
 
-    def reset(self, name: str, role: Role, kept: str, by: str) -> None:
+    def reset_person(self, name: str, role: Role, pin_hash: str, by: str) -> None:
         """Set a person's PIN and role anew and forget wrong guesses."""
-        known = self._change(name, by, f"reset to {role}", "kept = ?, role = ?", (kept, role))
-        with self._write(by, f"clear guesses of {known.name}") as at:
-            at.execute("DELETE FROM failure WHERE person = ?", (folded(known.name),))
+        account = self._change_person(name, by, f"reset to {role}", "kept = ?, role = ?", (pin_hash, role))
+        with self._write_transaction(by, f"clear guesses of {account.name}") as at:
+            at.execute("DELETE FROM failure WHERE person = ?", (fold_name(account.name),))
 
-    def _change(self, name: str, by: str, what: str, change: str, values: tuple[object, ...]) -> Known:
-        known = self.person(name)
-        if known is None:
+    def _change_person(
+        self, name: str, by: str, what: str, change: str, values: tuple[object, ...]
+    ) -> Account:
+        account = self.find_person(name)
+        if account is None:
             raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
-        with self._write(by, f"{what} {known.name}") as at:
-            at.execute(f"UPDATE person SET {change}, epoch = epoch + 1 WHERE name = ?", (*values, known.name))
-        return known
+        with self._write_transaction(by, f"{what} {account.name}") as at:
+            at.execute(
+                f"UPDATE person SET {change}, epoch = epoch + 1 WHERE name = ?", (*values, account.name)
+            )
+        return account
 
     # the pepper
 
@@ -121,9 +129,9 @@ class Register:
         PeopleError
             The PINs were kept with another pepper.
         """
-        noted = self._read("SELECT pepper FROM mark")
+        noted = self._query_rows("SELECT pepper FROM mark")
         if not noted:
-            with self._write("cellcal", "first pepper") as at:
+            with self._write_transaction("cellcal", "first pepper") as at:
                 at.execute("INSERT INTO mark VALUES (?)", (mark,))
         elif noted[0][0] != mark:
             raise PeopleError(
@@ -133,18 +141,18 @@ class Register:
 
     # devices
 
-    def enrolment(self, name: str, by: str) -> str:
+    def create_enrolment(self, name: str, by: str) -> str:
         """Return a token with which one device can be enrolled once, within ten minutes."""
         token = secrets.token_urlsafe(32)
         clean = clean_name(name)
-        with self._write(by, f"invite device {clean}") as at:
+        with self._write_transaction(by, f"invite device {clean}") as at:
             at.execute("DELETE FROM enrolment WHERE until < ?", (self._clock(),))
             at.execute(
-                "INSERT INTO enrolment VALUES (?, ?, ?)", (_hash(token), clean, self._clock() + ENROL_S)
+                "INSERT INTO enrolment VALUES (?, ?, ?)", (_hash_token(token), clean, self._clock() + ENROL_S)
             )
         return token
 
-    def enrol(self, token: str, key: bytes) -> Device:
+    def enrol_device(self, token: str, key: bytes) -> EnrolledDevice:
         """Keep a device's public key and use its token up.
 
         Raises
@@ -152,47 +160,47 @@ class Register:
         WrongSecretError
             The token is unknown, used or too old.
         """
-        with self._write("enrolment", "enrol a device") as at:
+        with self._write_transaction("enrolment", "enrol a device") as at:
             row = at.execute(
                 "DELETE FROM enrolment WHERE token = ? AND until >= ? RETURNING name",
-                (_hash(token), self._clock()),
+                (_hash_token(token), self._clock()),
             ).fetchone()
             if row is None:
                 raise WrongSecretError(
                     "the enrolment", "Let an administrator run `cellcal people enrol-device` again."
                 )
-            device = Device(secrets.token_hex(8), row[0], key, self._clock())
+            device = EnrolledDevice(secrets.token_hex(8), row[0], key, self._clock())
             at.execute(
                 "INSERT INTO device VALUES (?, ?, ?, ?, NULL)",
                 (device.id, device.name, device.key, device.enrolled_at),
             )
         return device
 
-    def devices(self) -> tuple[Device, ...]:
+    def list_devices(self) -> tuple[EnrolledDevice, ...]:
         """Return every device that may be used, oldest first."""
-        rows = self._read(
+        rows = self._query_rows(
             "SELECT id, name, key, enrolled_at FROM device WHERE revoked_at IS NULL ORDER BY enrolled_at"
         )
-        return tuple(Device(*row) for row in rows)
+        return tuple(EnrolledDevice(*row) for row in rows)
 
-    def device(self, device_id: str) -> Device | None:
+    def find_device(self, device_id: str) -> EnrolledDevice | None:
         """Return one device, None when it is unknown or revoked."""
-        return next((each for each in self.devices() if each.id == device_id), None)
+        return next((each for each in self.list_devices() if each.id == device_id), None)
 
-    def revoke(self, device_id: str, by: str) -> Device:
+    def revoke_device(self, device_id: str, by: str) -> EnrolledDevice:
         """Let a device in no longer; its sessions end at once."""
-        device = self.device(device_id)
+        device = self.find_device(device_id)
         if device is None:
             raise PeopleError(
                 f"there is no device {device_id!r}.", remedy="`cellcal people list` names them."
             )
-        with self._write(by, f"revoke device {device.id} {device.name}") as at:
+        with self._write_transaction(by, f"revoke device {device.id} {device.name}") as at:
             at.execute("UPDATE device SET revoked_at = ? WHERE id = ?", (self._clock(), device.id))
         return device
 
     # guesses
 
-    def guess(self, name: str, device_id: str) -> int:
+    def note_guess(self, name: str, device_id: str) -> int:
         """Note a guess as failed before it is looked at, so that many at once gain nothing; return its number.
 
         Raises
@@ -201,11 +209,11 @@ class Register:
             The person, the device or the whole station has used up what is allowed.
         """
         now = self._clock()
-        with self._write(None, "") as at:
+        with self._write_transaction(None, "") as at:
             at.execute("DELETE FROM failure WHERE at < ?", (now - DAY_S,))
             at.execute("UPDATE failure SET at = ? WHERE at > ?", (now, now))  # the clock was set back
             rows = at.execute("SELECT at, person, device, cleared FROM failure ORDER BY at, id").fetchall()
-            mine = [row for row in rows if row[1] == folded(name)]
+            mine = [row for row in rows if row[1] == fold_name(name)]
             here = [row for row in rows if row[2] == device_id]
             wait = max(
                 wait_s([row[0] for row in mine], sum(not row[3] for row in mine), PERSON, now),
@@ -215,38 +223,38 @@ class Register:
             if wait > 0.0:
                 raise TooManyGuessesError(wait)
             noted = at.execute(
-                "INSERT INTO failure (at, person, device) VALUES (?, ?, ?)", (now, folded(name), device_id)
+                "INSERT INTO failure (at, person, device) VALUES (?, ?, ?)", (now, fold_name(name), device_id)
             )
             return int(noted.lastrowid or 0)
 
     def guessed_right(self, guess: int, name: str) -> None:
         """Take a guess back, and let the person begin to count anew."""
-        with self._write(None, "") as at:
+        with self._write_transaction(None, "") as at:
             at.execute("DELETE FROM failure WHERE id = ?", (guess,))
-            at.execute("UPDATE failure SET cleared = 1 WHERE person = ?", (folded(name),))
+            at.execute("UPDATE failure SET cleared = 1 WHERE person = ?", (fold_name(name),))
 
     # the log
 
-    def note(self, who: str, what: str) -> None:
+    def log_event(self, who: str, what: str) -> None:
         """Write down what happened at the door."""
-        with self._write(who, what):
+        with self._write_transaction(who, what):
             pass
 
-    def events(self) -> tuple[tuple[float, str, str], ...]:
+    def list_events(self) -> tuple[tuple[float, str, str], ...]:
         """Return what was changed and who came in: time, by whom, what; oldest first."""
-        return tuple(self._read("SELECT at, who, what FROM event ORDER BY rowid"))
+        return tuple(self._query_rows("SELECT at, who, what FROM event ORDER BY rowid"))
 
     # the file
 
-    def _read(self, query: str) -> list[Any]:
+    def _query_rows(self, query: str) -> list[Any]:
         if not self.path.exists():
             return []
-        with self._open() as database:
+        with self._open_database() as database:
             return database.execute(query).fetchall()
 
     @contextmanager
-    def _write(self, who: str | None, what: str) -> Iterator[sqlite3.Connection]:
-        with self._open() as database:
+    def _write_transaction(self, who: str | None, what: str) -> Iterator[sqlite3.Connection]:
+        with self._open_database() as database:
             database.execute("BEGIN IMMEDIATE")
             try:
                 yield database
@@ -258,14 +266,14 @@ class Register:
                 raise
 
     @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
+    def _open_database(self) -> Iterator[sqlite3.Connection]:
         try:
             if not self.path.exists():
                 make_private_folder(self.path.parent)
                 os.close(os.open(self.path, os.O_CREAT | os.O_RDWR, 0o600))
             with closing(sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)) as database:
                 database.execute("PRAGMA synchronous = FULL")
-                self._make(database)
+                self._create_tables(database)
                 yield database
         except (OSError, sqlite3.Error) as error:
             raise PeopleError(
@@ -273,24 +281,24 @@ class Register:
                 remedy="Restore it from a backup, and let the user who runs cellcal read and write it.",
             ) from error
 
-    def _make(self, database: sqlite3.Connection) -> None:
-        if _version(database) == _VERSION:
+    def _create_tables(self, database: sqlite3.Connection) -> None:
+        if _schema_version(database) == _VERSION:
             return
         database.execute("BEGIN IMMEDIATE")
-        if _version(database) == 0:
+        if _schema_version(database) == 0:
             for statement in _TABLES.split(";\n"):
                 database.execute(statement)
             database.execute(f"PRAGMA user_version = {_VERSION}")
         database.execute("COMMIT")
-        if _version(database) != _VERSION:
+        if _schema_version(database) != _VERSION:
             raise PeopleError(
                 f"{self.path} was written by another version of cellcal.", remedy="Use that version."
             )
 
 
-def _version(database: sqlite3.Connection) -> int:
+def _schema_version(database: sqlite3.Connection) -> int:
     return int(database.execute("PRAGMA user_version").fetchone()[0])
 
 
-def _hash(token: str) -> str:
+def _hash_token(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cellcal.service.people.accounts import Device, Known, Register
+from cellcal.service.people.accounts import Account, AccountStore, EnrolledDevice
 from cellcal.service.people.device_keys import Challenges, is_signed, public_key_of, signed_text
 from cellcal.service.people.errors import NotSignedInError, WrongSecretError
 from cellcal.service.people.naming import LOCAL
-from cellcal.service.people.pin_hashing import Hasher, pepper_of
-from cellcal.service.people.roles import RIGHTS, Need, Right, Role
-from cellcal.service.people.sessions import CONSOLE, Session, Sessions
+from cellcal.service.people.pin_hashing import PinHasher, pepper_of
+from cellcal.service.people.roles import RIGHTS, OrderNeed, Right, Role
+from cellcal.service.people.sessions import CONSOLE, Session, SessionStore
 
 _MIND = "Try again; mind how many tries there are: five, then one an hour."
 
@@ -31,43 +31,43 @@ class Person:
     locked: bool = False
     fresh_pin: bool = False
     alone: bool = False
-    seat: str = ""  # of the session; none where everybody is let in unasked
+    session_id: str = ""  # of the session; none where everybody is let in unasked
 
-    def may(self, right: Right) -> bool:
+    def has_right(self, right: Right) -> bool:
         """Whether it is allowed."""
         return self.alone or right in RIGHTS[self.role]
 
-    def may_by_itself(self, need: Need) -> bool:
+    def may_by_itself(self, need: OrderNeed) -> bool:
         """Whether what an order takes is there without another person."""
-        return self.may(need.right) and (not need.writes or self.may(Right.WRITE_ALONE))
+        return self.has_right(need.right) and (not need.writes or self.has_right(Right.WRITE_ALONE))
 
 
 LOCAL_PERSON = Person(LOCAL, Role.TECHNICIAN, fresh_pin=True, alone=True)
 
 
 @dataclass
-class Entrance:
+class Authenticator:
     """What the web's door asks. ``open_access`` lets everybody in as the local technician: for demos on loopback."""
 
     data_dir: Path
     open_access: bool = False
     clock: Callable[[], float] = time.monotonic  # of sessions and challenges
     wall_clock: Callable[[], float] = time.time  # of what is kept
-    make_hasher: Callable[[bytes], Hasher] = Hasher
+    make_hasher: Callable[[bytes], PinHasher] = PinHasher
     on_console_token: Callable[[str], None] | None = None
-    register: Register = field(init=False)
-    sessions: Sessions = field(init=False)
+    accounts: AccountStore = field(init=False)
+    sessions: SessionStore = field(init=False)
     _console: str | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self.register = Register(self.data_dir, self.wall_clock)
-        self.sessions = Sessions(self.clock)
+        self.accounts = AccountStore(self.data_dir, self.wall_clock)
+        self.sessions = SessionStore(self.clock)
         self._challenges = Challenges(self.clock)
         self._hashing = threading.Lock()  # one at a time: each takes 64 MiB and four threads
 
     # who is there
 
-    def present(self, token: str | None) -> Person:
+    def authenticate(self, token: str | None) -> Person:
         """Return who has this session.
 
         Raises
@@ -75,57 +75,57 @@ class Entrance:
         NotSignedInError
             There is no such session, or its device was revoked.
         """
-        session = self._session(token)
+        session = self._find_session(token)
         if session is None:
             if self.open_access:
                 return LOCAL_PERSON
             raise NotSignedInError
-        return replace(self._who_sits(session), seat=session.seat)
+        return replace(self._person_of(session), session_id=session.session_id)
 
-    def is_in_charge(self, seat: str) -> bool:
+    def is_in_charge(self, session_id: str) -> bool:
         """Whether somebody sits there who may run procedures just now."""
-        session = self.sessions.at(seat)
-        return session is not None and self._who_sits(session).may(Right.RUN)
+        session = self.sessions.session_at(session_id)
+        return session is not None and self._person_of(session).has_right(Right.RUN)
 
-    def _who_sits(self, session: Session) -> Person:
-        people = self.register.people()
+    def _person_of(self, session: Session) -> Person:
+        people = self.accounts.list_people()
         if session.person is None:
             if session.device == CONSOLE and (self.open_access or not people):
                 return LOCAL_PERSON
             return Person(self._device_name(session), Role.VIEWER)
-        known = next((each for each in people if each.name == session.person), None)
-        if known is None or known.epoch != session.epoch or not self._is_known(session):
+        account = next((each for each in people if each.name == session.person), None)
+        if account is None or account.epoch != session.epoch or not self._is_enrolled(session):
             return Person(self._device_name(session), Role.VIEWER)
-        if self.sessions.locked(session):
-            return Person(known.name, Role.VIEWER, locked=True)
-        return Person(known.name, known.role, fresh_pin=self.sessions.fresh(session))
+        if self.sessions.is_locked(session):
+            return Person(account.name, Role.VIEWER, locked=True)
+        return Person(account.name, account.role, fresh_pin=self.sessions.is_fresh(session))
 
-    def busy(self, token: str | None) -> None:
+    def note_activity(self, token: str | None) -> None:
         """Note that whoever has this session does something."""
-        session = self._session(token)
+        session = self._find_session(token)
         if session is not None:
-            self.sessions.use(session)
+            self.sessions.note_use(session)
 
-    def _session(self, token: str | None) -> Session | None:
-        session = self.sessions.find(token)
-        if session is None or self._is_known(session):
+    def _find_session(self, token: str | None) -> Session | None:
+        session = self.sessions.find_session(token)
+        if session is None or self._is_enrolled(session):
             return session
         assert token is not None
-        self.sessions.end(token)
+        self.sessions.end_session(token)
         return None
 
-    def _is_known(self, session: Session) -> bool:
-        return session.device == CONSOLE or self.register.device(session.device) is not None
+    def _is_enrolled(self, session: Session) -> bool:
+        return session.device == CONSOLE or self.accounts.find_device(session.device) is not None
 
     def _device_name(self, session: Session) -> str:
-        device = self.register.device(session.device)
+        device = self.accounts.find_device(session.device)
         return CONSOLE if device is None else device.name
 
-    def seat(self, token: str | None) -> str | None:
+    def open_local_session(self, token: str | None) -> str | None:
         """Give a browser that is let in unasked a seat of its own; return its new token, None where it needs none."""
-        if not self.open_access or self._session(token) is not None:
+        if not self.open_access or self._find_session(token) is not None:
             return None
-        return self.sessions.begin(CONSOLE)
+        return self.sessions.open_session(CONSOLE)
 
     # this computer's console
 
@@ -148,17 +148,17 @@ class Entrance:
         self._console = None
         if self.on_console_token is not None:
             self.on_console_token(self.console_token())
-        return self.sessions.begin(CONSOLE)
+        return self.sessions.open_session(CONSOLE)
 
     # enrolled devices
 
-    def enrol(self, token: str, spki: str) -> Device:
+    def enrol_device(self, token: str, spki: str) -> EnrolledDevice:
         """Enrol a browser with its public key (SPKI, base64url) and a token of ten minutes."""
-        return self.register.enrol(token, public_key_of(spki))
+        return self.accounts.enrol_device(token, public_key_of(spki))
 
-    def challenge(self) -> str:
+    def create_challenge(self) -> str:
         """Return what a device has to sign."""
-        return self._challenges.ask()
+        return self._challenges.create_challenge()
 
     def from_device(self, device_id: str, challenge: str, signature: str, origin: str) -> str:
         """Return a session's token to a device that proved its key.
@@ -168,14 +168,14 @@ class Entrance:
         WrongSecretError
             It did not: unknown, revoked, too late, or another key.
         """
-        in_time, device = self._challenges.answered(challenge), self.register.device(device_id)
+        in_time, device = self._challenges.use_challenge(challenge), self.accounts.find_device(device_id)
         if (
             not in_time
             or device is None
             or not is_signed(device.key, signature, signed_text(origin, challenge))
         ):
             raise WrongSecretError("this device's proof", "Let an administrator enrol the device again.")
-        return self.sessions.begin(device.id)
+        return self.sessions.open_session(device.id)
 
     # people
 
@@ -189,26 +189,26 @@ class Entrance:
         WrongSecretError, TooManyGuessesError
             The name or the PIN is wrong, or may not be guessed just now.
         """
-        session = self._session(token)
+        session = self._find_session(token)
         if token is None or session is None:
             raise NotSignedInError
-        known = self._proven(session, name, secret)
-        if self.sessions.find(token) is not session:
+        account = self._verify_secret(session, name, secret)
+        if self.sessions.find_session(token) is not session:
             raise NotSignedInError  # it ended meanwhile
-        self.register.note(known.name, f"signed in at {self._device_name(session)}")
-        return self.sessions.enter(token, known.name, known.epoch)
+        self.accounts.log_event(account.name, f"signed in at {self._device_name(session)}")
+        return self.sessions.sign_person_in(token, account.name, account.epoch)
 
-    def confirm(self, token: str | None, secret: str) -> None:
+    def confirm_pin(self, token: str | None, secret: str) -> None:
         """Take the PIN of whoever has this session once more: it unlocks, and counts for an approval."""
-        session = self._session(token)
+        session = self._find_session(token)
         if session is None or session.person is None:
             raise NotSignedInError
-        known = self._proven(session, session.person, secret)
-        if known.epoch != session.epoch:
+        account = self._verify_secret(session, session.person, secret)
+        if account.epoch != session.epoch:
             raise NotSignedInError
-        self.sessions.confirm(session)
+        self.sessions.confirm_pin(session)
 
-    def vouched(self, token: str | None, name: str, secret: str) -> Person:
+    def verify_second_person(self, token: str | None, name: str, secret: str) -> Person:
         """Return a second person, who gives name and PIN at somebody's screen for one approval; call in a thread.
 
         Raises
@@ -216,28 +216,28 @@ class Entrance:
         NotSignedInError, WrongSecretError, TooManyGuessesError
             As `sign_in` does.
         """
-        session = self._session(token)
+        session = self._find_session(token)
         if session is None:
             raise NotSignedInError
-        known = self._proven(session, name, secret)
-        self.register.note(known.name, f"gave the PIN for an approval at {self._device_name(session)}")
-        return Person(known.name, known.role, fresh_pin=True, seat=session.seat)
+        account = self._verify_secret(session, name, secret)
+        self.accounts.log_event(account.name, f"gave the PIN for an approval at {self._device_name(session)}")
+        return Person(account.name, account.role, fresh_pin=True, session_id=session.session_id)
 
-    def leave(self, token: str | None) -> str:
+    def sign_out(self, token: str | None) -> str:
         """Let the person go; the device looks on."""
-        if token is None or self._session(token) is None:
+        if token is None or self._find_session(token) is None:
             raise NotSignedInError
-        return self.sessions.leave(token)
+        return self.sessions.sign_person_out(token)
 
-    def _proven(self, session: Session, name: str, secret: str) -> Known:
-        guess = self.register.guess(name, session.device)
+    def _verify_secret(self, session: Session, name: str, secret: str) -> Account:
+        guess = self.accounts.note_guess(name, session.device)
         with self._hashing:
             hasher = self.make_hasher(pepper_of(self.data_dir))
-            self.register.hold_to_pepper(hasher.pepper_mark)
-            known = self.register.person(name)
-            if known is None:
-                hasher.hashed(secret)  # a name that is unknown takes as long as a wrong PIN
-        if known is None or not hasher.is_right(known.kept, secret):
+            self.accounts.hold_to_pepper(hasher.pepper_mark)
+            account = self.accounts.find_person(name)
+            if account is None:
+                hasher.hash_secret(secret)  # a name that is unknown takes as long as a wrong PIN
+        if account is None or not hasher.is_right(account.pin_hash, secret):
             raise WrongSecretError("the name or the PIN", _MIND)
-        self.register.guessed_right(guess, name)
-        return known
+        self.accounts.guessed_right(guess, name)
+        return account

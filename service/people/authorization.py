@@ -4,25 +4,25 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
-from cellcal.service.cell_process.messages import AnswerIt, Order
+from cellcal.service.cell_process.messages import AnswerPrompt, Order
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PeopleError, PinAgainError, SecondPersonError
-from cellcal.service.people.roles import Need, Right, Role, need_of
+from cellcal.service.people.roles import OrderNeed, Right, Role, need_of
 
-_KEPT = 200
+_MOST_PASSED = 200
 
 
 @dataclass(frozen=True, slots=True)
-class First:
+class FirstApproval:
     """The first of two approvals: of which question, what it asks word for word, and whose, in which role."""
 
     prompt_id: str
-    asked: str
+    question_text: str
     name: str
     role: str = ""
 
 
-_NONE = First("", "", "")
+_NONE = FirstApproval("", "", "")
 CONSOLE_ROLE = "console"  # of whoever holds this computer's console while nobody is set up
 
 
@@ -36,7 +36,7 @@ class StaleViewError(PeopleError):
         super().__init__("the page was out of date.", remedy="Look at the present step.")
 
 
-class Permits:
+class OrderAuthorizer:
     """What has been approved by a first person, and which answers passed."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Permits:
         self._passed: OrderedDict[str, str] = OrderedDict()
         self._behind: dict[str, tuple[tuple[str, str], ...]] = {}  # names and roles
 
-    def granted(
+    def authorize(
         self, person: Person, press: str, rev: int, order: Order, session: dict[str, Any] | None
     ) -> str:
         """Return the name in which the order may go to the desk.
@@ -60,79 +60,81 @@ class Permits:
         StaleViewError
             The question is not the one that is shown.
         """
-        self._behind[person.name] = ((person.name, _role(person)),)
-        if not isinstance(order, AnswerIt) or not person.may(Right.RUN):
-            _refuse(person, need_of(order, None))
+        self._behind[person.name] = ((person.name, _effective_role(person)),)
+        if not isinstance(order, AnswerPrompt) or not person.has_right(Right.RUN):
+            _refuse_order(person, need_of(order, None))
             return person.name
         same = f"{press}|{rev}|{order.prompt_id}|{order.value}|{person.name}"
         if same in self._passed:
             return self._passed[same]  # sent again after a lost link: the desk knows it, too
-        prompt = _prompt(order, rev, session)
+        prompt = _answered_prompt(order, rev, session)
         need = need_of(order, prompt)
-        _refuse(person, need)
-        who = person.name if person.may_by_itself(need) else self._second(person, prompt)
+        _refuse_order(person, need)
+        who = person.name if person.may_by_itself(need) else self._approve_second(person, prompt)
         self._passed[same] = who
-        while len(self._passed) > _KEPT:
+        while len(self._passed) > _MOST_PASSED:
             self._passed.popitem(last=False)
         return who
 
-    def behind(self, who: str) -> list[dict[str, str]]:
+    def signers_of(self, who: str) -> list[dict[str, str]]:
         """Return the people behind a name that was granted, each with the role that counted at the last order."""
         return [{"name": name, "role": role} for name, role in self._behind.get(who, ())]
 
-    def awaits(self, person: Person, order: Order, rev: int, session: dict[str, Any] | None) -> bool:
+    def is_second_approval(
+        self, person: Person, order: Order, rev: int, session: dict[str, Any] | None
+    ) -> bool:
         """Whether an order is the second approval that a first person's waits for: at any screen it counts."""
-        if not isinstance(order, AnswerIt) or session is None or session["rev"] != rev:
+        if not isinstance(order, AnswerPrompt) or session is None or session["rev"] != rev:
             return False
         prompt, first = session["prompt"], self._first
         return (
             prompt is not None
             and prompt["id"] == order.prompt_id
-            and first.asked == _word_for_word(prompt)
+            and first.question_text == _prompt_text(prompt)
             and first.name != person.name
         )
 
     @property
-    def first(self) -> First:
+    def first_approval(self) -> FirstApproval:
         """The approval that waits for a second person's; an empty one where none does."""
         return self._first
 
-    def _second(self, person: Person, prompt: dict[str, Any]) -> str:
-        before, asked = self._first, _word_for_word(prompt)
-        if before.asked == asked and before.name != person.name:
+    def _approve_second(self, person: Person, prompt: dict[str, Any]) -> str:
+        before, question_text = self._first, _prompt_text(prompt)
+        if before.question_text == question_text and before.name != person.name:
             self._first = _NONE
             both = f"{before.name} and {person.name}"
-            self._behind[both] = ((before.name, before.role), (person.name, _role(person)))
+            self._behind[both] = ((before.name, before.role), (person.name, _effective_role(person)))
             return both
-        self._first = First(str(prompt["id"]), asked, person.name, _role(person))
+        self._first = FirstApproval(str(prompt["id"]), question_text, person.name, _effective_role(person))
         raise SecondPersonError(person.name)
 
 
-def _role(person: Person) -> str:
+def _effective_role(person: Person) -> str:
     return CONSOLE_ROLE if person.alone else person.role.value
 
 
-def _word_for_word(prompt: dict[str, Any]) -> str:
+def _prompt_text(prompt: dict[str, Any]) -> str:
     return str(sorted(prompt.items()))
 
 
-def _prompt(order: AnswerIt, rev: int, session: dict[str, Any] | None) -> dict[str, Any]:
+def _answered_prompt(order: AnswerPrompt, rev: int, session: dict[str, Any] | None) -> dict[str, Any]:
     prompt = None if session is None or session["rev"] != rev else session["prompt"]
     if prompt is None or prompt["id"] != order.prompt_id:
         raise StaleViewError
     return dict(prompt)
 
 
-def _refuse(person: Person, need: Need) -> None:
+def _refuse_order(person: Person, need: OrderNeed) -> None:
     if person.locked and need.right not in (Right.SEE, Right.STOP):
         raise PinAgainError("this screen was left alone for a while:")
-    if not person.may(need.right):
-        raise NotAllowedError(person.name, person.role, need.right.value, _who_may(need.right))
+    if not person.has_right(need.right):
+        raise NotAllowedError(person.name, person.role, need.right.value, _roles_with(need.right))
     if need.fresh_pin and not person.fresh_pin:
         raise PinAgainError("for an approval")
 
 
-def _who_may(right: Right) -> str:
+def _roles_with(right: Right) -> str:
     if right is Right.CHANGE_LIMITS:
         return "Let an engineer sign in."
     return f"Let a {Role.TECHNICIAN} or an {Role.ENGINEER} sign in."

@@ -64,19 +64,19 @@ class Challenges:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._asked: dict[str, float] = {}
+        self._open_challenges: dict[str, float] = {}
 
-    def ask(self) -> str:
+    def create_challenge(self) -> str:
         """Return a new challenge."""
-        while len(self._asked) >= _MOST:
-            self._asked.pop(next(iter(self._asked)))
+        while len(self._open_challenges) >= _MOST:
+            self._open_challenges.pop(next(iter(self._open_challenges)))
         challenge = secrets.token_urlsafe(32)
-        self._asked[challenge] = self._clock()
+        self._open_challenges[challenge] = self._clock()
         return challenge
 
-    def answered(self, challenge: str) -> bool:
+    def use_challenge(self, challenge: str) -> bool:
         """Whether the challenge was asked just now; it counts no second time."""
-        asked_s = self._asked.pop(challenge, None)
+        asked_s = self._open_challenges.pop(challenge, None)
         return asked_s is not None and self._clock() - asked_s <= CHALLENGE_S
 
 

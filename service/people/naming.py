@@ -13,7 +13,7 @@ _PASSPHRASE = 12
 LONGEST_SECRET = 200
 
 
-def clean_name(given: str) -> str:
+def clean_name(raw: str) -> str:
     """Return a name as it is kept.
 
     Raises
@@ -21,18 +21,18 @@ def clean_name(given: str) -> str:
     PeopleError
         Empty, too long, taken by the service itself, or with characters that cannot be seen.
     """
-    name = unicodedata.normalize("NFC", given).strip()
+    name = unicodedata.normalize("NFC", raw).strip()
     unseen = [each for each in name if unicodedata.category(each)[0] == "C" or each in "\u2028\u2029"]
     if not name or len(name) > LONGEST_NAME or unseen:
         raise PeopleError(
             f"a name has 1 to {LONGEST_NAME} characters that can be seen.", remedy="Give another name."
         )
-    if folded(name) in _RESERVED:
+    if fold_name(name) in _RESERVED:
         raise PeopleError(f"the name {name!r} is the service's own.", remedy="Give the person's full name.")
     return name
 
 
-def folded(name: str) -> str:
+def fold_name(name: str) -> str:
     """Return what two names that look alike to a person have in common."""
     return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 

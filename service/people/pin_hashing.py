@@ -25,35 +25,35 @@ CREDENTIAL = "cellcal-pepper"
 MEMORY_KIB, PASSES, LANES = 64 * 1024, 3, 4
 
 
-def argon2id() -> PasswordHasher:
+def make_argon2id() -> PasswordHasher:
     """Return the hasher: argon2id, 64 MiB, 3 passes, 4 lanes."""
     return PasswordHasher(time_cost=PASSES, memory_cost=MEMORY_KIB, parallelism=LANES)
 
 
 @dataclass(frozen=True)
-class Hasher:
+class PinHasher:
     """Hashes and checks what people know."""
 
     pepper: bytes
-    argon2: PasswordHasher = field(default_factory=argon2id)
+    argon2: PasswordHasher = field(default_factory=make_argon2id)
 
     @property
     def pepper_mark(self) -> str:
         """What tells this pepper from another without telling the pepper."""
         return hmac.new(self.pepper, b"cellcal pepper mark", hashlib.sha256).hexdigest()
 
-    def hashed(self, secret: str) -> str:
+    def hash_secret(self, secret: str) -> str:
         """Return what to keep of a PIN or passphrase."""
-        return self.argon2.hash(self._peppered(secret))
+        return self.argon2.hash(self._add_pepper(secret))
 
-    def is_right(self, kept: str, secret: str) -> bool:
+    def is_right(self, pin_hash: str, secret: str) -> bool:
         """Whether a PIN or passphrase is the one that was kept."""
         try:
-            return self.argon2.verify(kept, self._peppered(secret))
+            return self.argon2.verify(pin_hash, self._add_pepper(secret))
         except (VerificationError, InvalidHashError):
             return False
 
-    def _peppered(self, secret: str) -> bytes:
+    def _add_pepper(self, secret: str) -> bytes:
         return hmac.new(self.pepper, secret.encode(), hashlib.sha256).digest()
 
 
@@ -65,19 +65,19 @@ def pepper_of(data_dir: Path) -> bytes:
     PeopleError
         It cannot be read, other users may read it, or it is no pepper.
     """
-    given = os.environ.get("CREDENTIALS_DIRECTORY")
-    credential = Path(given) / CREDENTIAL if given else None
+    credentials_folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    credential = Path(credentials_folder) / CREDENTIAL if credentials_folder else None
     try:
         if credential is not None and credential.exists():
-            return _whole(credential, read_plain_bytes(credential))
+            return _check_length(credential, read_plain_bytes(credential))
         path = data_dir / PEPPER_NAME
         if not path.exists():
-            _create(path)
+            _create_pepper(path)
         if path.stat().st_mode & 0o077:
             raise PeopleError(
                 f"other users of this computer may read {path}.", remedy=f"Run: chmod 600 {path}"
             )
-        return _whole(path, read_plain_bytes(path))
+        return _check_length(path, read_plain_bytes(path))
     except OSError as error:
         raise PeopleError(
             f"the pepper in {data_dir} cannot be used: {error.strerror}.",
@@ -85,7 +85,7 @@ def pepper_of(data_dir: Path) -> bytes:
         ) from error
 
 
-def _whole(path: Path, pepper: bytes) -> bytes:
+def _check_length(path: Path, pepper: bytes) -> bytes:
     if len(pepper) != PEPPER_BYTES:
         raise PeopleError(
             f"{path} holds {len(pepper)} bytes, not the {PEPPER_BYTES} of a pepper.",
@@ -94,7 +94,7 @@ def _whole(path: Path, pepper: bytes) -> bytes:
     return pepper
 
 
-def _create(path: Path) -> None:
+def _create_pepper(path: Path) -> None:
     """Write it beside its place, then link it: whole or not there, and never over the one of a quicker process."""
     make_private_folder(path.parent)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600

@@ -11,7 +11,7 @@ DAY_S = 86400.0
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class GuessLimit:
     """At most ``free`` wrong ones at once, then one every ``then_every_s``, ``per_day`` within 24 hours."""
 
     free: int
@@ -19,14 +19,14 @@ class Rule:
     per_day: int
 
 
-PERSON = Rule(free=5, then_every_s=3600.0, per_day=30)
-DEVICE = Rule(
+PERSON = GuessLimit(free=5, then_every_s=3600.0, per_day=30)
+DEVICE = GuessLimit(
     free=20, then_every_s=600.0, per_day=60
 )  # shared by a shift; never cleared by somebody's success
-STATION = Rule(free=100, then_every_s=3600.0, per_day=100)
+STATION = GuessLimit(free=100, then_every_s=3600.0, per_day=100)
 
 
-def wait_s(failed_at_s: Sequence[float], in_a_row: int, rule: Rule, now_s: float) -> float:
+def wait_s(failed_at_s: Sequence[float], in_a_row: int, rule: GuessLimit, now_s: float) -> float:
     """Return how long the next guess has to wait; zero when it need not.
 
     Parameters

@@ -6,7 +6,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
-from cellcal.service.cell_process.messages import AnswerIt, Hold, Order, SignOff, Start, Stop
+from cellcal.service.cell_process.messages import AnswerPrompt, HoldOrder, Order, SignOff, StartRun, StopRun
 
 
 class Role(StrEnum):
@@ -51,7 +51,7 @@ LIMIT_SETTINGS = frozenset({"limits", "write_anyway"})
 
 
 @dataclass(frozen=True, slots=True)
-class Need:
+class OrderNeed:
     """What an order takes: a right; the PIN just entered; for writing, the right to do it alone or two people."""
 
     right: Right
@@ -59,7 +59,7 @@ class Need:
     writes: bool = False
 
 
-def need_of(order: Order, prompt: Mapping[str, Any] | None) -> Need:
+def need_of(order: Order, prompt: Mapping[str, Any] | None) -> OrderNeed:
     """Return what an order takes.
 
     Parameters
@@ -69,19 +69,21 @@ def need_of(order: Order, prompt: Mapping[str, Any] | None) -> Need:
     prompt
         The question that the order answers, None where there is none.
     """
-    if isinstance(order, Stop) or (isinstance(order, Hold) and not order.held):
-        return Need(Right.STOP)
-    if isinstance(order, Start) and LIMIT_SETTINGS & {key for key, value in order.settings.items() if value}:
-        return Need(Right.CHANGE_LIMITS)
+    if isinstance(order, StopRun) or (isinstance(order, HoldOrder) and not order.held):
+        return OrderNeed(Right.STOP)
+    if isinstance(order, StartRun) and LIMIT_SETTINGS & {
+        key for key, value in order.settings.items() if value
+    }:
+        return OrderNeed(Right.CHANGE_LIMITS)
     if isinstance(order, SignOff):
-        return Need(Right.RUN, fresh_pin=True)
-    if isinstance(order, AnswerIt) and prompt is not None:
+        return OrderNeed(Right.RUN, fresh_pin=True)
+    if isinstance(order, AnswerPrompt) and prompt is not None:
         return _need_of_yes(str(prompt["key"]))
-    return Need(Right.RUN)
+    return OrderNeed(Right.RUN)
 
 
-def _need_of_yes(key: str) -> Need:
+def _need_of_yes(key: str) -> OrderNeed:
     if key in MOVES | KEEPS:
-        return Need(Right.RUN, fresh_pin=True)
+        return OrderNeed(Right.RUN, fresh_pin=True)
     writes = key in WRITES or key.startswith(_WEIGHTY)  # one that these tables do not know may write
-    return Need(Right.RUN, fresh_pin=writes, writes=writes)
+    return OrderNeed(Right.RUN, fresh_pin=writes, writes=writes)

@@ -12,12 +12,12 @@ from typing import Any
 
 from cellcal.service.people.errors import ElsewhereError
 
-ASKED_S = 30.0
-_KEPT_S = 15.0  # beyond that nobody is waiting any more
+REQUEST_GRANTED_S = 30.0
+_REQUEST_VALID_S = 15.0  # beyond that nobody is waiting any more
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class SessionHolder:
     """A browser with somebody at it. ``id`` is that of its session, never its token."""
 
     id: str
@@ -25,34 +25,34 @@ class Seat:
 
 
 @dataclass
-class Control:
+class SessionControl:
     """Who has it, and who asks for it. ``is_in_charge`` tells whether a seat may still order anything."""
 
     clock: Callable[[], float] = time.monotonic
-    asked_s: float = ASKED_S
-    _holder: Seat | None = field(init=False, default=None)
-    _asking: tuple[Seat, float] | None = field(init=False, default=None)  # and since when
+    asked_s: float = REQUEST_GRANTED_S
+    _holder: SessionHolder | None = field(init=False, default=None)
+    _asking: tuple[SessionHolder, float] | None = field(init=False, default=None)  # and since when
 
-    def settle(self, is_in_charge: Callable[[str], bool]) -> None:
+    def drop_inactive(self, is_in_charge: Callable[[str], bool]) -> None:
         """Forget a holder who may order nothing any more, and whoever asked and left."""
         if self._holder is not None and not is_in_charge(self._holder.id):
             self._holder = None
         if self._asking is not None:
-            seat, since_s = self._asking
-            if self.clock() - since_s > self.asked_s + _KEPT_S or not is_in_charge(seat.id):
+            session_id, since_s = self._asking
+            if self.clock() - since_s > self.asked_s + _REQUEST_VALID_S or not is_in_charge(session_id.id):
                 self._asking = None
 
     @property
-    def holder(self) -> Seat | None:
+    def current_holder(self) -> SessionHolder | None:
         """Who has control, None while nobody has."""
         return self._holder
 
     @property
-    def asks(self) -> Seat | None:
+    def takeover_requester(self) -> SessionHolder | None:
         """Who asks to take over, None while nobody does."""
         return None if self._asking is None else self._asking[0]
 
-    def take(self, seat: Seat) -> None:
+    def take_control(self, holder: SessionHolder) -> None:
         """Let a seat order: it has control, or takes it where nobody has.
 
         Raises
@@ -60,11 +60,11 @@ class Control:
         ElsewhereError
             Another seat has it.
         """
-        if self._holder is not None and self._holder.id != seat.id:
+        if self._holder is not None and self._holder.id != holder.id:
             raise ElsewhereError(self._holder.name)
-        self._holder = seat
+        self._holder = holder
 
-    def ask(self, seat: Seat) -> None:
+    def request_control(self, holder: SessionHolder) -> None:
         """Ask to take over; asked again after half a minute without an answer, it is given.
 
         Raises
@@ -72,42 +72,42 @@ class Control:
         ElsewhereError
             A third seat is asking already.
         """
-        if self._holder is None or self._holder.id == seat.id:
-            self._holder, self._asking = seat, None
+        if self._holder is None or self._holder.id == holder.id:
+            self._holder, self._asking = holder, None
         elif self._asking is None:
-            self._asking = (seat, self.clock())
-        elif self._asking[0].id != seat.id:
+            self._asking = (holder, self.clock())
+        elif self._asking[0].id != holder.id:
             raise ElsewhereError(self._asking[0].name)
         elif self._remaining_s() <= 0.0:
-            self._holder, self._asking = seat, None
+            self._holder, self._asking = holder, None
 
-    def withdraw(self, seat_id: str) -> None:
+    def withdraw_request(self, session_id: str) -> None:
         """Ask no longer."""
-        if self._asking is not None and self._asking[0].id == seat_id:
+        if self._asking is not None and self._asking[0].id == session_id:
             self._asking = None
 
-    def answer(self, seat_id: str, *, give: bool) -> None:
+    def answer_request(self, session_id: str, *, give: bool) -> None:
         """Hand control over to whoever asks, or refuse; only the holder can."""
-        if self._holder is None or self._holder.id != seat_id or self._asking is None:
+        if self._holder is None or self._holder.id != session_id or self._asking is None:
             return
         if give:
             self._holder = self._asking[0]
         self._asking = None
 
-    def release(self, seat_id: str) -> None:
+    def release_control(self, session_id: str) -> None:
         """Give control up, and ask no longer."""
-        self.withdraw(seat_id)
-        if self._holder is not None and self._holder.id == seat_id:
+        self.withdraw_request(session_id)
+        if self._holder is not None and self._holder.id == session_id:
             self._holder = None
 
-    def told(self, seat_id: str) -> dict[str, Any]:
+    def to_json(self, session_id: str) -> dict[str, Any]:
         """Return it as the screen of one seat shows it."""
-        asking = self.asks
+        asking = self.takeover_requester
         return {
-            "mine": self._holder is not None and self._holder.id == seat_id,
+            "mine": self._holder is not None and self._holder.id == session_id,
             "holder": None if self._holder is None else self._holder.name,
             "asking": None if asking is None else asking.name,
-            "asking_mine": asking is not None and asking.id == seat_id,
+            "asking_mine": asking is not None and asking.id == session_id,
             "remaining_s": None if asking is None else max(self._remaining_s(), 0.0),
         }
 

@@ -27,10 +27,10 @@ class Session:
     person: str | None = None
     epoch: int = 0
     confirmed_s: float = float("-inf")
-    seat: str = field(default_factory=lambda: secrets.token_hex(8))  # names it to others; opens nothing
+    session_id: str = field(default_factory=lambda: secrets.token_hex(8))  # names it to others; opens nothing
 
 
-class Sessions:
+class SessionStore:
     """All of them, found by the hash of their 256-bit token."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -41,67 +41,67 @@ class Sessions:
         """Return how many are kept."""
         return len(self._open)
 
-    def begin(self, device: str) -> str:
+    def open_session(self, device: str) -> str:
         """Open a session without a person and return its token."""
         now = self._clock()
-        return self._keep(Session(device, now, now))
+        return self._store_session(Session(device, now, now))
 
-    def find(self, token: str | None) -> Session | None:
+    def find_session(self, token: str | None) -> Session | None:
         """Return the session of a token, None when it is unknown or over."""
         if not token:
             return None
-        key = _hash(token)
+        key = _hash_token(token)
         session = self._open.get(key)
         if session is not None and self._clock() - session.opened_s > WHOLE_S:
             del self._open[key]
             return None
         return session
 
-    def at(self, seat: str) -> Session | None:
+    def session_at(self, session_id: str) -> Session | None:
         """Return the session of a seat, None when it is over."""
         now = self._clock()
-        found = (each for each in self._open.values() if each.seat == seat)
+        found = (each for each in self._open.values() if each.session_id == session_id)
         return next((each for each in found if now - each.opened_s <= WHOLE_S), None)
 
-    def enter(self, token: str, person: str, epoch: int) -> str:
+    def sign_person_in(self, token: str, person: str, epoch: int) -> str:
         """Let a person in after the PIN; the token changes, so that one known before is worth nothing."""
         now = self._clock()
-        device = self._open.pop(_hash(token)).device
-        return self._keep(Session(device, now, now, person, epoch, now))
+        device = self._open.pop(_hash_token(token)).device
+        return self._store_session(Session(device, now, now, person, epoch, now))
 
-    def leave(self, token: str) -> str:
+    def sign_person_out(self, token: str) -> str:
         """Let the person go; the device goes on looking on, under a new token and until its old end."""
-        old = self._open.pop(_hash(token))
-        return self._keep(Session(old.device, old.opened_s, self._clock()))
+        old = self._open.pop(_hash_token(token))
+        return self._store_session(Session(old.device, old.opened_s, self._clock()))
 
-    def end(self, token: str) -> None:
+    def end_session(self, token: str) -> None:
         """Forget a session."""
-        self._open.pop(_hash(token), None)
+        self._open.pop(_hash_token(token), None)
 
-    def use(self, session: Session) -> None:
+    def note_use(self, session: Session) -> None:
         """Note that a person does something. What is locked stays locked."""
-        if not self.locked(session):
+        if not self.is_locked(session):
             session.used_s = self._clock()
 
-    def locked(self, session: Session) -> bool:
+    def is_locked(self, session: Session) -> bool:
         """Whether nobody has done anything for five minutes."""
         return self._clock() - session.used_s > IDLE_S
 
-    def fresh(self, session: Session) -> bool:
+    def is_fresh(self, session: Session) -> bool:
         """Whether the PIN was entered just now."""
         return self._clock() - session.confirmed_s <= FRESH_S
 
-    def confirm(self, session: Session) -> None:
+    def confirm_pin(self, session: Session) -> None:
         """Note that the PIN was entered again."""
         session.used_s = session.confirmed_s = self._clock()
 
-    def _keep(self, session: Session) -> str:
+    def _store_session(self, session: Session) -> str:
         while len(self._open) >= _MOST:
             self._open.pop(next(iter(self._open)))
         token = secrets.token_urlsafe(32)
-        self._open[_hash(token)] = session
+        self._open[_hash_token(token)] = session
         return token
 
 
-def _hash(token: str) -> str:
+def _hash_token(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()

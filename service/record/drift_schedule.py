@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import journal_path
 from cellcal.service.record.journal_reading import journal_to_read
@@ -46,21 +46,21 @@ def _last_checks(journal: Path) -> Mapping[str, date]:
     if database is None:
         return {}
     try:
-        rows = database.execute(_RUNS, (Kind.STARTED, Kind.ENDED)).fetchall()
+        rows = database.execute(_RUNS, (EventKind.STARTED, EventKind.ENDED)).fetchall()
     finally:
         database.close()
     serials: dict[str, str] = {}
     checked: dict[str, date] = {}
     for run_id, kind, text, wall_utc in rows:
         body: dict[str, Any] = parse_json(text)
-        if kind == Kind.STARTED:
+        if kind == EventKind.STARTED:
             serials[run_id] = body["cell"]["devices"][0]["identity"]["serial"]
         elif body["verdict"] == "passed":
             checked[serials[run_id]] = date.fromisoformat(wall_utc[:10])
     return checked
 
 
-class Reminder:
+class DriftReminder:
     """What is due in drift checks, read again now and then: others ask many times a second."""
 
     EVERY_S = 10.0
@@ -70,7 +70,7 @@ class Reminder:
         self._read_at_s = float("-inf")
         self._due: list[dict[str, str]] = []
 
-    def due(self, now_s: float) -> list[dict[str, str]]:
+    def list_due(self, now_s: float) -> list[dict[str, str]]:
         """Return what and when; as it was read last while the journal cannot be read, which others tell."""
         if now_s - self._read_at_s >= self.EVERY_S:
             self._read_at_s = now_s

@@ -30,10 +30,10 @@ class LastHealthyCounts:
     def __init__(self, data_dir: Path) -> None:
         self._dir = data_dir
 
-    def load(self, robot: str) -> HealthyCounts | None:
+    def load_counts(self, robot: str) -> HealthyCounts | None:
         """Return what was seen last, or None where nothing (readable) is stored."""
         try:
-            document = parse_json(read_plain_text(self._path(robot)))
+            document = parse_json(read_plain_text(self._counts_path(robot)))
             counts = tuple(int(count) for count in document["counts"])
             return HealthyCounts(
                 str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])
@@ -44,19 +44,19 @@ class LastHealthyCounts:
             _LOG.warning("the last healthy counts of %s cannot be read and are ignored: %s", robot, error)
             return None
 
-    def save(self, seen: HealthyCounts) -> None:
+    def save_counts(self, observed: HealthyCounts) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
         make_private_folder(self._dir)
-        path = self._path(seen.robot)
-        replace_file(path, json.dumps(asdict(seen)))
+        path = self._counts_path(observed.robot)
+        replace_file(path, json.dumps(asdict(observed)))
 
-    def _path(self, robot: str) -> Path:
+    def _counts_path(self, robot: str) -> Path:
         return self._dir / f"last_healthy_{robot}.json"
 
 
 async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHealthyCounts) -> HealthyCounts:
     """Keep the present counts as healthy: after a record was taken, or a recovery has passed."""
     counts, epoch = await encoders.encoder_counts(), await encoders.encoder_epoch()
-    seen = HealthyCounts(robot, counts, epoch, datetime.now(UTC).isoformat())
-    memory.save(seen)
-    return seen
+    observed = HealthyCounts(robot, counts, epoch, datetime.now(UTC).isoformat())
+    memory.save_counts(observed)
+    return observed

@@ -18,7 +18,7 @@ from uuid import NAMESPACE_URL, uuid5
 
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
-from cellcal.procedures.canonical import canonical_json
+from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.files import create_private_file, make_private_folder
 
 _GENESIS = bytes(32)
@@ -56,16 +56,16 @@ class StoreError(CellError):
         self.safe_points = safe_points
 
 
-class Rows(Protocol):
+class SqlRows(Protocol):
     """What a statement returns."""
 
     def fetchall(self) -> list[Any]: ...
 
 
-class Database(Protocol):
+class JournalDatabase(Protocol):
     """The part of a sqlite3 connection (autocommit) that the journal uses; tests lend a failing disk."""
 
-    def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> Rows: ...
+    def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> SqlRows: ...
     def close(self) -> None: ...
 
 
@@ -79,7 +79,7 @@ class NewEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class JournalEvent:
     """One stored fact. ``body`` is the canonical JSON text; ``fact()`` of the store parses it."""
 
     seq: int
@@ -103,14 +103,14 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Damage:
+class JournalDamage:
     """Where the journal stops being trustworthy."""
 
     after_seq: int
     reason: str
 
 
-def open_database(path: Path) -> Database:
+def open_database(path: Path) -> JournalDatabase:
     """Connect in autocommit mode: transactions are written out in the journal itself."""
     return sqlite3.connect(path, isolation_level=None, timeout=_BUSY_MS / 1000)
 
@@ -122,9 +122,9 @@ class Journal:
     After a failed write nothing more is accepted: a second fsync may report success over lost pages.
     """
 
-    def __init__(self, path: Path, *, connect: Callable[[Path], Database] = open_database) -> None:
+    def __init__(self, path: Path, *, connect: Callable[[Path], JournalDatabase] = open_database) -> None:
         self.path = path
-        self.damage: Damage | None = None
+        self.damage: JournalDamage | None = None
         self._broken: StoreError | None = None
         self._boot_id = _boot_id()
         self._database = connect(path)
@@ -132,14 +132,14 @@ class Journal:
             for pragma in _PRAGMAS:
                 self._database.execute(pragma).fetchall()
             self._database.execute(_SCHEMA).fetchall()
-            self.damage = self._check()
+            self.damage = self._find_damage()
         except sqlite3.DatabaseError as error:
-            if _code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+            if _sqlite_code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
                 raise StoreError(f"the journal {path} cannot be opened: {error}", code="store.io") from error
-            self.damage = Damage(0, f"not a readable database: {error}")
+            self.damage = JournalDamage(0, f"not a readable database: {error}")
 
     @classmethod
-    def open(cls, path: Path) -> Self:
+    def open_file(cls, path: Path) -> Self:
         """Open or create the journal file and make its directory entry durable."""
         make_private_folder(path.parent)
         create_private_file(path)
@@ -159,11 +159,13 @@ class Journal:
 
     def append(
         self, run_id: str, kind: str, body: Mapping[str, Any], *, key: str = "", actor: str = "service"
-    ) -> Event:
+    ) -> JournalEvent:
         """Store one fact durably and return it; a ``key`` already used in the run returns the stored one."""
         return self.append_all(run_id, [NewEvent(kind, body, key)], actor=actor)[0]
 
-    def append_all(self, run_id: str, events: Iterable[NewEvent], *, actor: str = "service") -> list[Event]:
+    def append_all(
+        self, run_id: str, events: Iterable[NewEvent], *, actor: str = "service"
+    ) -> list[JournalEvent]:
         """Store several facts in one transaction: all or none.
 
         Raises
@@ -177,16 +179,16 @@ class Journal:
         try:
             self._database.execute("BEGIN IMMEDIATE").fetchall()
             try:
-                stored = [self._insert(run_id, event, body, actor) for event, body in prepared]
+                stored = [self._insert_event(run_id, event, body, actor) for event, body in prepared]
                 self._database.execute("COMMIT").fetchall()
             except BaseException:
-                self._rollback()
+                self._roll_back()
                 raise
         except sqlite3.Error as error:
             raise self._store_error(run_id, error) from error
         return stored
 
-    def events(self, run_id: str | None = None) -> list[Event]:
+    def list_events(self, run_id: str | None = None) -> list[JournalEvent]:
         """Return the trustworthy events in order, of one run or of all."""
         limit = self.damage.after_seq if self.damage is not None else None
         where = ["1"] + ["run_id = ?"] * (run_id is not None) + ["seq <= ?"] * (limit is not None)
@@ -194,64 +196,64 @@ class Journal:
         sql = f"SELECT {_COLUMNS} FROM event WHERE {' AND '.join(where)} ORDER BY seq"
         if limit == 0:
             return []
-        return [Event(*row) for row in self._database.execute(sql, values).fetchall()]
+        return [JournalEvent(*row) for row in self._database.execute(sql, values).fetchall()]
 
-    def head(self) -> bytes:
+    def head_hash(self) -> bytes:
         """Return the hash of the last event: printed on certificates, it also betrays a truncated journal."""
-        return self._tail()[1]
+        return self._chain_tail()[1]
 
-    def verify(self) -> Damage | None:
+    def verify_chain(self) -> JournalDamage | None:
         """Check the whole chain; None when every event is as it was written."""
         last, prev = 0, _GENESIS
         try:
             for row in self._database.execute(f"SELECT {_COLUMNS} FROM event ORDER BY seq").fetchall():
-                event = Event(*row)
+                event = JournalEvent(*row)
                 if event.seq != last + 1:
-                    return Damage(last, f"event {last + 1} is missing")
+                    return JournalDamage(last, f"event {last + 1} is missing")
                 if event.prev != prev or event.hash != event.expected_hash():
-                    return Damage(last, f"event {event.seq} is not what was written")
+                    return JournalDamage(last, f"event {event.seq} is not what was written")
                 last, prev = event.seq, event.hash
         except sqlite3.DatabaseError as error:
-            return Damage(last, f"cannot be read after event {last}: {error}")
+            return JournalDamage(last, f"cannot be read after event {last}: {error}")
         return None
 
-    def _check(self) -> Damage | None:
+    def _find_damage(self) -> JournalDamage | None:
         found = self._database.execute("PRAGMA quick_check").fetchall()
-        chain = self.verify()
+        chain = self.verify_chain()
         if chain is None and [tuple(row) for row in found] != [("ok",)]:
-            return Damage(self._tail()[0], f"the file is damaged: {found[0][0]}")
+            return JournalDamage(self._chain_tail()[0], f"the file is damaged: {found[0][0]}")
         return chain
 
-    def _insert(self, run_id: str, event: NewEvent, body: str, actor: str) -> Event:
+    def _insert_event(self, run_id: str, event: NewEvent, body: str, actor: str) -> JournalEvent:
         idem = str(uuid5(NAMESPACE_URL, f"{run_id}/{event.key}")) if event.key else None
-        known = self._stored(idem) if idem else None
-        if known is not None:
-            if (known.kind, known.body) != (event.kind, body):
+        existing = self._find_stored(idem) if idem else None
+        if existing is not None:
+            if (existing.kind, existing.body) != (event.kind, body):
                 raise StoreError(
                     f"the key {event.key!r} of this run already holds another fact",
                     code="store.conflict",
                     remedy="Two programs may be writing the same run: end one of them.",
                 )
-            return known
-        seq, prev = self._tail()
+            return existing
+        seq, prev = self._chain_tail()
         rows = self._database.execute("SELECT max(idx) FROM event WHERE run_id = ?", (run_id,)).fetchall()
         idx = 0 if rows[0][0] is None else rows[0][0] + 1
         clocks = (datetime.now(UTC).isoformat(timespec="milliseconds"), time.monotonic_ns(), self._boot_id)
-        draft = Event(seq + 1, run_id, idx, event.kind, idem, body, *clocks, actor, prev, b"")
+        draft = JournalEvent(seq + 1, run_id, idx, event.kind, idem, body, *clocks, actor, prev, b"")
         row = replace(draft, hash=draft.expected_hash())
         marks = ", ".join("?" * 12)
-        self._database.execute(f"INSERT INTO event({_COLUMNS}) VALUES({marks})", _values(row)).fetchall()
+        self._database.execute(f"INSERT INTO event({_COLUMNS}) VALUES({marks})", _row_values(row)).fetchall()
         return row
 
-    def _stored(self, idem: str) -> Event | None:
+    def _find_stored(self, idem: str) -> JournalEvent | None:
         rows = self._database.execute(f"SELECT {_COLUMNS} FROM event WHERE idem = ?", (idem,)).fetchall()
-        return Event(*rows[0]) if rows else None
+        return JournalEvent(*rows[0]) if rows else None
 
-    def _tail(self) -> tuple[int, bytes]:
+    def _chain_tail(self) -> tuple[int, bytes]:
         rows = self._database.execute("SELECT seq, hash FROM event ORDER BY seq DESC LIMIT 1").fetchall()
         return (rows[0][0], rows[0][1]) if rows else (0, _GENESIS)
 
-    def _rollback(self) -> None:
+    def _roll_back(self) -> None:
         try:
             self._database.execute("ROLLBACK").fetchall()
         except sqlite3.Error:
@@ -278,11 +280,11 @@ class Journal:
             )
 
     def _store_error(self, run_id: str, error: sqlite3.Error) -> StoreError:
-        if isinstance(error, sqlite3.IntegrityError) or _code(error) == sqlite3.SQLITE_BUSY:
+        if isinstance(error, sqlite3.IntegrityError) or _sqlite_code(error) == sqlite3.SQLITE_BUSY:
             return StoreError(f"the journal is in use by another program: {error}", code="store.busy")
         safe = self._safe_points(run_id)
         points = "everything stored before is safe" if safe is None else f"your {safe} points are safe"
-        if _code(error) == sqlite3.SQLITE_FULL:
+        if _sqlite_code(error) == sqlite3.SQLITE_FULL:
             text, code = f"disk full: nothing more can be saved, {points}.", "store.full"
         else:
             text, code = f"the disk refuses to store ({error}): {points}.", "store.io"
@@ -299,7 +301,7 @@ class Journal:
             return None
 
 
-def _values(event: Event) -> tuple[Any, ...]:
+def _row_values(event: JournalEvent) -> tuple[Any, ...]:
     return (
         *(event.seq, event.run_id, event.idx, event.kind, event.idem, event.body),
         *(event.wall_utc, event.mono_ns, event.boot_id, event.actor, event.prev, event.hash),
@@ -315,7 +317,7 @@ def _checked_body(event: NewEvent) -> str:
         ) from error
 
 
-def _code(error: sqlite3.Error) -> int:
+def _sqlite_code(error: sqlite3.Error) -> int:
     # extended codes carry the primary one in their low byte; Python's own errors carry none
     return getattr(error, "sqlite_errorcode", 0) & 0xFF
 

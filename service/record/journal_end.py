@@ -14,7 +14,7 @@ NOT_ACCEPTED = "store.end_missing"
 
 def missing_end(config: CellConfig, journal: Journal) -> str:
     """Return in words that a journal's end is missing; "" where it is whole, as far as certificates tell."""
-    heads = {event.hash.hex() for event in journal.events()}
+    heads = {event.hash.hex() for event in journal.list_events()}
     for path in sorted(certificates_folder(config).glob("*.json")):
         try:
             head = parse_json(read_plain_bytes(path))["content"]["run"]["journal_head_sha256"]
@@ -28,7 +28,7 @@ def missing_end(config: CellConfig, journal: Journal) -> str:
     return ""
 
 
-def end_in_words(config: CellConfig) -> str:
+def describe_missing_end(config: CellConfig) -> str:
     """Return the same for the journal of a cell, for a screen; "" also where it cannot be read at all."""
     try:
         with open_journal(config) as journal:

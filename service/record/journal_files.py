@@ -12,7 +12,7 @@ def journal_path(config: CellConfig) -> Path:
     return config.cell.data_dir / "journal.db"
 
 
-def leases(config: CellConfig) -> Path:
+def lease_folder(config: CellConfig) -> Path:
     """Return where it is kept who works on which robot."""
     return config.cell.data_dir / "leases"
 
@@ -28,7 +28,7 @@ def open_journal(config: CellConfig) -> Journal:
     path = journal_path(config)
     remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
     try:
-        return Journal.open(path)
+        return Journal.open_file(path)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(
             f"the journal {path} cannot be opened: {error}", remedy=remedy, code="store.io"

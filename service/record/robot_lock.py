@@ -32,7 +32,7 @@ class Lease:
     descriptor: int
     token: int
 
-    def hold(self) -> None:
+    def check_held(self) -> None:
         """Raise LeaseLostError where the file was taken away, or carries the token of another holder."""
         if not self._is_ours():
             raise LeaseLostError(
@@ -43,7 +43,7 @@ class Lease:
     def _is_ours(self) -> bool:
         try:
             here, there = os.fstat(self.descriptor), self.path.stat()
-            return os.path.samestat(here, there) and _token(self.descriptor) == self.token
+            return os.path.samestat(here, there) and _read_token(self.descriptor) == self.token
         except OSError:
             return False
 
@@ -52,7 +52,7 @@ DEVICES = " devices"  # the right to connect to a robot and its gauge; without i
 
 
 @contextmanager
-def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator[Lease]:
+def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator[Lease]:
     """Hold the exclusive right to run procedures on a robot, or to connect to it (``DEVICES``).
 
     Raises
@@ -61,7 +61,7 @@ def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator
         Another run holds it, in this process or another.
     """
     make_private_folder(directory)
-    path = _path(directory, robot + right)
+    path = _lease_path(directory, robot + right)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         try:
@@ -72,7 +72,7 @@ def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator
                 f"{other} is working on robot {robot}",
                 remedy="Wait until that run has ended, or end it there.",
             ) from error
-        token = _token(descriptor) + 1  # fencing: every holder has a higher one than those before
+        token = _read_token(descriptor) + 1  # fencing: every holder has a higher one than those before
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{holder}\n{token}\n".encode(), 0)
         yield Lease(path, descriptor, token)
@@ -83,7 +83,7 @@ def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator
 def is_held(directory: Path, robot: str, right: str = "") -> bool:
     """Tell whether somebody runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
     try:
-        descriptor = os.open(_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(_lease_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
     try:
@@ -95,12 +95,12 @@ def is_held(directory: Path, robot: str, right: str = "") -> bool:
     return False
 
 
-def _token(descriptor: int) -> int:
+def _read_token(descriptor: int) -> int:
     """Return the token of the last holder; 0 where there was none."""
     _, _, rest = os.pread(descriptor, 400, 0).decode(errors="replace").partition("\n")
     number = rest.strip()
     return int(number) if number.isdecimal() else 0
 
 
-def _path(directory: Path, robot: str) -> Path:
+def _lease_path(directory: Path, robot: str) -> Path:
     return directory / f"{re.sub(r'[^A-Za-z0-9_-]', '_', robot)}.lock"

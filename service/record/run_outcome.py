@@ -5,7 +5,7 @@ from enum import StrEnum
 from typing import Any
 
 from cellcal.calibration.errors import CalibrationError, CellError
-from cellcal.procedures.entry import Entry
+from cellcal.procedures.procedure_definition import ProcedureDefinition
 from cellcal.procedures.run import (
     DeclinedError,
     NeedsUnmetError,
@@ -16,7 +16,7 @@ from cellcal.procedures.run import (
 from cellcal.service.record.run_store import RunView
 
 
-class Verdict(StrEnum):
+class RunVerdict(StrEnum):
     """How a run ended."""
 
     PASSED = "passed"
@@ -28,12 +28,12 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """The end of a run. ``result`` is the procedure's result, or the evidence of a refusal."""
 
     run_id: str
     procedure: str
-    verdict: Verdict
+    verdict: RunVerdict
     result: Any = None
     reason: str = ""
     remedy: str = ""
@@ -41,24 +41,26 @@ class Outcome:
     judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
 
 
-def failed_outcome(run_id: str, procedure: str, error: CellError) -> Outcome:
+def failed_outcome(run_id: str, procedure: str, error: CellError) -> RunOutcome:
     """Return the end of a run by an error; a refusal brings its evidence."""
     evidence = error.evidence if isinstance(error, RefusalError) else None
-    return Outcome(run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code)
+    return RunOutcome(
+        run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code
+    )
 
 
-def _verdict_of(error: CellError) -> Verdict:
+def _verdict_of(error: CellError) -> RunVerdict:
     if isinstance(error, DeclinedError):
-        return Verdict.DECLINED
+        return RunVerdict.DECLINED
     if isinstance(error, OutOfToleranceError):
-        return Verdict.OUT_OF_TOLERANCE
+        return RunVerdict.OUT_OF_TOLERANCE
     if isinstance(error, RefusalError | ReplayMismatchError | NeedsUnmetError | CalibrationError):
-        return Verdict.REFUSED
-    return Verdict.CELL_FAILED
+        return RunVerdict.REFUSED
+    return RunVerdict.CELL_FAILED
 
 
-def stored_outcome(view: RunView, entry: Entry) -> Outcome:
+def stored_outcome(view: RunView, entry: ProcedureDefinition) -> RunOutcome:
     """Return the end of a run that passed before."""
     result = entry.result_codec().validate_python(view.result)
-    state = Verdict(view.state)
-    return Outcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)
+    state = RunVerdict(view.state)
+    return RunOutcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)

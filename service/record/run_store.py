@@ -11,12 +11,12 @@ from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
-from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.past import Kind, Past, fold
-from cellcal.service.record.journal import Event, Journal, StoreError
+from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
+from cellcal.service.record.journal import Journal, JournalEvent, StoreError
 from cellcal.service.record.mastering_backups import mastering_backups
-from cellcal.service.record.unconfirmed_mastering import Unconfirmed, unconfirmed_masterings
+from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
@@ -43,7 +43,7 @@ class RunView:
     reason: str
     result: Any
     judgement: Any  # what the procedure claims of its result; None where it says nothing
-    past: Past
+    past: RunHistory
     begun_by: str = ""  # as who began it was told: a person, the watch, the service
     begun_as: tuple[str, ...] = ()  # roles of the people behind that name; empty where the journal knows none
     motion_level: str = ""  # who moved the robot; empty in journals that do not say it
@@ -51,20 +51,20 @@ class RunView:
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
 
 
-class Store:
+class RunStore:
     """Reads a journal; writes only what somebody brings in from outside."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
 
-    def runs(self) -> list[RunView]:
+    def list_runs(self) -> list[RunView]:
         """Return every run, oldest first."""
-        grouped: dict[str, list[Event]] = {}
-        for event in self._journal.events():
+        grouped: dict[str, list[JournalEvent]] = {}
+        for event in self._journal.list_events():
             grouped.setdefault(event.run_id, []).append(event)
-        return [_view(events) for events in grouped.values() if events[0].kind == Kind.STARTED]
+        return [_fold_run(events) for events in grouped.values() if events[0].kind == EventKind.STARTED]
 
-    def run(self, run_id: str) -> RunView:
+    def find_run(self, run_id: str) -> RunView:
         """Return one run.
 
         Raises
@@ -72,41 +72,41 @@ class Store:
         StoreError
             There is no such run.
         """
-        events = self._journal.events(run_id)
-        if not events or events[0].kind != Kind.STARTED:
+        events = self._journal.list_events(run_id)
+        if not events or events[0].kind != EventKind.STARTED:
             raise StoreError(
                 f"there is no run {run_id!r}", code="store.no_such_run", remedy="See `cellcal runs`."
             )
-        return _view(events)
+        return _fold_run(events)
 
     def last_begun_utc(self, procedure: str, robot_serial: str) -> str | None:
         """Return when a procedure was begun last on a robot, however that run ended; raises as `kept`."""
         self._journal.refuse_damaged()
-        return self._newest_utc(Kind.STARTED, lambda body: _is_of(body, procedure, robot_serial))
+        return self._newest_utc(EventKind.STARTED, lambda body: _is_of(body, procedure, robot_serial))
 
-    def last_kept_utc(self, what: str, robot_serial: str) -> str | None:
+    def last_stored_utc(self, what: str, robot_serial: str) -> str | None:
         """Return when something of one kind was kept last of a robot; raises as `kept`."""
         self._journal.refuse_damaged()
-        told = (what, robot_serial)
-        return self._newest_utc(Kind.STORED, lambda body: (body["what"], body["robot_serial"]) == told)
+        key = (what, robot_serial)
+        return self._newest_utc(EventKind.STORED, lambda body: (body["what"], body["robot_serial"]) == key)
 
-    def _newest_utc(self, kind: Kind, right: Callable[[Any], bool]) -> str | None:
-        events = (event for event in reversed(self._journal.events()) if event.kind == kind)
+    def _newest_utc(self, kind: EventKind, right: Callable[[Any], bool]) -> str | None:
+        events = (event for event in reversed(self._journal.list_events()) if event.kind == kind)
         return next((event.wall_utc for event in events if right(parse_json(event.body))), None)
 
-    def newest(self, run_id: str) -> str:
+    def resolve_run_id(self, run_id: str) -> str:
         """Return the id of the newest run for ``last``, else the id itself."""
         if run_id != "last":
             return run_id
         self._journal.refuse_damaged()
-        views = self.runs()
+        views = self.list_runs()
         if not views:
             raise StoreError(
                 "no run was made yet", code="store.no_such_run", remedy="Begin with `cellcal run`."
             )
         return views[-1].run_id
 
-    def with_events(self, run_id: str) -> tuple[RunView, list[Event]]:
+    def with_events(self, run_id: str) -> tuple[RunView, list[JournalEvent]]:
         """Return a run and everything that its journal holds of it; ``last`` is the newest run.
 
         Raises
@@ -114,10 +114,10 @@ class Store:
         StoreError
             There is no such run.
         """
-        view = self.run(self.newest(run_id))
-        return view, self._journal.events(view.run_id)
+        view = self.find_run(self.resolve_run_id(run_id))
+        return view, self._journal.list_events(view.run_id)
 
-    def kept(self, what: str, robot_serial: str) -> list[Mapping[str, Any]]:
+    def list_stored(self, what: str, robot_serial: str) -> list[Mapping[str, Any]]:
         """Return every kept result of one kind for one robot, oldest first.
 
         Raises
@@ -126,46 +126,50 @@ class Store:
             The journal is damaged: which one is in force cannot be told. So for all that is read by it below.
         """
         self._journal.refuse_damaged()
-        facts = [parse_json(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
+        facts = [
+            parse_json(event.body) for event in self._journal.list_events() if event.kind == EventKind.STORED
+        ]
         return [fact for fact in facts if (fact["what"], fact["robot_serial"]) == (what, robot_serial)]
 
     def mastering_record(self, robot_serial: str) -> MasteringRecord | None:
         """Return the latest mastering record of a robot; None when none was ever taken."""
-        facts = self.kept(RECORD, robot_serial)
+        facts = self.list_stored(RECORD, robot_serial)
         return _RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
-    def alignments(self) -> tuple[Alignment, ...]:
+    def list_alignments(self) -> tuple[Alignment, ...]:
         """Return every alignment of every robot, oldest first; raises as `kept`."""
         self._journal.refuse_damaged()
-        facts = [parse_json(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
+        facts = [
+            parse_json(event.body) for event in self._journal.list_events() if event.kind == EventKind.STORED
+        ]
         return tuple(_ALIGNMENTS.validate_python(f["value"]) for f in facts if f["what"] == ALIGNMENT)
 
     def calibrated_arm(self, robot_serial: str) -> CalibratedArm | None:
         """Return what the newest calibration of a robot found; None when none was ever kept."""
-        facts = self.kept(PARAMETER_SET, robot_serial)
+        facts = self.list_stored(PARAMETER_SET, robot_serial)
         return _ARMS.validate_python(facts[-1]["value"]) if facts else None
 
     def drift_references(self, robot_serial: str) -> tuple[DriftReference, ...]:
         """Return every reference for drift checks of a robot, oldest first."""
         return tuple(
-            _REFERENCES.validate_python(f["value"]) for f in self.kept(DRIFT_REFERENCE, robot_serial)
+            _REFERENCES.validate_python(f["value"]) for f in self.list_stored(DRIFT_REFERENCE, robot_serial)
         )
 
-    def lend(self, cell: Cell, robot_serial: str) -> Cell:
+    def with_history(self, cell: Cell, robot_serial: str) -> Cell:
         """Return the cell with all that the journal holds of its robot, and all alignments."""
         return replace(
             cell,
             record=self.mastering_record(robot_serial),
-            backups=mastering_backups(self._journal.events(), robot_serial),
-            alignments=self.alignments(),
+            backups=mastering_backups(self._journal.list_events(), robot_serial),
+            alignments=self.list_alignments(),
             calibrated=self.calibrated_arm(robot_serial),
             drift_references=self.drift_references(robot_serial),
         )
 
-    def unconfirmed(self, robot_serial: str) -> tuple[Unconfirmed, ...]:
+    def list_unconfirmed(self, robot_serial: str) -> tuple[UnconfirmedMastering, ...]:
         """Return what was written as a robot's mastering and neither confirmed nor undone since; raises as `kept`."""
         self._journal.refuse_damaged()
-        return unconfirmed_masterings(self._journal.events(), robot_serial)
+        return unconfirmed_masterings(self._journal.list_events(), robot_serial)
 
     def put_mastering_record(self, record: MasteringRecord, *, actor: str) -> None:
         """Take in a record that was exported elsewhere; it is the one in force from then on."""
@@ -173,7 +177,7 @@ class Store:
             return
         value = _RECORDS.dump_python(record, mode="json")
         body = stored_body(RECORD, record.robot_serial, record.robot_serial, value)
-        self._journal.append(f"import-{body['sha256'][:12]}", Kind.STORED, body, actor=actor)
+        self._journal.append(f"import-{body['sha256'][:12]}", EventKind.STORED, body, actor=actor)
 
 
 def stored_body(what: str, subject: str, robot_serial: str, value: Any) -> dict[str, Any]:
@@ -192,14 +196,14 @@ def _is_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool
     return bool(header["procedure"] == procedure and robot == robot_serial)
 
 
-def _view(events: list[Event]) -> RunView:
+def _fold_run(events: list[JournalEvent]) -> RunView:
     bodies = [(event.kind, parse_json(event.body)) for event in events]
     header = bodies[0][1]
     ended: Mapping[str, Any] = {}
     for kind, body in bodies:
-        if kind == Kind.ENDED:
+        if kind == EventKind.ENDED:
             ended = body
-        elif kind in (Kind.RESUMED, Kind.FORGOTTEN):
+        elif kind in (EventKind.RESUMED, EventKind.FORGOTTEN):
             ended = {}
     return RunView(
         run_id=events[0].run_id,
@@ -212,22 +216,22 @@ def _view(events: list[Event]) -> RunView:
         reason=ended.get("reason", ""),
         result=ended.get("result"),
         judgement=ended.get("judgement"),
-        past=fold(bodies),
+        past=fold_events(bodies),
         begun_by=events[0].actor,
         begun_as=_roles_of(events[0].actor, bodies),
         motion_level=header.get("motion_level", ""),
         controller_mode=header.get("controller_mode"),
-        software=_software(bodies),
+        software=_software_versions(bodies),
     )
 
 
 def _roles_of(who: str, bodies: list[tuple[str, Any]]) -> tuple[str, ...]:
     """Return the roles of the people behind a name, as they were first noted in a run."""
-    noted = (body["people"] for kind, body in bodies if kind == Kind.ANSWERS_AS and body["who"] == who)
+    noted = (body["people"] for kind, body in bodies if kind == EventKind.ANSWERS_AS and body["who"] == who)
     return tuple(signer["role"] for signer in next(noted, ()))
 
 
-def _software(bodies: list[tuple[str, Any]]) -> tuple[Mapping[str, str], ...]:
-    entered = [body for kind, body in bodies if kind in (Kind.STARTED, Kind.RESUMED)]
-    told = [{key: body[key] for key in _SOFTWARE if key in body} for body in entered]
-    return tuple(made for k, made in enumerate(told) if made and made not in told[:k])
+def _software_versions(bodies: list[tuple[str, Any]]) -> tuple[Mapping[str, str], ...]:
+    entered = [body for kind, body in bodies if kind in (EventKind.STARTED, EventKind.RESUMED)]
+    versions = [{key: body[key] for key in _SOFTWARE if key in body} for body in entered]
+    return tuple(made for k, made in enumerate(versions) if made and made not in versions[:k])

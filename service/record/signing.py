@@ -1,6 +1,6 @@
 """Signed documents of one cell: canonical JSON with its SHA-256 and an ed25519 signature, checked offline.
 
-A document is one JSON object, written in exactly one way (``procedures/canonical.py``) and ended by a newline::
+A document is one JSON object, written in exactly one way (``procedures/canonical_json.py``) and ended by a newline::
 
     {"content": …, "format": "cellcal certificate 1", "sha256": …, "signature": {"algorithm": "ed25519",
      "public_key": …, "value": …}}
@@ -28,7 +28,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
-from cellcal.procedures.canonical import canonical_json, sha256_of
+from cellcal.procedures.canonical_json import canonical_json, sha256_of
 from cellcal.service.files import make_private_folder
 
 KEY_NAME = "signing_key.pem"
@@ -44,7 +44,7 @@ class SigningError(CellError):
     code = "signature"
 
 
-class Finding(StrEnum):
+class CheckFinding(StrEnum):
     """What a check of a signed document ends with."""
 
     INTACT = "intact"
@@ -54,10 +54,10 @@ class Finding(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedDocument:
     """The end of a check. ``content`` is given only where the document is intact."""
 
-    finding: Finding
+    finding: CheckFinding
     sentence: str
     format: str = ""
     sha256: str = ""
@@ -66,7 +66,7 @@ class Checked:
 
 
 @dataclass(frozen=True)
-class StationKey:
+class CellKey:
     """The key of one cell. Who has it can sign in the cell's name."""
 
     path: Path
@@ -74,7 +74,7 @@ class StationKey:
     created: bool  # by this very call
 
     @property
-    def public(self) -> str:
+    def public_key(self) -> str:
         """Public key in hexadecimal."""
         return self.private.public_key().public_bytes_raw().hex()
 
@@ -83,7 +83,7 @@ class StationKey:
         """Whether other users of this computer may read the key."""
         return bool(self.path.stat().st_mode & 0o077)
 
-    def sign(self, kind: str, content: Mapping[str, Any]) -> str:
+    def sign_document(self, kind: str, content: Mapping[str, Any]) -> str:
         """Return the signed document as text.
 
         Raises
@@ -96,11 +96,11 @@ class StationKey:
             signature = self.private.sign(canonical_json(body).encode())
         except (ValueError, TypeError) as error:
             raise SigningError(f"this cannot be signed: {error}.", remedy="Report this.") from error
-        told = {"algorithm": _ALGORITHM, "public_key": self.public, "value": signature.hex()}
-        return canonical_json(body | {"signature": told}) + "\n"
+        signature_fields = {"algorithm": _ALGORITHM, "public_key": self.public_key, "value": signature.hex()}
+        return canonical_json(body | {"signature": signature_fields}) + "\n"
 
 
-def station_key(data_dir: Path) -> StationKey:
+def station_key(data_dir: Path) -> CellKey:
     """Return the cell's key; create it at first use, readable by its owner only, never over another.
 
     Raises
@@ -110,7 +110,7 @@ def station_key(data_dir: Path) -> StationKey:
     """
     path = data_dir / KEY_NAME
     try:
-        created = _create(path) if not path.exists() else False
+        created = _create_key(path) if not path.exists() else False
         private = serialization.load_pem_private_key(read_plain_bytes(path), password=None)
     except OSError as error:
         raise SigningError(
@@ -118,10 +118,10 @@ def station_key(data_dir: Path) -> StationKey:
             remedy="Let the user who runs cellcal read it; keep it from everybody else.",
         ) from error
     except (ValueError, TypeError) as error:
-        raise _damaged(path) from error
+        raise _damaged_key_error(path) from error
     if not isinstance(private, Ed25519PrivateKey):
-        raise _damaged(path)
-    return StationKey(path, private, created)
+        raise _damaged_key_error(path)
+    return CellKey(path, private, created)
 
 
 _BEGINNING = b'{"content":'
@@ -136,31 +136,31 @@ def read_public_key(text: str) -> str:
     SigningError
         Neither.
     """
-    given = text.strip()
-    if not _is_hex(given.lower(), 64):
-        given = _text_of_key_file(Path(given))
-    if "BEGIN PUBLIC KEY" in given:
+    key_text = text.strip()
+    if not _is_hex(key_text.lower(), 64):
+        key_text = _text_of_key_file(Path(key_text))
+    if "BEGIN PUBLIC KEY" in key_text:
         try:
-            public = serialization.load_pem_public_key(given.encode())
+            public = serialization.load_pem_public_key(key_text.encode())
         except ValueError as error:
             raise _no_key(text) from error
-        given = public.public_bytes_raw().hex() if isinstance(public, Ed25519PublicKey) else ""
-    if not _is_hex(given.lower(), 64):
+        key_text = public.public_bytes_raw().hex() if isinstance(public, Ed25519PublicKey) else ""
+    if not _is_hex(key_text.lower(), 64):
         raise _no_key(text)
-    return given.lower()
+    return key_text.lower()
 
 
-def read_document(path: Path) -> bytes | Checked:
+def read_document(path: Path) -> bytes | CheckedDocument:
     """Return the bytes of a document, or why they cannot be read."""
     try:
         return read_plain_bytes(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
-        return _unreadable(
+        return _unreadable_document(
             f"It cannot be read: {str(getattr(error, 'strerror', None) or error).rstrip('.')}."
         )
 
 
-def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
+def check_document(raw: bytes, *, expected_key: str | None = None) -> CheckedDocument:
     """Check a signed document to the last byte.
 
     Parameters
@@ -171,11 +171,11 @@ def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
         Public key in hexadecimal that must have signed it. Without it, nothing is said about who signed.
     """
     try:
-        document = _parsed(raw)
+        document = _parse_document(raw)
     except DocumentError:
-        return Checked(Finding.TAMPERED, _NO_FACT)
+        return CheckedDocument(CheckFinding.TAMPERED, _NO_FACT)
     if document is None:
-        return _unreadable(
+        return _unreadable_document(
             "This is no document that cellcal signed, or damaged beyond reading. Give the JSON file, not the text."
         )
     signature, body = document["signature"], {key: document[key] for key in _PARTS - {"signature"}}
@@ -183,14 +183,16 @@ def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
     facts = (str(document["format"]), str(document["sha256"]), key)
     wrong = _what_is_wrong(raw, document, body)
     if wrong:
-        return Checked(Finding.TAMPERED, wrong, *facts)
+        return CheckedDocument(CheckFinding.TAMPERED, wrong, *facts)
     if expected_key is not None and key != expected_key.lower():
-        return Checked(
-            Finding.UNKNOWN_KEY,
+        return CheckedDocument(
+            CheckFinding.UNKNOWN_KEY,
             "It is unchanged since it was signed, but another key signed it than the one given.",
             *facts,
         )
-    return Checked(Finding.INTACT, "It is unchanged since it was signed.", *facts, document["content"])
+    return CheckedDocument(
+        CheckFinding.INTACT, "It is unchanged since it was signed.", *facts, document["content"]
+    )
 
 
 def _what_is_wrong(raw: bytes, document: dict[str, Any], body: dict[str, Any]) -> str:
@@ -220,7 +222,7 @@ def _is_signed(signature: dict[str, Any], signed: bytes) -> bool:
     return True
 
 
-def _parsed(raw: bytes) -> dict[str, Any] | None:
+def _parse_document(raw: bytes) -> dict[str, Any] | None:
     try:
         document = parse_json(raw)
     except DocumentError as error:
@@ -237,7 +239,7 @@ def _is_hex(value: Any, length: int) -> bool:
     return isinstance(value, str) and len(value) == length and all(c in "0123456789abcdef" for c in value)
 
 
-def _create(path: Path) -> bool:
+def _create_key(path: Path) -> bool:
     """Put a new key where none is: written beside it, then linked, so that a crash leaves none or a whole one."""
     make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
@@ -278,7 +280,7 @@ def _no_key(text: str) -> SigningError:
     )
 
 
-def _damaged(path: Path) -> SigningError:
+def _damaged_key_error(path: Path) -> SigningError:
     return SigningError(
         f"{path} holds no signing key of cellcal.",
         remedy="Restore it from a backup of data_dir. If there is none, move the file away: a new key is made at the "
@@ -286,5 +288,5 @@ def _damaged(path: Path) -> SigningError:
     )
 
 
-def _unreadable(sentence: str) -> Checked:
-    return Checked(Finding.UNREADABLE, sentence)
+def _unreadable_document(sentence: str) -> CheckedDocument:
+    return CheckedDocument(CheckFinding.UNREADABLE, sentence)

@@ -9,7 +9,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class JournalledResult:
     """A result that outlived its run."""
 
     run_id: str
@@ -19,22 +19,22 @@ class Kept:
     value: Mapping[str, Any]
 
 
-def newest_kept(config: CellConfig, serial: str, what: str) -> Kept | None:
+def newest_stored_result(config: CellConfig, serial: str, what: str) -> JournalledResult | None:
     """Return the newest result of one kind that was kept for a robot."""
-    found = [kept for kept in all_kept(config, serial) if kept.what == what]
+    found = [result for result in list_stored_results(config, serial) if result.what == what]
     return found[-1] if found else None
 
 
-def all_kept(config: CellConfig, serial: str) -> list[Kept]:
+def list_stored_results(config: CellConfig, serial: str) -> list[JournalledResult]:
     """Return every result that was kept for a robot, oldest first."""
-    from cellcal.procedures.past import Kind  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.procedures.run_history import EventKind  # noqa: PLC0415  # heavy: not at the start of the service
     from cellcal.service.record.journal_files import open_journal  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
-        events = [event for event in journal.events() if event.kind == Kind.STORED]
-    told = [(event, parse_json(event.body)) for event in events]
+        events = [event for event in journal.list_events() if event.kind == EventKind.STORED]
+    bodies = [(event, parse_json(event.body)) for event in events]
     return [
-        Kept(event.run_id, body["what"], str(body["subject"]), event.wall_utc, body["value"])
-        for event, body in told
+        JournalledResult(event.run_id, body["what"], str(body["subject"]), event.wall_utc, body["value"])
+        for event, body in bodies
         if body["robot_serial"] == serial
     ]

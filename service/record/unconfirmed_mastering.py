@@ -12,18 +12,27 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry
-from cellcal.procedures.past import Effect, Kind
+from cellcal.procedures.procedure_definition import ProcedureDefinition
 from cellcal.procedures.run import ProcedureError
-from cellcal.service.record.journal import Event
-from cellcal.service.record.mastering_backups import WRITES, held_before, serial_of
+from cellcal.procedures.run_history import EventKind, StepEffect
+from cellcal.service.record.journal import JournalEvent
+from cellcal.service.record.mastering_backups import WRITES, mastering_before, serial_of
 
-_TELLING = frozenset({Kind.STARTED, Kind.INTENT, Kind.FINDING, Kind.FORGOTTEN, Kind.UNDONE, Kind.ENDED})
+_TELLING = frozenset(
+    {
+        EventKind.STARTED,
+        EventKind.INTENT,
+        EventKind.FINDING,
+        EventKind.FORGOTTEN,
+        EventKind.UNDONE,
+        EventKind.ENDED,
+    }
+)
 _MAY_START = ("mastering_undo", "mastering_recovery")  # the one moves nothing, the other by its record
 
 
 @dataclass(frozen=True, slots=True)
-class Unconfirmed:
+class UnconfirmedMastering:
     """What a run wrote, and what the controller held before it."""
 
     of_run: str
@@ -31,13 +40,13 @@ class Unconfirmed:
     before: MasteringData | None  # None where the run has not read it
     epoch: int | None  # of the encoders at that write
 
-    def may_be_in_force(self, held: MasteringData) -> bool:
+    def may_be_in_force(self, current: MasteringData) -> bool:
         """Tell whether a controller holds this write, whole or in part, and not what was there before it."""
         new, old = self.written.counts_at_zero, (self.before or self.written).counts_at_zero
-        if held == self.before or not len(held.counts_at_zero) == len(old) == len(new):
+        if current == self.before or not len(current.counts_at_zero) == len(old) == len(new):
             return False
-        ours = all(h in pair for h, *pair in zip(held.counts_at_zero, new, old, strict=True))
-        return ours and (held.counts_at_zero != old or held == self.written)
+        ours = all(h in pair for h, *pair in zip(current.counts_at_zero, new, old, strict=True))
+        return ours and (current.counts_at_zero != old or current == self.written)
 
 
 class UnconfirmedMasteringError(ProcedureError):
@@ -47,34 +56,40 @@ class UnconfirmedMasteringError(ProcedureError):
 
 
 @dataclass(slots=True)
-class _Told:
+class _WritingRun:
     """What the journal has told so far of one run that writes."""
 
-    events: list[tuple[Event, dict[str, Any]]] = field(default_factory=list)
-    pending: Unconfirmed | None = None
+    events: list[tuple[JournalEvent, dict[str, Any]]] = field(default_factory=list)
+    pending: UnconfirmedMastering | None = None
 
 
-def unconfirmed_masterings(events: Iterable[Event], robot_serial: str) -> tuple[Unconfirmed, ...]:
+def unconfirmed_masterings(
+    events: Iterable[JournalEvent], robot_serial: str
+) -> tuple[UnconfirmedMastering, ...]:
     """Return what of a robot's masterings was written and neither confirmed nor undone since, oldest first."""
-    known = [event for event in events if event.kind in _TELLING]
-    writing = {event.run_id for event in known if event.kind == Kind.INTENT and WRITES in event.body}
-    runs: dict[str, _Told] = {}
-    for event in known:
+    relevant = [event for event in events if event.kind in _TELLING]
+    writing = {event.run_id for event in relevant if event.kind == EventKind.INTENT and WRITES in event.body}
+    runs: dict[str, _WritingRun] = {}
+    for event in relevant:
         if event.run_id in writing:
-            _take(runs, event, parse_json(event.body), robot_serial)
-    return tuple(told.pending for told in runs.values() if told.pending is not None)
+            _apply_event(runs, event, parse_json(event.body), robot_serial)
+    return tuple(writing_run.pending for writing_run in runs.values() if writing_run.pending is not None)
 
 
-async def unconfirmed_in_force(cell: Cell, events: Iterable[Event], robot_serial: str) -> Unconfirmed | None:
+async def unconfirmed_in_force(
+    cell: Cell, events: Iterable[JournalEvent], robot_serial: str
+) -> UnconfirmedMastering | None:
     """Return the newest unconfirmed mastering that a controller holds; None where it holds no such one."""
     pending = unconfirmed_masterings(events, robot_serial)
     if not pending or cell.mastering is None:
         return None
-    held = await cell.mastering.mastering()
-    return next((one for one in reversed(pending) if one.may_be_in_force(held)), None)
+    current = await cell.mastering.read_mastering()
+    return next((one for one in reversed(pending) if one.may_be_in_force(current)), None)
 
 
-def refuse_unconfirmed(found: Unconfirmed | None, entry: Entry, run_id: str = "") -> None:
+def refuse_unconfirmed(
+    found: UnconfirmedMastering | None, entry: ProcedureDefinition, run_id: str = ""
+) -> None:
     """Refuse to start or resume by a mastering that nobody has confirmed, other than to confirm or undo it.
 
     Raises
@@ -91,40 +106,48 @@ def refuse_unconfirmed(found: Unconfirmed | None, entry: Entry, run_id: str = ""
     )
 
 
-def _take(runs: dict[str, _Told], event: Event, body: dict[str, Any], robot_serial: str) -> None:
-    if event.kind == Kind.STARTED:
+def _apply_event(
+    runs: dict[str, _WritingRun], event: JournalEvent, body: dict[str, Any], robot_serial: str
+) -> None:
+    if event.kind == EventKind.STARTED:
         if serial_of(body) == robot_serial:
-            runs[event.run_id] = _Told()
+            runs[event.run_id] = _WritingRun()
         return
-    told = runs.get(event.run_id)
-    if told is None:
+    writing_run = runs.get(event.run_id)
+    if writing_run is None:
         return
-    told.events.append((event, body))
-    if event.kind == Kind.INTENT and body["step"] == WRITES:
-        told.pending = _pending(told, event, body)
-    elif told.pending is not None and _undoes(event, body, told.pending):
-        told.pending = None
-    elif told.pending is not None and event.kind == Kind.ENDED and body["verdict"] == "passed":
+    writing_run.events.append((event, body))
+    if event.kind == EventKind.INTENT and body["step"] == WRITES:
+        writing_run.pending = _pending_mastering(writing_run, event, body)
+    elif writing_run.pending is not None and _is_undone_by(event, body, writing_run.pending):
+        writing_run.pending = None
+    elif writing_run.pending is not None and event.kind == EventKind.ENDED and body["verdict"] == "passed":
         for other in runs.values():  # what the controller holds is then confirmed, whoever wrote before
             other.pending = None
 
 
-def _pending(told: _Told, event: Event, body: dict[str, Any]) -> Unconfirmed:
-    if told.pending is not None:
-        return told.pending  # tried again: what was there before the first attempt is what was there before
+def _pending_mastering(
+    writing_run: _WritingRun, event: JournalEvent, body: dict[str, Any]
+) -> UnconfirmedMastering:
+    if writing_run.pending is not None:
+        return (
+            writing_run.pending
+        )  # tried again: what was there before the first attempt is what was there before
     goal = body["inputs"][0][0]
     data = goal if isinstance(goal, dict) else {"counts_at_zero": goal, "mastered": True}
-    before = held_before(told.events)
+    before = mastering_before(writing_run.events)
     old, epoch = (None, None) if before is None else (mastering_data(before[0]), before[1])
-    return Unconfirmed(event.run_id, mastering_data(data), old, epoch)
+    return UnconfirmedMastering(event.run_id, mastering_data(data), old, epoch)
 
 
-def _undoes(event: Event, body: dict[str, Any], pending: Unconfirmed) -> bool:
+def _is_undone_by(event: JournalEvent, body: dict[str, Any], pending: UnconfirmedMastering) -> bool:
     """Tell whether the old data are in the controller again, by a step of the run or by its clean-up."""
-    if event.kind == Kind.UNDONE:
+    if event.kind == EventKind.UNDONE:
         return True
     value = body.get("value")
-    written = event.kind == Kind.FINDING and body["effect"] == Effect.WRITE and body["step"] != WRITES
+    written = (
+        event.kind == EventKind.FINDING and body["effect"] == StepEffect.WRITE and body["step"] != WRITES
+    )
     return (
         written
         and isinstance(value, dict)

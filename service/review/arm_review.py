@@ -16,26 +16,32 @@ from scipy.special import chdtri
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Fit, Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.leverage import effective_unknowns, standardised_residuals
 from cellcal.calibration.identification.observations import with_sigma
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.robust import RobustFit
-from cellcal.calibration.poses.arm_fit import ArmTask, errors_at, outlook_from, placed, target_u
-from cellcal.calibration.poses.measurement_poses import Outlook, TestPoses
+from cellcal.calibration.poses.arm_fit import (
+    ArmTask,
+    errors_at,
+    fit_placement,
+    outlook_from,
+    target_expanded_u,
+)
+from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses
 from cellcal.calibration.registration import best_fit_transform
-from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, observed
-from cellcal.procedures.arm.calibration_order import RobotCalibration
-from cellcal.procedures.arm.calibration_plan import fitted, task_of
+from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, observations_of
+from cellcal.procedures.arm.calibration_plan import fit_captures, task_of
+from cellcal.procedures.arm.calibration_spec import RobotCalibration
 from cellcal.service.record.run_store import RunView
 from cellcal.service.review.review_models import (
     CheckPoint,
-    Place,
+    ErrorSpread,
     Review,
     ReviewError,
     ReviewPoint,
-    Spread,
     Validation,
+    WorkPlace,
 )
 
 Chosen = NDArray[np.bool_]
@@ -62,7 +68,7 @@ class ArmSeries:
 
     def signed_fit(self) -> RobustFit:
         """Return the fit that the run's result came from."""
-        return fitted(self.task, self.captures[: self.in_force])
+        return fit_captures(self.task, self.captures[: self.in_force])
 
     def signed_choice(self) -> Chosen:
         """Return which captures that fit believed."""
@@ -88,14 +94,14 @@ def series_of(view: RunView) -> ArmSeries:
     spec = _SPEC.validate_python(view.spec)
     bench = _BENCH.validate_python(found["read the robot"])
     taken = {step: _CAPTURE.validate_python(v) for step, v in found.items() if _FITTED.fullmatch(step)}
-    reasons = {str(told["step"]): str(told["reason"]) for told in view.result["set_aside"]}
-    wanted = view.result["identified"]["arm"]["fitted_joints_rad"]
+    reasons = {str(entry["step"]): str(entry["reason"]) for entry in view.result["set_aside"]}
+    fitted_joints_rad = view.result["identified"]["arm"]["fitted_joints_rad"]
     # what the fit left out is in force all the same: it was not measured again
-    in_force = _in_order(dict(sorted(taken.items(), key=lambda each: each[0] in reasons)), wanted)
+    in_force = _in_order(dict(sorted(taken.items(), key=lambda each: each[0] in reasons)), fitted_joints_rad)
     steps = (*in_force, *(step for step in taken if step not in in_force))
     return ArmSeries(
         run_id=view.run_id,
-        task=task_of(bench, spec.goal(), spec.rules),
+        task=task_of(bench, spec.series_goal(), spec.rules),
         steps=steps,
         captures=tuple(taken[step] for step in steps),
         in_force=len(in_force),
@@ -105,17 +111,17 @@ def series_of(view: RunView) -> ArmSeries:
     )
 
 
-def _in_order(left: dict[str, ArmCapture], wanted_rad: Sequence[Sequence[float]]) -> tuple[str, ...]:
+def _in_order(remaining: dict[str, ArmCapture], wanted_rad: Sequence[Sequence[float]]) -> tuple[str, ...]:
     """Return the steps in the order of the fit: one that was taken again stands where the doubted one stood."""
     steps = []
     for joints in wanted_rad:
-        step = next((s for s, c in left.items() if list(c.joints_rad) == list(joints)), None)
+        step = next((s for s, c in remaining.items() if list(c.joints_rad) == list(joints)), None)
         if step is None:
             raise ReviewError(
                 "the captures of this run are not those of its result.",
                 remedy="`cellcal show` tells what was done again.",
             )
-        del left[step]
+        del remaining[step]
         steps.append(step)
     return tuple(steps)
 
@@ -133,29 +139,31 @@ def fit_of(series: ArmSeries, chosen: Chosen) -> RobustFit:
     signed, task = series.signed_fit(), series.task
     if (chosen == series.signed_choice()).all() and series.in_force == len(series.captures):
         return signed
-    if int(chosen.sum()) < least(task):
+    if int(chosen.sum()) < fewest_readings(task):
         raise ReviewError(
             f"{int(chosen.sum())} readings are too few for this fit.",
-            remedy=f"Keep {least(task)} or more.",
+            remedy=f"Keep {fewest_readings(task)} or more.",
             code="review.too_few",
         )
-    seen = observed(task, series.captures)
+    observations = observations_of(task, series.captures)
     scale = float(np.median(signed.problem.observations.sigma_m)) / task.sigma_m
     as_signed, fit, weights = (
-        Problem.of(signed.fit.state, with_sigma(seen, scale)),
+        FitProblem.from_observations(signed.fit.state, with_sigma(observations, scale)),
         signed.fit,
         chosen.astype(float),
     )
     problem = as_signed
     for _ in range(_ROUNDS if not (chosen == series.signed_choice()).all() else 0):
-        fit = estimate(fit.layout, fit.state, problem, weights)
-        problem = Problem.of(fit.state, with_sigma(as_signed.observations, _shown(fit, as_signed, chosen)))
+        fit = estimate_arm(fit.layout, fit.state, problem, weights)
+        problem = FitProblem.from_observations(
+            fit.state, with_sigma(as_signed.observations, _error_ratio(fit, as_signed, chosen))
+        )
     robust = replace(signed, fit=fit, problem=problem, rejected=np.flatnonzero(~chosen))
-    covariance = outlook_from(task, robust).covariance()
+    covariance = outlook_from(task, robust).parameter_covariance()
     return replace(robust, fit=replace(fit, covariance=covariance))
 
 
-def _shown(fit: Fit, as_signed: Problem, chosen: Chosen) -> float:
+def _error_ratio(fit: ArmFit, as_signed: FitProblem, chosen: Chosen) -> float:
     """Return how much larger the errors are than those of the signed fit; few readings cannot say much of it."""
     residuals = whitened_residuals(fit.state, as_signed)[:, chosen]
     freedom = max(residuals.size - effective_unknowns(fit), 1.0)
@@ -163,7 +171,7 @@ def _shown(fit: Fit, as_signed: Problem, chosen: Chosen) -> float:
     return float(np.sqrt((_SIGNED_COUNTS_AS + freedom * square) / (_SIGNED_COUNTS_AS + freedom)))
 
 
-def least(task: ArmTask) -> int:
+def fewest_readings(task: ArmTask) -> int:
     """Return how many readings a what-if takes: half of a series' own first fit; what they leave open, U tells."""
     return next(count for count in range(1, 1000) if task.enough_for_a_fit(2 * count))
 
@@ -171,64 +179,66 @@ def least(task: ArmTask) -> int:
 def review_arm(series: ArmSeries, chosen: Chosen | None) -> Review:
     """Judge a calibration; ``chosen`` tells the captures to fit, None those that the run fitted."""
     signed = series.signed_choice()
-    kept = signed if chosen is None else chosen
-    robust, before = fit_of(series, kept), fit_of(series, signed)
-    points = _points(series, kept, robust)
+    used_rows = signed if chosen is None else chosen
+    robust, before = fit_of(series, used_rows), fit_of(series, signed)
+    points = _review_points(series, used_rows, robust)
     used = np.array([abs(point.residual_m) for point in points if point.used])
     tests = TestPoses(series.tests_rad)
     return Review(
         run_id=series.run_id,
         along="wire" if series.task.kind == "length" else "space",
-        signed=bool((kept == signed).all()),
-        least=least(series.task),
+        signed=bool((used_rows == signed).all()),
+        least=fewest_readings(series.task),
         points=points,
-        rms_m=_rms(used),
+        rms_m=_root_mean_square(used),
         max_m=float(used.max()),
-        u_m=target_u(outlook_from(series.task, robust), tests)[0],
-        signed_rms_m=_rms(_sizes(series, before.fit.state, series.captures)[signed]),
-        signed_u_m=target_u(outlook_from(series.task, before), tests)[0],
-        validation=_validation(series, kept, robust),
+        u_m=target_expanded_u(outlook_from(series.task, robust), tests)[0],
+        signed_rms_m=_root_mean_square(_error_sizes(series, before.fit.state, series.captures)[signed]),
+        signed_u_m=target_expanded_u(outlook_from(series.task, before), tests)[0],
+        validation=_validate_choice(series, used_rows, robust),
         places=places_of(series, robust),
     )
 
 
-def _points(series: ArmSeries, kept: Chosen, robust: RobustFit) -> tuple[ReviewPoint, ...]:
-    errors = errors_at(robust.fit.state, observed(series.task, series.captures))
+def _review_points(series: ArmSeries, used_rows: Chosen, robust: RobustFit) -> tuple[ReviewPoint, ...]:
+    errors = errors_at(robust.fit.state, observations_of(series.task, series.captures))
     residuals = errors[0] if len(errors) == 1 else np.linalg.norm(errors, axis=0)
-    off = _deviations(series, kept, robust)
+    off = _normalised_deviations(series, used_rows, robust)
     return tuple(
         ReviewPoint(
-            step, bool(kept[i]), bool(off[i] > robust.threshold), float(residuals[i]), float(off[i]),
+            step, bool(used_rows[i]), bool(off[i] > robust.threshold), float(residuals[i]), float(off[i]),
             series.reasons.get(step, ""),
         )
         for i, step in enumerate(series.steps)
     )  # fmt: skip
 
 
-def _deviations(series: ArmSeries, kept: Chosen, robust: RobustFit) -> Array:
+def _normalised_deviations(series: ArmSeries, used_rows: Chosen, robust: RobustFit) -> Array:
     """Return each residual in deviations of what it may be, which the median tells as in the robust fit."""
-    seen, weights = observed(series.task, series.captures), kept.astype(float)
+    observations, weights = observations_of(series.task, series.captures), used_rows.astype(float)
     scale = float(np.median(robust.problem.observations.sigma_m)) / series.task.sigma_m
-    problem = Problem.of(robust.fit.state, with_sigma(seen, scale))
-    fit = estimate(
+    problem = FitProblem.from_observations(robust.fit.state, with_sigma(observations, scale))
+    fit = estimate_arm(
         robust.fit.layout, robust.fit.state, problem, weights
     )  # its covariance belongs to these sigmas
     sizes: Array = np.linalg.norm(standardised_residuals(fit, problem, weights), axis=0)
-    typical = float(np.median(sizes[kept])) / float(np.sqrt(chdtri(series.task.channels, 0.5)))
+    typical = float(np.median(sizes[used_rows])) / float(np.sqrt(chdtri(series.task.channel_count, 0.5)))
     return sizes / max(typical, 1e-12)
 
 
-def _validation(series: ArmSeries, kept: Chosen, robust: RobustFit) -> Validation | None:
+def _validate_choice(series: ArmSeries, used_rows: Chosen, robust: RobustFit) -> Validation | None:
     checks = tuple(series.checks.values())
     if not checks:
         return None
     task = series.task
     rows = (
-        series.captures[: series.in_force] if (kept == series.signed_choice()).all() else _taken(series, kept)
+        series.captures[: series.in_force]
+        if (used_rows == series.signed_choice()).all()
+        else _chosen_captures(series, used_rows)
     )
-    nominal = placed(task, observed(task, rows), {}).state
-    before, after = (_sizes(series, state, checks) for state in (nominal, robust.fit.state))
-    freedom = len(checks) * task.channels
+    nominal = fit_placement(task, observations_of(task, rows), {}).state
+    before, after = (_error_sizes(series, state, checks) for state in (nominal, robust.fit.state))
+    freedom = len(checks) * task.channel_count
     return Validation(
         before=spread_of(before, freedom),
         after=spread_of(after, freedom),
@@ -239,54 +249,56 @@ def _validation(series: ArmSeries, kept: Chosen, robust: RobustFit) -> Validatio
     )
 
 
-def _taken(series: ArmSeries, kept: Chosen) -> tuple[ArmCapture, ...]:
-    return tuple(capture for capture, taken in zip(series.captures, kept, strict=True) if taken)
+def _chosen_captures(series: ArmSeries, used_rows: Chosen) -> tuple[ArmCapture, ...]:
+    return tuple(capture for capture, taken in zip(series.captures, used_rows, strict=True) if taken)
 
 
-def spread_of(sizes_m: Array, freedom: int) -> Spread:
+def spread_of(sizes_m: Array, freedom: int) -> ErrorSpread:
     """Return errors as mean, RMS and maximum; U of the RMS as many readings tell it."""
-    rms = _rms(sizes_m)
-    return Spread(float(sizes_m.mean()), rms, float(sizes_m.max()), 2.0 * rms / float(np.sqrt(2.0 * freedom)))
+    rms = _root_mean_square(sizes_m)
+    return ErrorSpread(
+        float(sizes_m.mean()), rms, float(sizes_m.max()), 2.0 * rms / float(np.sqrt(2.0 * freedom))
+    )
 
 
-def places_of(series: ArmSeries, robust: RobustFit) -> tuple[Place, ...]:
+def places_of(series: ArmSeries, robust: RobustFit) -> tuple[WorkPlace, ...]:
     """Return the nominal arm's error and the fitted arm's uncertainty where the work is."""
     state, tests = robust.fit.state, TestPoses(series.tests_rad)
     tip = state.flange_tool[:3, 3]
     nominal = state.nominal.tip_positions(series.tests_rad, tip)
-    found = _targets(state, series.tests_rad)
-    left = np.array(best_fit_transform(nominal.tolist(), found.tolist()).residuals_m)
-    u = 2.0 * np.sqrt(variances(outlook_from(series.task, robust), tests))
+    found = _target_positions(state, series.tests_rad)
+    residuals_m = np.array(best_fit_transform(nominal.tolist(), found.tolist()).residuals_m)
+    u = 2.0 * np.sqrt(target_variances(outlook_from(series.task, robust), tests))
     return tuple(
-        Place((float(x), float(y), float(z)), float(np.linalg.norm(error)), float(known))
-        for (x, y, z), error, known in zip(found, left, u, strict=True)
+        WorkPlace((float(x), float(y), float(z)), float(np.linalg.norm(error)), float(expanded))
+        for (x, y, z), error, expanded in zip(found, residuals_m, u, strict=True)
     )
 
 
-def variances(outlook: Outlook, tests: TestPoses) -> Array:
+def target_variances(outlook: MeasurementOutlook, tests: TestPoses) -> Array:
     """Return the variance of the target's place at each posture, three coordinates together [m^2]."""
-    rows = tests.rows(outlook)
+    rows = tests.tool_point_rows(outlook)
     found = np.einsum("pcn,pq,qcn->n", rows, np.linalg.inv(outlook.information), rows, optimize=True)
     return np.asarray(np.maximum(found, 0.0))
 
 
-def _targets(state: ArmState, joints_rad: Array) -> Array:
+def _target_positions(state: ArmState, joints_rad: Array) -> Array:
     """Return where a model says the target is, in the base (P, 3) [m]."""
     values = term_values(state.nominal, joints_rad, state.terms)
-    flanges = state.arm.base_flange(state.moved_joints(joints_rad, values))
+    flanges = state.arm_model.base_flange(state.moved_joints(joints_rad, values))
     return np.asarray((flanges @ state.flange_tool)[:, :3, 3])
 
 
-def _sizes(series: ArmSeries, state: ArmState, captures: tuple[ArmCapture, ...]) -> Array:
-    sizes: Array = np.linalg.norm(errors_at(state, observed(series.task, captures)), axis=0)
+def _error_sizes(series: ArmSeries, state: ArmState, captures: tuple[ArmCapture, ...]) -> Array:
+    sizes: Array = np.linalg.norm(errors_at(state, observations_of(series.task, captures)), axis=0)
     return sizes
 
 
-def _rms(sizes_m: Array) -> float:
+def _root_mean_square(sizes_m: Array) -> float:
     return float(np.sqrt(np.mean(sizes_m**2)))
 
 
-def chosen_rows(steps: Sequence[str], wanted: Sequence[str] | None) -> Chosen | None:
+def chosen_rows(steps: Sequence[str], chosen_steps: Sequence[str] | None) -> Chosen | None:
     """Return which of the steps are wanted; None for the run's own choice.
 
     Raises
@@ -294,9 +306,9 @@ def chosen_rows(steps: Sequence[str], wanted: Sequence[str] | None) -> Chosen | 
     ReviewError
         A step is named that is none of this fit.
     """
-    if wanted is None:
+    if chosen_steps is None:
         return None
-    strange: list[Any] = sorted(set(wanted) - set(steps))
+    strange: list[Any] = sorted(set(chosen_steps) - set(steps))
     if strange:
         raise ReviewError(f"{strange[0]!r} is no reading of this run.", remedy="Load the page again.")
-    return np.isin(np.array(steps), np.array(sorted(set(wanted)), dtype=np.array(steps).dtype))
+    return np.isin(np.array(steps), np.array(sorted(set(chosen_steps)), dtype=np.array(steps).dtype))

@@ -22,13 +22,13 @@ _MOST_WAITING = 8
 _LEAVE_S = 3.0
 
 
-class SolverError(CellError):
+class ComputeError(CellError):
     """What was asked could not be computed; the remedy says whether it is worth asking again."""
 
     code = "solver"
 
 
-class SolverBusyError(SolverError):
+class ComputeBusyError(ComputeError):
     """Too much is being computed, or it took too long."""
 
     code = "solver.busy"
@@ -37,7 +37,7 @@ class SolverBusyError(SolverError):
         super().__init__("the service is computing other things just now.", remedy="Ask again in a moment.")
 
 
-class Solver:
+class ComputeClient:
     """Keeps the process for one cell file."""
 
     def __init__(self, cell_file: Path) -> None:
@@ -46,7 +46,7 @@ class Solver:
         self._waiting = 0
         self._process: asyncio.subprocess.Process | None = None
 
-    async def ask(self, question: str, **given: Any) -> Any:
+    async def ask_worker(self, question: str, **arguments: Any) -> Any:
         """Return the answer to one of the questions of ``service.review.compute_worker``.
 
         Raises
@@ -57,19 +57,21 @@ class Solver:
             The question has no answer; the message says why.
         """
         if self._waiting >= _MOST_WAITING:
-            raise SolverBusyError
+            raise ComputeBusyError
         self._waiting += 1
         try:
             async with self._turn:
-                told = await self._answer(orjson.dumps({"question": question, "given": given}) + b"\n")
+                reply = await self._exchange_line(
+                    orjson.dumps({"question": question, "given": arguments}) + b"\n"
+                )
         finally:
             self._waiting -= 1
-        if told["ok"]:
-            return told["answer"]
-        raise SolverError(told["message"], remedy=told["remedy"], code=told["code"])
+        if reply["ok"]:
+            return reply["answer"]
+        raise ComputeError(reply["message"], remedy=reply["remedy"], code=reply["code"])
 
-    async def _answer(self, line: bytes) -> dict[str, Any]:
-        process = await self._started()
+    async def _exchange_line(self, line: bytes) -> dict[str, Any]:
+        process = await self._start_worker()
         assert process.stdin is not None
         assert process.stdout is not None
         answered = False
@@ -77,21 +79,21 @@ class Solver:
             async with asyncio.timeout(ANSWER_S):
                 process.stdin.write(line)
                 await process.stdin.drain()
-                told = await process.stdout.readline()
-            answered = bool(told)
+                reply_line = await process.stdout.readline()
+            answered = bool(reply_line)
         except (TimeoutError, ConnectionError):
-            raise SolverBusyError from None
+            raise ComputeBusyError from None
         finally:
             if (
                 not answered
             ):  # an answer that nobody waits for must not be taken for that of the next question
-                await self.leave()
-        if not told:
-            raise SolverBusyError
-        found: dict[str, Any] = parse_json(told)
+                await self.stop_worker()
+        if not reply_line:
+            raise ComputeBusyError
+        found: dict[str, Any] = parse_json(reply_line)
         return found
 
-    async def _started(self) -> asyncio.subprocess.Process:
+    async def _start_worker(self) -> asyncio.subprocess.Process:
         if self._process is None or self._process.returncode is not None:
             self._process = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "cellcal.service.review.compute_worker", str(self._cell_file),
@@ -101,7 +103,7 @@ class Solver:
             )  # fmt: skip
         return self._process
 
-    async def leave(self) -> None:
+    async def stop_worker(self) -> None:
         """End the process; the next question starts another."""
         process, self._process = self._process, None
         if process is None or process.returncode is not None:

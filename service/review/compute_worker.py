@@ -11,11 +11,11 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.review.displacement import displacement
+from cellcal.service.path_redaction import without_paths
+from cellcal.service.review.displacement import compute_displacement
 from cellcal.service.review.reviewer import Reviewer
-from cellcal.service.review.tcp_uncertainty import tool_doubt
-from cellcal.service.shown_paths import without_paths
-from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.review.tcp_uncertainty import tip_uncertainty
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _log = logging.getLogger(__name__)
 _BROKEN = {
@@ -25,35 +25,35 @@ _BROKEN = {
 }
 
 
-def questions(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
+def make_handlers(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
     """Return what can be asked, by name."""
     reviewer = Reviewer(config)
     return {
-        "review": reviewer.review,
-        "displacement": lambda **given: displacement(config, **given),
-        "tool doubt": lambda **given: tool_doubt(config, reviewer, **given),
+        "review": reviewer.review_run,
+        "displacement": lambda **given: compute_displacement(config, **given),
+        "tool doubt": lambda **given: tip_uncertainty(config, reviewer, **given),
     }
 
 
-def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
+def answer_to(handlers: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
     """Return the answer to one line, or why there is none."""
-    asked = parse_json(line)
+    question = parse_json(line)
     try:
-        return {"ok": True, "answer": to_jsonable_python(known[asked["question"]](**asked["given"]))}
+        return {"ok": True, "answer": to_jsonable_python(handlers[question["question"]](**question["given"]))}
     except CellError as error:
-        said = {"message": without_paths(error.message), "remedy": without_paths(error.remedy)}
-        return {"ok": False, "code": error.code, **said}
+        texts = {"message": without_paths(error.message), "remedy": without_paths(error.remedy)}
+        return {"ok": False, "code": error.code, **texts}
     except Exception:  # noqa: BLE001  whatever it was, the next question is answered
-        _log.exception("%s broke", asked["question"])
+        _log.exception("%s broke", question["question"])
         return {"ok": False, **_BROKEN}
 
 
 def main() -> None:
     """Answer until the input ends."""
     log_in_lines()
-    known = questions(read_cell_file(sys.argv[1]))
+    handlers = make_handlers(read_cell_file(sys.argv[1]))
     for line in sys.stdin.buffer:
-        sys.stdout.buffer.write(orjson.dumps(answer_to(known, line)) + b"\n")
+        sys.stdout.buffer.write(orjson.dumps(answer_to(handlers, line)) + b"\n")
         sys.stdout.buffer.flush()
 
 

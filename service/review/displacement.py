@@ -10,13 +10,13 @@ from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
-from cellcal.service.record.stored_results import newest_kept
+from cellcal.service.record.stored_results import newest_stored_result
 from cellcal.service.review.review_models import Displacement
 
 POSTURES = 400
 
 
-def displacement(config: CellConfig, robot_serial: str, before: int, after: int) -> Displacement:
+def compute_displacement(config: CellConfig, robot_serial: str, before: int, after: int) -> Displacement:
     """Compare the arms of two versions.
 
     Raises
@@ -25,14 +25,14 @@ def displacement(config: CellConfig, robot_serial: str, before: int, after: int)
         There is no such version, or it refers to another nominal model.
     """
     sets = ParameterSets(Path(config.path).parent / FOLDER)
-    old, new = sets.load(robot_serial, before), sets.load(robot_serial, after)
+    old, new = sets.load_set(robot_serial, before), sets.load_set(robot_serial, after)
     nominal = load_model(new.model)
-    tool = newest_kept(config, robot_serial, "tool_frame")
+    tool = newest_stored_result(config, robot_serial, "tool_frame")
     x, y, z = (0.0, 0.0, 0.0) if tool is None else tool.value["flange_tool"]["position_m"]
     tip = (float(x), float(y), float(z))
     joints = candidate_joints(nominal, MotionLimits(), POSTURES, hook_in_flange_m=tip)
     arms = [calibrated_model(nominal, version) for version in (old, new)]
     places = [arm.model.tip_positions(joints, np.array(tip)) for arm in arms]
     away = np.linalg.norm(places[1] - places[0], axis=1)
-    changed = {name for arm in arms for name in arm.left_out if old.value(name) != new.value(name)}
+    changed = {name for arm in arms for name in arm.left_out if old.find_value(name) != new.find_value(name)}
     return Displacement(float(away.max()), float(away.mean()), len(joints), tip, tuple(sorted(changed)))

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from cellcal.procedures.catalogue import CATALOGUE
-from cellcal.procedures.refit import Refit, Refitted
+from cellcal.procedures.refit import Refit, RefitResult
 from cellcal.service.record.run_store import RunView
 from cellcal.service.review.arm_review import Chosen
 from cellcal.service.review.review_models import Review, ReviewPoint, ReviewValue
@@ -22,9 +22,9 @@ class FitSeries:
     refit: Refit
 
     @cached_property
-    def signed(self) -> Refitted:
+    def signed_fit(self) -> RefitResult:
         """The fit of the points that the run used."""
-        return self.refit.again(self.refit.recorded)
+        return self.refit.fit_again(self.refit.recorded_use)
 
     @property
     def steps(self) -> tuple[str, ...]:
@@ -44,9 +44,9 @@ def fit_of_run(view: RunView) -> FitSeries | None:
 
 def review_fit(series: FitSeries, chosen: Chosen | None) -> Review:
     """Judge a fit; ``chosen`` tells the points to use, None those that the run used."""
-    refit, signed = series.refit, series.signed
-    use = refit.recorded if chosen is None else tuple(bool(used) for used in chosen)
-    found = signed if use == refit.recorded else refit.again(use)
+    refit, signed = series.refit, series.signed_fit
+    use = refit.recorded_use if chosen is None else tuple(bool(used) for used in chosen)
+    found = signed if use == refit.recorded_use else refit.fit_again(use)
     points = tuple(
         ReviewPoint(point.step, used, miss.outlier, miss.size_m, miss.deviations, point.reason)
         for point, used, miss in zip(refit.points, use, found.misses, strict=True)
@@ -55,14 +55,16 @@ def review_fit(series: FitSeries, chosen: Chosen | None) -> Review:
     return Review(
         run_id=series.run_id,
         along=refit.along,
-        signed=use == refit.recorded,
+        signed=use == refit.recorded_use,
         least=refit.least,
         points=points,
-        rms_m=_rms(sizes),
+        rms_m=_root_mean_square(sizes),
         max_m=max(sizes),
         u_m=found.u_m,
         u_of=refit.u_of,
-        signed_rms_m=_rms([m.size_m for m, used in zip(signed.misses, refit.recorded, strict=True) if used]),
+        signed_rms_m=_root_mean_square(
+            [m.size_m for m, used in zip(signed.misses, refit.recorded_use, strict=True) if used]
+        ),
         signed_u_m=signed.u_m,
         values=tuple(
             ReviewValue(now.name, now.unit, now.value, then.value)
@@ -71,5 +73,5 @@ def review_fit(series: FitSeries, chosen: Chosen | None) -> Review:
     )
 
 
-def _rms(sizes_m: list[float]) -> float:
+def _root_mean_square(sizes_m: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(sizes_m))))

@@ -26,7 +26,7 @@ class ReviewPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class ErrorSpread:
     """Errors of several readings as three figures, and how surely the RMS is known."""
 
     mean_m: float
@@ -48,13 +48,13 @@ class CheckPoint:
 class Validation:
     """The same readings, none of them fitted, before and after."""
 
-    before: Spread
-    after: Spread
+    before: ErrorSpread
+    after: ErrorSpread
     points: tuple[CheckPoint, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WorkPlace:
     """One posture that stands for the work, and where the target is then."""
 
     in_base_m: Triple
@@ -93,7 +93,7 @@ class Review:
     signed_u_m: float | None = None
     values: tuple[ReviewValue, ...] = ()
     validation: Validation | None = None
-    places: tuple[Place, ...] = ()
+    places: tuple[WorkPlace, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, slots=True)
-class ToolDoubt:
+class TipUncertainty:
     """An ellipsoid about the tip; without parts nothing is known."""
 
     joints_rad: tuple[float, ...]

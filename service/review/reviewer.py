@@ -8,13 +8,13 @@ import numpy as np
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.record.run_store import RunStore, RunView
 from cellcal.service.review.arm_review import ArmSeries, chosen_rows, review_arm, series_of, spread_of
 from cellcal.service.review.fit_review import FitSeries, fit_of_run, review_fit
 from cellcal.service.review.review_models import CheckPoint, Review, Validation
 
 CALIBRATION, ACCURACY = "robot_calibration", "accuracy_check"
-_KEPT = 4
+_MOST_CACHED = 4
 
 
 class Reviewer:
@@ -22,9 +22,9 @@ class Reviewer:
 
     def __init__(self, config: CellConfig) -> None:
         self._config = config
-        self._known: OrderedDict[str, tuple[bytes, Any]] = OrderedDict()
+        self._cache: OrderedDict[str, tuple[bytes, Any]] = OrderedDict()
 
-    def review(self, run_id: str, used: Sequence[str] | None = None) -> Review:
+    def review_run(self, run_id: str, used: Sequence[str] | None = None) -> Review:
         """Return the review of a run; ``used`` are the readings of a what-if.
 
         Raises
@@ -32,7 +32,7 @@ class Reviewer:
         CellError
             There is no such run; it has no result; the readings do not determine one.
         """
-        series = self.series(run_id)
+        series = self.load_series(run_id)
         if isinstance(series, ArmSeries):
             return review_arm(series, chosen_rows(series.steps, used))
         if isinstance(series, FitSeries):
@@ -40,32 +40,32 @@ class Reviewer:
         found: Review = series
         return found
 
-    def series(self, run_id: str) -> Any:
+    def load_series(self, run_id: str) -> Any:
         """Return what was measured in a run."""
         with open_journal(self._config) as journal:
-            head = journal.head()
-            if self._known.get(run_id, (b"", None))[0] == head:
-                return self._known[run_id][1]
-            store = Store(journal)
-            view = store.run(store.newest(run_id))
-        found = _read(view)
-        self._known[run_id] = head, found
-        while len(self._known) > _KEPT:
-            self._known.popitem(last=False)
+            head = journal.head_hash()
+            if self._cache.get(run_id, (b"", None))[0] == head:
+                return self._cache[run_id][1]
+            store = RunStore(journal)
+            view = store.find_run(store.resolve_run_id(run_id))
+        found = _read_series(view)
+        self._cache[run_id] = head, found
+        while len(self._cache) > _MOST_CACHED:
+            self._cache.popitem(last=False)
         return found
 
 
-def _read(view: RunView) -> Any:
+def _read_series(view: RunView) -> Any:
     if view.procedure == CALIBRATION and isinstance(view.result, dict):
         return series_of(view)
     fit = fit_of_run(view)
     if fit is not None:
         return fit
-    validation = _accuracy(view.result) if view.procedure == ACCURACY else None
+    validation = _accuracy_validation(view.result) if view.procedure == ACCURACY else None
     return Review(view.run_id, "space", signed=True, least=0, validation=validation)
 
 
-def _accuracy(result: Any) -> Validation | None:
+def _accuracy_validation(result: Any) -> Validation | None:
     """Return an accuracy check by both models: its poses took part in the fit of neither."""
     if not isinstance(result, dict) or not result.get("identified"):
         return None

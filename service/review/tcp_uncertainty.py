@@ -15,16 +15,18 @@ from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.poses.arm_fit import outlook_from
 from cellcal.calibration.poses.measurement_poses import TestPoses
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.record.stored_results import Kept, newest_kept
+from cellcal.service.record.stored_results import JournalledResult, newest_stored_result
 from cellcal.service.review.arm_review import ArmSeries, fit_of
-from cellcal.service.review.review_models import ReviewError, ToolDoubt
+from cellcal.service.review.review_models import ReviewError, TipUncertainty
 from cellcal.service.review.reviewer import Reviewer
 
 COVERAGE = 2.0
 TOOL, ARM = "tool", "arm"
 
 
-def tool_doubt(config: CellConfig, reviewer: Reviewer, robot: str, joints_rad: Sequence[float]) -> ToolDoubt:
+def tip_uncertainty(
+    config: CellConfig, reviewer: Reviewer, robot: str, joints_rad: Sequence[float]
+) -> TipUncertainty:
     """Return what is known of the tool's tip at a posture.
 
     Raises
@@ -32,25 +34,25 @@ def tool_doubt(config: CellConfig, reviewer: Reviewer, robot: str, joints_rad: S
     ReviewError
         As many joints as the robot does not have.
     """
-    entry = config.robot(robot)
+    entry = config.robot_named(robot)
     model, joints = load_model(entry.model), np.asarray(joints_rad, dtype=float)
-    if joints.shape != (model.axes,) or not np.isfinite(joints).all():
-        raise ReviewError(f"{robot} has {model.axes} joints.", remedy="Load the page again.")
-    tool = newest_kept(config, entry.serial, "tool_frame")
-    arm = newest_kept(config, entry.serial, "parameter_set")
-    tip = _tip(tool, arm)
+    if joints.shape != (model.axis_count,) or not np.isfinite(joints).all():
+        raise ReviewError(f"{robot} has {model.axis_count} joints.", remedy="Load the page again.")
+    tool = newest_stored_result(config, entry.serial, "tool_frame")
+    arm = newest_stored_result(config, entry.serial, "parameter_set")
+    tip = _tip_in_flange(tool, arm)
     found: dict[str, Array] = {}
     if tool is not None:
         turn = model.base_flange(joints[None])[0][:3, :3]
         found[TOOL] = turn @ _tip_covariance(tool.value) @ turn.T
     if arm is not None:
         found[ARM] = _of_arm(reviewer, arm, joints, tip)
-    shape = _ellipsoid(sum(found.values(), np.zeros((3, 3)))) if found else {}
-    runs = tuple(kept.run_id for kept in (tool, arm) if kept is not None)
-    return ToolDoubt(tuple(joints.tolist()), tip, tuple(found), runs=runs, **shape)
+    shape = _ellipsoid_to_json(sum(found.values(), np.zeros((3, 3)))) if found else {}
+    runs = tuple(result.run_id for result in (tool, arm) if result is not None)
+    return TipUncertainty(tuple(joints.tolist()), tip, tuple(found), runs=runs, **shape)
 
 
-def _tip(tool: Kept | None, arm: Kept | None) -> tuple[float, float, float]:
+def _tip_in_flange(tool: JournalledResult | None, arm: JournalledResult | None) -> tuple[float, float, float]:
     """Return the tip in the flange; without a taught tool the target that the arm was calibrated with."""
     if tool is not None:
         x, y, z = tool.value["flange_tool"]["position_m"]
@@ -68,23 +70,25 @@ def _tip_covariance(tool: Mapping[str, Any]) -> Array:
     if tool["placed"] is None:  # only its worst direction is told
         return np.asarray(np.eye(3) * (tool["tip_u_m"] / COVERAGE) ** 2)
     pose: Pose = TypeAdapter(Pose).validate_python(tool["flange_tool"])
-    turn = pose.rotation()  # the covariance is along the tool's own axes
+    turn = pose.rotation_matrix()  # the covariance is along the tool's own axes
     found: Array = turn @ np.array(tool["placed"]["covariance"])[:3, :3] @ turn.T
     return found
 
 
-def _of_arm(reviewer: Reviewer, arm: Kept, joints: Array, tip: tuple[float, float, float]) -> Array:
+def _of_arm(
+    reviewer: Reviewer, arm: JournalledResult, joints: Array, tip: tuple[float, float, float]
+) -> Array:
     """Return the covariance (3, 3) of the tip by the arm's parameters, among the postures of the work [m^2]."""
-    series = reviewer.series(arm.run_id)
+    series = reviewer.load_series(arm.run_id)
     assert isinstance(series, ArmSeries)
     outlook = outlook_from(series.task, fit_of(series, series.signed_choice()))
     postures = np.vstack([series.tests_rad, joints])
-    rows = TestPoses(postures, tip).rows(outlook)[:, :, -1]
+    rows = TestPoses(postures, tip).tool_point_rows(outlook)[:, :, -1]
     found: Array = rows.T @ np.linalg.inv(outlook.information) @ rows
     return found
 
 
-def _ellipsoid(covariance_m2: Array) -> dict[str, Any]:
+def _ellipsoid_to_json(covariance_m2: Array) -> dict[str, Any]:
     values, axes = np.linalg.eigh(covariance_m2)
     axes = axes[:, ::-1]
     axes[:, 2] *= np.sign(np.linalg.det(axes))

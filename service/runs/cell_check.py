@@ -10,11 +10,11 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.record.journal import Damage, Journal
+from cellcal.service.record.journal import Journal, JournalDamage
 from cellcal.service.record.journal_end import missing_end
-from cellcal.service.record.journal_files import leases, open_journal
+from cellcal.service.record.journal_files import lease_folder, open_journal
 from cellcal.service.record.robot_lock import DEVICES, is_held
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 
 IN_USE = "in use"
 OTHER_MODEL = "another model"
@@ -36,13 +36,13 @@ class DeviceReport:
     keeps_mastering: bool = False
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether a procedure could use it now."""
         return self.state == Readiness.READY
 
 
 @dataclass(frozen=True, slots=True)
-class CellReport:
+class CellCheckReport:
     """A whole cell. ``damage`` tells where the journal stops being trustworthy."""
 
     cell: str
@@ -65,33 +65,33 @@ class CellReport:
         return {**asdict(self), "all_reached": self.all_reached}
 
 
-async def check_cell(config: CellConfig) -> CellReport:
+async def check_cell(config: CellConfig) -> CellCheckReport:
     """Reach all devices at once; an unreachable one is a line of the report, not an end."""
     pairs: list[tuple[Any, str]] = [(robot, robot.serial) for robot in config.robots]
-    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.gauges]
-    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.trackers]
-    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
-    devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
+    pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.gauges]
+    pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.trackers]
+    pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.probes]
+    devices = await asyncio.gather(*(_check_device(*pair, lease_folder(config)) for pair in pairs))
     with open_journal(config) as journal:
         damage = journal_flaw(config, journal)
         if damage:
-            return CellReport(config.cell.name, tuple(devices), (), damage)
-        store = Store(journal)
+            return CellCheckReport(config.cell.name, tuple(devices), (), damage)
+        store = RunStore(journal)
         advice = tuple(
             _FIRST_SCREEN.format(robot=device.name, path=config.path)
             for device in devices
             if device.keeps_mastering and store.mastering_record(device.serial) is None
         )
-    return CellReport(config.cell.name, tuple(devices), advice)
+    return CellCheckReport(config.cell.name, tuple(devices), advice)
 
 
 def journal_flaw(config: CellConfig, journal: Journal) -> str:
     """Return in words that a journal is damaged or lacks its end; "" where it is whole, as far as can be told."""
-    damage = journal.verify()
-    return missing_end(config, journal) if damage is None else told_damage(damage)
+    damage = journal.verify_chain()
+    return missing_end(config, journal) if damage is None else describe_damage(damage)
 
 
-def told_damage(damage: Damage) -> str:
+def describe_damage(damage: JournalDamage) -> str:
     """Return in words what is wrong with a journal, and what to do."""
     return (
         f"The journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is written to it any more. "
@@ -109,8 +109,8 @@ async def _check_device(config: Any, robot: str, directory: Path) -> DeviceRepor
         )
     try:
         async with config.open() as device:
-            report = await _ask(device)
-            return report if not report.ready else await _hold_against_model(device, config, report)
+            report = await _report_device(device)
+            return report if not report.is_ready else await _hold_against_model(device, config, report)
     except DeviceError as error:
         return DeviceReport(config.name, Readiness.UNREACHABLE, error.message, error.remedy)
 
@@ -120,7 +120,7 @@ async def _hold_against_model(device: Any, config: Any, report: DeviceReport) ->
     name = getattr(config, "model", None)
     if name is None:
         return report
-    joints = await device.joints()
+    joints = await device.read_joints()
     error_m = model_error_m(load_model(name), joints.joints_rad, await device.flange_pose())
     if joints.moving or error_m <= MODEL_TOLERANCE_M:
         return report
@@ -132,9 +132,9 @@ async def _hold_against_model(device: Any, config: Any, report: DeviceReport) ->
     )
 
 
-async def _ask(device: Device | Robot) -> DeviceReport:
+async def _report_device(device: Device | Robot) -> DeviceReport:
     identity = await device.identify()
-    condition = await device.condition()
+    condition = await device.read_condition()
     who = f"{identity.vendor} {identity.model}, serial {identity.serial}, {identity.firmware}"
     capabilities = getattr(device, "capabilities", None)
     return DeviceReport(

@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any, TypeVar, cast
 
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import Entry
-from cellcal.procedures.past import Past
+from cellcal.procedures.procedure_definition import ProcedureDefinition
+from cellcal.procedures.run_history import RunHistory
 
 T = TypeVar("T")
 Tell = Callable[[str, Any], None]  # a role and its reading; None: a run asks for one just now
@@ -29,45 +29,45 @@ class SharedInstrument:
         return getattr(self._device, name)
 
     @property
-    def asked(self) -> bool:
+    def is_queried(self) -> bool:
         """Whether a run asks it just now."""
         return self._asking > 0
 
-    async def glimpse(self, question: Callable[[Any], Awaitable[T]]) -> T | None:
+    async def read_for_screen(self, question: Callable[[Any], Awaitable[T]]) -> T | None:
         """Ask for a screen; None while a run asks."""
-        if self.asked or self._looking.locked():
+        if self.is_queried or self._looking.locked():
             return None
         async with self._looking:
             return await question(self._device)
 
     async def identify(self) -> Any:
-        return await self._ask(self._device.identify)
+        return await self._query_device(self._device.identify)
 
     async def condition(self) -> Any:
-        return await self._ask(self._device.condition)
+        return await self._query_device(self._device.condition)
 
     async def distance(self) -> Any:
-        return await self._read(self._device.distance)
+        return await self._read_and_report(self._device.distance)
 
     async def point(self) -> Any:
-        return await self._read(self._device.point)
+        return await self._read_and_report(self._device.point)
 
     async def pose(self) -> Any:
-        return await self._read(self._device.pose)
+        return await self._read_and_report(self._device.pose)
 
     async def contact(self) -> Any:
-        return await self._read(self._device.contact)
+        return await self._read_and_report(self._device.contact)
 
     async def touched(self) -> Any:
-        return await self._read(self._device.touched)
+        return await self._read_and_report(self._device.touched)
 
-    async def _read(self, question: Callable[[], Awaitable[T]]) -> T:
+    async def _read_and_report(self, question: Callable[[], Awaitable[T]]) -> T:
         self._tell(None)
-        reading = await self._ask(question)
+        reading = await self._query_device(question)
         self._tell(reading)
         return reading
 
-    async def _ask(self, question: Callable[[], Awaitable[T]]) -> T:
+    async def _query_device(self, question: Callable[[], Awaitable[T]]) -> T:
         self._asking += 1
         try:
             async with self._looking:  # a look that is under way ends first; no other begins
@@ -77,26 +77,34 @@ class SharedInstrument:
             self._asking -= 1
 
 
-def shared(cell: Cell, tell: Tell) -> Cell:
+def share_instruments(cell: Cell, tell: Tell) -> Cell:
     """Return the cell with every instrument shared; ``tell`` hears what a run reads of them."""
 
-    def lent(role: str) -> Any:
-        device = cell.instruments.get(role)
+    def share_role(role: str) -> Any:
+        device = cell.measuring_devices.get(role)
         return None if device is None else SharedInstrument(device, partial(tell, role))
 
-    return replace(cell, gauge=lent("gauge"), tracker=lent("tracker"), probe=lent("probe"), dial=lent("dial"))
+    return replace(
+        cell,
+        gauge=share_role("gauge"),
+        tracker=share_role("tracker"),
+        probe=share_role("probe"),
+        dial=share_role("dial"),
+    )
 
 
-def sharing(cell: Cell) -> dict[str, SharedInstrument]:
+def shared_instruments(cell: Cell) -> dict[str, SharedInstrument]:
     """Return the instruments of a shared cell by their roles."""
-    return cast(dict[str, SharedInstrument], cell.instruments)
+    return cast(dict[str, SharedInstrument], cell.measuring_devices)
 
 
-def instruments_behind(entry: Entry, ways: tuple[object, ...], past: Past) -> tuple[str, ...]:
+def instruments_behind(
+    entry: ProcedureDefinition, ways: tuple[object, ...], past: RunHistory
+) -> tuple[str, ...]:
     """Return the roles of the instruments whose readings are behind a run's result.
 
     Journals from before findings named them tell only by the card that a gauge was read; ``ways`` are the method
     and the evidence of the run's settings.
     """
     gauge = ("gauge",) if entry.reads_gauge(*ways) else ()
-    return tuple(sorted({*past.instruments, *gauge}))
+    return tuple(sorted({*past.instrument_roles, *gauge}))

@@ -20,12 +20,12 @@ from cellcal.drivers.interfaces import (
     ToolFrameStore,
     UserFrameStore,
 )
-from cellcal.procedures.cell import Cell, GaugeSetup, HeldCertificate, MotionLimits, ProbeSetup, TrackerSetup
+from cellcal.procedures.cell import Cell, DeviceCertificate, GaugeSetup, MotionCaps, ProbeSetup, TrackerSetup
 from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
 from cellcal.service.record.journal import Journal
-from cellcal.service.record.journal_files import leases
-from cellcal.service.record.robot_lock import DEVICES, lease
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.journal_files import lease_folder
+from cellcal.service.record.robot_lock import DEVICES, acquire_lease
+from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.pendant_programs import program_shelf
 
 
@@ -43,68 +43,68 @@ async def open_cell(config: CellConfig, operator: Operator, robot: str | None = 
     DeviceError
         A device cannot be reached, or is not the one that the file names.
     """
-    entry = config.robot(robot)
+    entry = config.robot_named(robot)
     async with AsyncExitStack() as devices:
         holder = f"another cellcal (process {os.getpid()})"
-        devices.enter_context(lease(leases(config), entry.serial, holder, DEVICES))
+        devices.enter_context(acquire_lease(lease_folder(config), entry.serial, holder, DEVICES))
         arm: Any = await devices.enter_async_context(entry.open())
         gauge_entry = config.gauge_for(entry.name)
         gauge: DistanceGauge | None = None
         if gauge_entry is not None:
-            gauge = await devices.enter_async_context(_opened(gauge_entry.device, operator))
-        cell = _lend(config, entry, arm, operator, gauge, gauge_entry)
+            gauge = await devices.enter_async_context(_open_device(gauge_entry.device, operator))
+        cell = _build_cell(config, entry, arm, operator, gauge, gauge_entry)
         tracker_entry = config.tracker_for(entry.name)
         if tracker_entry is not None:
-            tracker = await devices.enter_async_context(_opened(tracker_entry.device, operator))
+            tracker = await devices.enter_async_context(_open_device(tracker_entry.device, operator))
             cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
         for probe_entry in config.probes_for(entry.name):
-            probe = await devices.enter_async_context(_opened(probe_entry.device, operator))
+            probe = await devices.enter_async_context(_open_device(probe_entry.device, operator))
             cell = _with_probe(cell, probe, probe_entry)
         yield cell
 
 
 @dataclass(frozen=True, slots=True)
-class PaperDevice:
+class DeclaredDevice:
     """What the cell file says of a device. It cannot be asked anything: nobody is connected."""
 
     name: str
     capabilities: Any = None
 
 
-def on_paper(config: CellConfig, robot: str | None = None) -> Cell:
+def offline_cell(config: CellConfig, robot: str | None = None) -> Cell:
     """Return the cell as its file describes it, without reaching a device: to plan with, never to run."""
-    entry = config.robot(robot)
-    arm: Any = PaperDevice(entry.name, entry.capabilities)
+    entry = config.robot_named(robot)
+    arm: Any = DeclaredDevice(entry.name, entry.capabilities)
     gauge_entry, tracker_entry = config.gauge_for(entry.name), config.tracker_for(entry.name)
     nobody: Any = None
-    cell = _lend(config, entry, arm, nobody, _paper_gauge(gauge_entry), gauge_entry)
+    cell = _build_cell(config, entry, arm, nobody, _declared_gauge(gauge_entry), gauge_entry)
     if tracker_entry is not None:
         device = tracker_entry.device
-        tracker: Any = PaperDevice(device.name, device.capabilities)
+        tracker: Any = DeclaredDevice(device.name, device.capabilities)
         cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
     for probe_entry in config.probes_for(entry.name):
-        cell = _with_probe(cell, PaperDevice(probe_entry.device.name), probe_entry)
+        cell = _with_probe(cell, DeclaredDevice(probe_entry.device.name), probe_entry)
     return cell
 
 
-def _paper_gauge(entry: GaugeEntry | None) -> Any:
+def _declared_gauge(entry: GaugeEntry | None) -> Any:
     if entry is None:
         return None
     device = entry.device
-    return PaperDevice(device.name, GaugeCapabilities(device.range_m, 0.0, device.sigma_m))
+    return DeclaredDevice(device.name, GaugeCapabilities(device.range_m, 0.0, device.sigma_m))
 
 
-async def lend_record(cell: Cell, journal: Journal) -> Cell:
+async def with_robot_history(cell: Cell, journal: Journal) -> Cell:
     """Return the cell with what the journal holds of its very robot, and all alignments."""
-    return Store(journal).lend(cell, (await cell.robot.identify()).serial)
+    return RunStore(journal).with_history(cell, (await cell.robot.identify()).serial)
 
 
-def _opened(device: Any, operator: Operator) -> Any:
+def _open_device(device: Any, operator: Operator) -> Any:
     """Open a device; one without a wire asks the operator."""
     return device.open(operator) if device.driver == "file_import" else device.open()
 
 
-def _lend(
+def _build_cell(
     config: CellConfig,
     entry: Any,
     arm: Robot,
@@ -126,10 +126,10 @@ def _lend(
         override=cast(KnowsSpeedOverride, arm) if can.tells_speed_override else None,
         named_frames=motion.active,
         gauge=gauge,
-        gauge_setup=None if at is None else _setup(at),
-        certificates=_held(config, entry.name),
+        gauge_setup=None if at is None else _gauge_setup(at),
+        certificates=_instrument_certificates(config, entry.name),
         model=load_model(entry.model),
-        limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
+        limits=MotionCaps(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
         level=motion.level,
         surroundings=motion.surroundings,
         programs=program_shelf(config, entry),
@@ -137,27 +137,29 @@ def _lend(
     )
 
 
-def _held(config: CellConfig, robot: str) -> dict[str, HeldCertificate]:
+def _instrument_certificates(config: CellConfig, robot: str) -> dict[str, DeviceCertificate]:
     named = ((role, entry.setup.certificate) for role, entry in config.instruments_for(robot).items())
     return {
-        role: HeldCertificate(held.number, held.issued.isoformat(), held.due.isoformat())
-        for role, held in named
-        if held is not None
+        role: DeviceCertificate(
+            certificate.number, certificate.issued.isoformat(), certificate.due.isoformat()
+        )
+        for role, certificate in named
+        if certificate is not None
     }
 
 
-def _setup(entry: GaugeEntry) -> GaugeSetup:
+def _gauge_setup(entry: GaugeEntry) -> GaugeSetup:
     setup = entry.setup
     return GaugeSetup(
         anchor_in_base_m=setup.anchor_in_base_m,
         hook_in_flange_m=setup.hook_in_flange_m,
         sigma_anchor_m=setup.anchor_sigma_mm * 1e-3,
         sigma_hook_m=setup.hook_sigma_mm * 1e-3,
-        mouth_at_m=None if setup.mouth_at_mm is None else _metres(setup.mouth_at_mm),
+        mouth_at_m=None if setup.mouth_at_mm is None else _to_metres(setup.mouth_at_mm),
     )
 
 
-def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
+def _to_metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = millimetres
     return (x * 1e-3, y * 1e-3, z * 1e-3)
 

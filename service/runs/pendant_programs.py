@@ -8,7 +8,7 @@ from typing import Any
 
 from cellcal.drivers.interfaces import Joints
 from cellcal.drivers.registry import PROGRAM_WRITERS
-from cellcal.drivers.wire.program_file import Header, ProgramWriter
+from cellcal.drivers.wire.program_file import ProgramHeader, ProgramWriter
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import make_private_folder
 
@@ -19,7 +19,7 @@ NO_SAFETY_FUNCTION = (
 
 
 @dataclass(frozen=True, slots=True)
-class Programs:
+class PendantPrograms:
     """The folder in which programs for one robot are put; each carries a token that names its very moves."""
 
     folder: Path
@@ -27,21 +27,21 @@ class Programs:
     serial: str
     writer: ProgramWriter
 
-    def put(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
+    def write_program(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
         """Write joint moves along a way; the same moves give the same file."""
         token = sha256(repr((self.serial, way_rad, speed_rad_s)).encode()).hexdigest()[:8].upper()
         name = f"CC{token}"
         make_private_folder(self.folder)
-        header = Header(name, token, f"robot {self.robot}, serial {self.serial}", NO_SAFETY_FUNCTION)
+        header = ProgramHeader(name, token, f"robot {self.robot}, serial {self.serial}", NO_SAFETY_FUNCTION)
         path = self.folder / f"{name}{self.writer.suffix}"
         path.write_text(self.writer.write(header, way_rad, speed_rad_s), encoding="ascii", errors="replace")
         return str(path)
 
 
-def program_shelf(config: CellConfig, entry: Any) -> Programs | None:
+def program_shelf(config: CellConfig, entry: Any) -> PendantPrograms | None:
     """Return where programs for a robot are put; None where nobody knows its language."""
     writer = PROGRAM_WRITERS.get(getattr(entry, "profile", entry.driver))
     if writer is None:
         return None
     folder = config.cell.data_dir / "programs" / re.sub(r"[^A-Za-z0-9_-]", "_", entry.name)
-    return Programs(folder, entry.name, entry.serial, writer)
+    return PendantPrograms(folder, entry.name, entry.serial, writer)

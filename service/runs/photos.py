@@ -13,12 +13,12 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import make_private_folder, replace_file
-from cellcal.service.record.journal import Event
+from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 
 MOST_BYTES = 180 * 1024  # what a page may send holds it as base64
 MOST_A_RUN = 12
@@ -42,7 +42,7 @@ class PictureError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class RunPhoto:
     """One photo of a run, as the journal names it."""
 
     sha256: str
@@ -53,7 +53,7 @@ class Picture:
     at_utc: str
 
 
-def keep_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who: str) -> Picture:
+def store_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who: str) -> RunPhoto:
     """Keep a picture beside a run that has not ended; the same one sent twice is kept once.
 
     Raises
@@ -66,36 +66,36 @@ def keep_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who:
     media_type, plain = plain_picture(raw)
     sha256 = hashlib.sha256(plain).hexdigest()
     with open_journal(config) as journal:
-        view = Store(journal).run(run_id)
-        kept = list(pictures_of_run(journal.events(run_id)))
-        same = next((one for one in kept if one.sha256 == sha256), None)
+        view = RunStore(journal).find_run(run_id)
+        existing = list(pictures_of_run(journal.list_events(run_id)))
+        same = next((one for one in existing if one.sha256 == sha256), None)
         if same is not None:
             return same
-        if view.state != "interrupted" or len(kept) >= MOST_A_RUN:
+        if view.state != "interrupted" or len(existing) >= MOST_A_RUN:
             raise PictureError(
                 "this run takes no more pictures.", remedy="Take them while the run is under way."
             )
-        path = _path(config, run_id, sha256, media_type)
+        path = _picture_path(config, run_id, sha256, media_type)
         make_private_folder(path.parent)
         replace_file(path, plain)  # before it is named: what the journal names is there
         body = {"sha256": sha256, "media_type": media_type, "bytes": len(plain), "what": what, "who": who}
-        event = journal.append(run_id, Kind.PICTURE, body, key=f"picture {sha256}", actor=who)
-    return Picture(**body, at_utc=event.wall_utc)  # type: ignore[arg-type]
+        event = journal.append(run_id, EventKind.PICTURE, body, key=f"picture {sha256}", actor=who)
+    return RunPhoto(**body, at_utc=event.wall_utc)  # type: ignore[arg-type]
 
 
-def pictures_of_run(events: Iterable[Event]) -> Iterator[Picture]:
+def pictures_of_run(events: Iterable[JournalEvent]) -> Iterator[RunPhoto]:
     """Yield the pictures that the journal names, oldest first."""
     for event in events:
-        if event.kind == Kind.PICTURE:
-            yield Picture(**parse_json(event.body), at_utc=event.wall_utc)
+        if event.kind == EventKind.PICTURE:
+            yield RunPhoto(**parse_json(event.body), at_utc=event.wall_utc)
 
 
-def told_pictures(events: Iterable[Event]) -> list[dict[str, Any]]:
+def pictures_to_json(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
     """Return the same for a certificate."""
     return [asdict(one) for one in pictures_of_run(events)]
 
 
-def read_picture(config: CellConfig, run_id: str, picture: Picture) -> bytes:
+def read_picture(config: CellConfig, run_id: str, picture: RunPhoto) -> bytes:
     """Return a picture's bytes.
 
     Raises
@@ -103,7 +103,7 @@ def read_picture(config: CellConfig, run_id: str, picture: Picture) -> bytes:
     PictureError
         It is gone, or not what was taken in.
     """
-    path = _path(config, run_id, picture.sha256, picture.media_type)
+    path = _picture_path(config, run_id, picture.sha256, picture.media_type)
     raw = read_plain_bytes(path) if path.is_file() else b""
     if hashlib.sha256(raw).hexdigest() != picture.sha256:
         raise PictureError("the picture is not what was taken in.", remedy="Restore data_dir from a backup.")
@@ -191,5 +191,5 @@ def _png_parts(raw: bytes) -> Iterator[bytes]:
         place = end
 
 
-def _path(config: CellConfig, run_id: str, sha256: str, media_type: str) -> Path:
+def _picture_path(config: CellConfig, run_id: str, sha256: str, media_type: str) -> Path:
     return config.cell.data_dir / "pictures" / run_id / f"{sha256}{TYPES[media_type]}"

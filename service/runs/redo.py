@@ -5,11 +5,11 @@ from difflib import get_close_matches
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
-from cellcal.procedures.past import Effect, Kind
 from cellcal.procedures.run import DeclinedError
+from cellcal.procedures.run_history import EventKind, StepEffect
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.run_procedure import forget_from
 
 DISCARD = "discard_findings"
@@ -26,9 +26,9 @@ async def discard_from(operator: Operator, journal: Journal, run_id: str, step: 
     DeclinedError
         The person said no; nothing was discarded.
     """
-    view = Store(journal).run(run_id)
+    view = RunStore(journal).find_run(run_id)
     names = [finding.step for finding in view.past.findings]
-    if view.state == Verdict.PASSED:
+    if view.state == RunVerdict.PASSED:
         raise StoreError(
             f"run {run_id} is finished: its result is stored, and a certificate may be out",
             code="store.finished",
@@ -43,7 +43,9 @@ async def discard_from(operator: Operator, journal: Journal, run_id: str, step: 
             if near
             else "Nothing was found yet: resume it without --from.",
         )
-    question = Instruction(DISCARD, _question(names[names.index(step) :], _written(journal, run_id)))
+    question = Instruction(
+        DISCARD, _redo_question(names[names.index(step) :], _written_steps(journal, run_id))
+    )
     try:
         answer = await operator.confirm(question)
     except RefusedError as error:
@@ -53,7 +55,7 @@ async def discard_from(operator: Operator, journal: Journal, run_id: str, step: 
     forget_from(journal, run_id, step, actor=answer.who)
 
 
-def _question(discarded: list[str], written: frozenset[str]) -> str:
+def _redo_question(discarded: list[str], written: frozenset[str]) -> str:
     named = (
         discarded if len(discarded) <= _MOST_NAMED else [*discarded[: _MOST_NAMED - 1], "…", discarded[-1]]
     )
@@ -68,6 +70,8 @@ def _question(discarded: list[str], written: frozenset[str]) -> str:
     return f"{text}Discard them?"
 
 
-def _written(journal: Journal, run_id: str) -> frozenset[str]:
-    bodies = [parse_json(event.body) for event in journal.events(run_id) if event.kind == Kind.INTENT]
-    return frozenset(body["step"] for body in bodies if body["effect"] == Effect.WRITE)
+def _written_steps(journal: Journal, run_id: str) -> frozenset[str]:
+    bodies = [
+        parse_json(event.body) for event in journal.list_events(run_id) if event.kind == EventKind.INTENT
+    ]
+    return frozenset(body["step"] for body in bodies if body["effect"] == StepEffect.WRITE)

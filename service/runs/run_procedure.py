@@ -15,31 +15,31 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
-from cellcal.procedures.catalogue import entry_named
-from cellcal.procedures.cell import Cell, Fingerprint, HeldCertificate, MotionMemory, fingerprint
-from cellcal.procedures.entry import Entry, Keepsake, Phase, refuse_unmet
-from cellcal.procedures.motion.active_frames import refuse_unnamed, untold
-from cellcal.procedures.past import Kind, Past
-from cellcal.procedures.progress import Gate, Progress, ignore
+from cellcal.procedures.catalogue import definition_named
+from cellcal.procedures.cell import Cell, DeviceCertificate, Fingerprint, MotionApproval, read_fingerprint
+from cellcal.procedures.motion.active_frames import refuse_unnamed, unread_frames
+from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult, refuse_unmet
+from cellcal.procedures.progress import PauseGate, StepProgress, ignore_progress
 from cellcal.procedures.run import (
     Run,
 )
-from cellcal.procedures.verdict import Characteristic, enough
+from cellcal.procedures.run_history import EventKind, RunHistory
+from cellcal.procedures.verdict import Characteristic, state_evidence
 from cellcal.service.record.journal import Journal, NewEvent, StoreError
-from cellcal.service.record.robot_lock import Lease, lease
-from cellcal.service.record.run_outcome import Outcome, Verdict, failed_outcome, stored_outcome
-from cellcal.service.record.run_store import Store, stored_body
+from cellcal.service.record.robot_lock import Lease, acquire_lease
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict, failed_outcome, stored_outcome
+from cellcal.service.record.run_store import RunStore, stored_body
 from cellcal.service.record.unconfirmed_mastering import refuse_unconfirmed, unconfirmed_in_force
-from cellcal.service.runs.instruments import instruments_behind, shared
-from cellcal.service.runs.mastering_rollback import put_back_unconfirmed
-from cellcal.service.runs.same_cell import refuse_difference, spec_of
-from cellcal.service.runs.software_identity import software
+from cellcal.service.runs.instruments import instruments_behind, share_instruments
+from cellcal.service.runs.mastering_rollback import roll_back_unconfirmed
+from cellcal.service.runs.resume_check import refuse_difference, spec_of
+from cellcal.service.runs.software_identity import software_versions
 
 _log = logging.getLogger(__name__)
 FREE_BYTES = 200_000_000
 NO_MODE = "In which mode the controller was: this robot does not tell it."
-_OUTCOMES = (Kind.FINDING, Kind.CONDITION, Kind.FAILED)
-OnEvent = Callable[[Progress], None]
+_OUTCOMES = (EventKind.FINDING, EventKind.CONDITION, EventKind.FAILED)
+OnEvent = Callable[[StepProgress], None]
 OnBegin = Callable[[str, tuple[Phase, ...]], None]
 
 
@@ -48,12 +48,12 @@ def _nobody_asks(run_id: str, phases: tuple[Phase, ...]) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class RunConditions:
     """How a run is watched and who answers for it."""
 
-    on_event: OnEvent = ignore
+    on_event: OnEvent = ignore_progress
     on_begin: OnBegin = _nobody_asks  # its id and outline, once it stands in the journal
-    gate: Gate | None = None
+    gate: PauseGate | None = None
     actor: str = "service"
     free_bytes: int = FREE_BYTES
     accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
@@ -66,14 +66,14 @@ class JournalLedger:
         self._journal, self._run_id, self._actor = journal, run_id, actor
         self._read: set[str] = set()
 
-    def hear(self, role: str, reading: Any) -> None:
+    def note_reading(self, role: str, reading: Any) -> None:
         """Note an instrument that gave a reading."""
         if reading is not None:
             self._read.add(role)
 
-    def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None:
+    def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None:
         """Store one fact durably."""
-        if kind is Kind.FINDING and self._read:
+        if kind is EventKind.FINDING and self._read:
             body = {**body, "instruments": sorted(self._read)}
         if kind in _OUTCOMES:
             self._read.clear()
@@ -85,10 +85,10 @@ async def run_procedure(
     name: str,
     spec: Any,
     journal: Journal,
-    on_event: OnEvent = ignore,
+    on_event: OnEvent = ignore_progress,
     *,
-    how: Conditions | None = None,
-) -> Outcome:
+    how: RunConditions | None = None,
+) -> RunOutcome:
     """Run a procedure of the catalogue from its beginning.
 
     A cancelled run is journalled as such and the cancellation goes on. How anything else ended is the
@@ -107,17 +107,17 @@ async def run_procedure(
     StoreError
         The journal is damaged, or the disk has no room for a run.
     """
-    how = how or Conditions(on_event)
-    entry = entry_named(name)
+    how = how or RunConditions(on_event)
+    entry = definition_named(name)
     refuse_unmet(entry, cell)
     _refuse_small_disk(journal.path, how.free_bytes)
     run_id = f"{name}-{uuid4().hex[:12]}"
     serial = (await cell.robot.identify()).serial
-    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+    with acquire_lease(_lease_folder(journal), serial, f"{how.actor} ({run_id})") as run_lease:
         await _refuse_unconfirmed(cell, journal, entry, serial)
-        mark = await fingerprint(cell)
+        mark = await read_fingerprint(cell)
         refuse_unnamed(cell.named_frames, mark.active_frames)
-        cell = permitted(cell, held, mark)
+        cell = with_permit(cell, run_lease, mark)
         header = {
             "procedure": entry.name,
             "version": entry.version,
@@ -125,16 +125,21 @@ async def run_procedure(
             "cell": to_jsonable_python(mark),
             "motion_level": cell.level.value,
             "controller_mode": await _mode_of(cell),
-            **software(),
+            **software_versions(),
         }
-        journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
+        journal.append(run_id, EventKind.STARTED, header, key="started", actor=how.actor)
         how.on_begin(run_id, entry.outline(spec))
-        return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, Past())
+        return await _RunExecution(cell, entry, journal, run_id, how).execute_run(spec, RunHistory())
 
 
-async def resume(
-    cell: Cell, run_id: str, journal: Journal, on_event: OnEvent = ignore, *, how: Conditions | None = None
-) -> Outcome:
+async def resume_procedure(
+    cell: Cell,
+    run_id: str,
+    journal: Journal,
+    on_event: OnEvent = ignore_progress,
+    *,
+    how: RunConditions | None = None,
+) -> RunOutcome:
     """Go on with an interrupted run: findings are believed, positions never are.
 
     Raises
@@ -144,25 +149,25 @@ async def resume(
     UnconfirmedMasteringError
         The mastering in force was written by another run, which has not confirmed it.
     """
-    how = how or Conditions(on_event)
-    view = Store(journal).run(run_id)
-    entry = entry_named(view.procedure)
-    if view.state == Verdict.PASSED:
+    how = how or RunConditions(on_event)
+    view = RunStore(journal).find_run(run_id)
+    entry = definition_named(view.procedure)
+    if view.state == RunVerdict.PASSED:
         return stored_outcome(view, entry)
     refuse_unmet(entry, cell)
     _refuse_small_disk(journal.path, how.free_bytes)
-    now = await fingerprint(cell)
+    now = await read_fingerprint(cell)
     refuse_difference(view, entry, now)
     spec = spec_of(view, entry)
     serial = (await cell.robot.identify()).serial
-    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+    with acquire_lease(_lease_folder(journal), serial, f"{how.actor} ({run_id})") as run_lease:
         await _refuse_unconfirmed(cell, journal, entry, serial, run_id)
-        cell = permitted(cell, held, now)
-        view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
-        body = {"cell": to_jsonable_python(now), **software()}
-        journal.append(run_id, Kind.RESUMED, body, actor=how.actor)
+        cell = with_permit(cell, run_lease, now)
+        view = RunStore(journal).find_run(run_id)  # its holder may have gone on until the lease was ours
+        body = {"cell": to_jsonable_python(now), **software_versions()}
+        journal.append(run_id, EventKind.RESUMED, body, actor=how.actor)
         how.on_begin(run_id, entry.outline(spec))
-        return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, view.past)
+        return await _RunExecution(cell, entry, journal, run_id, how).execute_run(spec, view.past)
 
 
 def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "service") -> None:
@@ -173,78 +178,88 @@ def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "servi
     StoreError
         The run has no finding of that name.
     """
-    names = [finding.step for finding in Store(journal).run(run_id).past.findings]
+    names = [finding.step for finding in RunStore(journal).find_run(run_id).past.findings]
     if step not in names:
         raise StoreError(
             f"run {run_id} has no finding {step!r}",
             code="store.no_such_step",
             remedy=f"It has: {', '.join(names) or 'none'}.",
         )
-    journal.append(run_id, Kind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
+    journal.append(run_id, EventKind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
 
 
-def permitted(cell: Cell, held: Lease, mark: Fingerprint) -> Cell:
+def with_permit(cell: Cell, run_lease: Lease, mark: Fingerprint) -> Cell:
     """Return the cell for one entry into a run: motion needs the lease, and nothing was approved yet."""
-    return replace(cell, permit=held, motion=MotionMemory(frames=mark.active_frames))
+    return replace(cell, permit=run_lease, motion=MotionApproval(frames=mark.active_frames))
 
 
-class _Conductor:
+class _RunExecution:
     """One entry into one run."""
 
-    def __init__(self, cell: Cell, entry: Entry, journal: Journal, run_id: str, how: Conditions) -> None:
+    def __init__(
+        self, cell: Cell, entry: ProcedureDefinition, journal: Journal, run_id: str, how: RunConditions
+    ) -> None:
         self._entry, self._journal, self._run_id, self._how = entry, journal, run_id, how
-        self._cell = replace(cell, operator=_AnnouncingOperator(cell.operator, self._announce))
-        self._place = Progress("started", "", 0, 0)
+        self._cell = replace(cell, operator=_AnnouncingOperator(cell.operator, self._announce_progress))
+        self._place = StepProgress("started", "", 0, 0)
 
-    async def conduct(self, spec: Any, past: Past) -> Outcome:
+    async def execute_run(self, spec: Any, past: RunHistory) -> RunOutcome:
         ledger = JournalLedger(self._journal, self._run_id, self._how.actor)
         expected = self._entry.expected_steps(spec)
-        cell = shared(self._cell, ledger.hear)
-        run = Run(cell, ledger, past, expected=expected, announce=self._announce, gate=self._how.gate)
+        cell = share_instruments(self._cell, ledger.note_reading)
+        run = Run(
+            cell, ledger, past, expected=expected, announce=self._announce_progress, gate=self._how.gate
+        )
         try:
             result = await self._entry.procedure(run, spec)
         except CellError as error:
             failed = failed_outcome(self._run_id, self._entry.name, error)
-            return self._end(replace(failed, remedy=_told(await self._put_back(), failed.remedy)))
+            return self._end_run(
+                replace(failed, remedy=_join_sentences(await self._roll_back(), failed.remedy))
+            )
         except asyncio.CancelledError:
-            ended = Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled")
-            self._end(replace(ended, remedy=await self._put_back()))
+            ended = RunOutcome(self._run_id, self._entry.name, RunVerdict.CANCELLED, reason="cancelled")
+            self._end_run(replace(ended, remedy=await self._roll_back()))
             raise
         except Exception:
-            await self._put_back()
+            await self._roll_back()
             raise
-        judgement = self._judged(spec, result)
-        passed = Outcome(self._run_id, self._entry.name, Verdict.PASSED, result, judgement=judgement)
-        return self._end(passed, spec)
+        judgement = self._judge_result(spec, result)
+        passed = RunOutcome(self._run_id, self._entry.name, RunVerdict.PASSED, result, judgement=judgement)
+        return self._end_run(passed, spec)
 
-    async def _put_back(self) -> str:
+    async def _roll_back(self) -> str:
         """Undo what the run wrote and did not get to confirm; return what to tell of it."""
-        return await put_back_unconfirmed(self._cell, self._journal, self._run_id, self._how.actor)
+        return await roll_back_unconfirmed(self._cell, self._journal, self._run_id, self._how.actor)
 
-    def _judged(self, spec: Any, result: Any) -> Any:
+    def _judge_result(self, spec: Any, result: Any) -> Any:
         if self._entry.verdict is None:
             return None
         try:
             verdict = self._entry.verdict(spec, result)
-            run = Store(self._journal).run(self._run_id)
-            figures = (*verdict.characteristics, *self._lapsed(spec, run.past))
-            unseen = (*untold(self._cell.motion.frames), *(() if run.controller_mode else (NO_MODE,)))
+            run = RunStore(self._journal).find_run(self._run_id)
+            figures = (*verdict.characteristics, *self._lapsed_certificates(spec, run.past))
+            unseen = (*unread_frames(self._cell.motion.frames), *(() if run.controller_mode else (NO_MODE,)))
             verdict = replace(verdict, characteristics=figures, not_verified=(*verdict.not_verified, *unseen))
-            return verdict.as_object()
+            return verdict.to_json()
         except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
             _log.exception("the verdict of run %s could not be given", self._run_id)
             return None
 
-    def _lapsed(self, spec: Any, past: Past) -> tuple[Characteristic, ...]:
+    def _lapsed_certificates(self, spec: Any, past: RunHistory) -> tuple[Characteristic, ...]:
         """Return what keeps a result from a PASS: instruments behind it whose own calibration does not hold today."""
         day = datetime.now(UTC).date().isoformat()
         ways = getattr(spec, "method", ""), getattr(spec, "evidence", "")
         used = instruments_behind(self._entry, ways, past)
-        held = {role: self._cell.certificates[role] for role in used if role in self._cell.certificates}
-        return tuple(_out_of_date(role, one, day) for role, one in held.items() if not one.holds_on(day))
+        certificates = {
+            role: self._cell.certificates[role] for role in used if role in self._cell.certificates
+        }
+        return tuple(
+            _out_of_date(role, one, day) for role, one in certificates.items() if not one.is_valid_on(day)
+        )
 
-    def _end(self, outcome: Outcome, spec: Any = None) -> Outcome:
-        passed = outcome.verdict is Verdict.PASSED
+    def _end_run(self, outcome: RunOutcome, spec: Any = None) -> RunOutcome:
+        passed = outcome.verdict is RunVerdict.PASSED
         value = self._entry.result_codec().dump_python(outcome.result, mode="json") if passed else None
         if not passed:
             value = to_jsonable_python(outcome.result)
@@ -256,33 +271,33 @@ class _Conductor:
             "code": outcome.code,
             "judgement": outcome.judgement,
         }
-        facts = [*self._kept(spec, outcome.result, passed), NewEvent(Kind.ENDED, body)]
+        facts = [*self._results_to_store(spec, outcome.result, passed), NewEvent(EventKind.ENDED, body)]
         try:
             self._journal.append_all(self._run_id, facts, actor=self._how.actor)
         except StoreError as error:
             if passed:
                 return failed_outcome(self._run_id, self._entry.name, error)
             _log.warning("the end of run %s could not be journalled: %s", self._run_id, error)
-        self._announce(
+        self._announce_progress(
             replace(self._place, kind="ended", step="", message=outcome.verdict.value, value=value)
         )
         return outcome
 
-    def _kept(self, spec: Any, result: Any, passed: bool) -> list[NewEvent]:
-        kept = self._entry.keeps(spec, result) if passed else None
-        keepsakes = kept if isinstance(kept, tuple) else (kept,)
-        return [self._stored(keepsake) for keepsake in keepsakes if keepsake is not None]
+    def _results_to_store(self, spec: Any, result: Any, passed: bool) -> list[NewEvent]:
+        to_store = self._entry.results_to_store(spec, result) if passed else None
+        results = to_store if isinstance(to_store, tuple) else (to_store,)
+        return [self._storage_event(stored_result) for stored_result in results if stored_result is not None]
 
-    def _stored(self, keepsake: Keepsake) -> NewEvent:
-        value = to_jsonable_python(keepsake.value)
-        body = stored_body(keepsake.what, keepsake.subject, self._robot_serial(), value)
-        return NewEvent(Kind.STORED, body, f"stored {keepsake.what}")
+    def _storage_event(self, stored_result: StoredResult) -> NewEvent:
+        value = to_jsonable_python(stored_result.value)
+        body = stored_body(stored_result.what, stored_result.subject, self._robot_serial(), value)
+        return NewEvent(EventKind.STORED, body, f"stored {stored_result.what}")
 
     def _robot_serial(self) -> str:
-        header = Store(self._journal).run(self._run_id).cell
+        header = RunStore(self._journal).find_run(self._run_id).cell
         return str(header["devices"][0]["identity"]["serial"])
 
-    def _announce(self, progress: Progress) -> None:
+    def _announce_progress(self, progress: StepProgress) -> None:
         if progress.step:
             self._place = progress
         else:
@@ -294,17 +309,15 @@ class _Conductor:
             _log.exception("a listener failed and missed %s", progress.kind)
 
 
-def _out_of_date(role: str, held: HeldCertificate, day: str) -> Characteristic:
+def _out_of_date(role: str, certificate: DeviceCertificate, day: str) -> Characteristic:
     words = {
         "gauge": "the gauge's calibration is valid",
         "tracker": "the tracker's calibration is valid",
         "probe": "the touch probe's calibration is valid",
         "dial": "the dial gauge's calibration is valid",
     }[role]
-    rule = (
-        f"certificate {held.number} holds from {held.issued} to {held.due}, this is {day}: have it calibrated"
-    )
-    return enough(words, False, rule, found=0.0, limit=1.0)
+    rule = f"certificate {certificate.number} holds from {certificate.issued} to {certificate.due}, this is {day}: have it calibrated"
+    return state_evidence(words, False, rule, found=0.0, limit=1.0)
 
 
 class _AnnouncingOperator:
@@ -314,26 +327,30 @@ class _AnnouncingOperator:
         self._operator, self._show = operator, announce
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        self._show(Progress("asked", "", 0, 0, instruction.text, {"key": instruction.key}))
+        self._show(StepProgress("asked", "", 0, 0, instruction.text, {"key": instruction.key}))
         answer = await self._operator.confirm(instruction)
-        self._show(Progress("answered", "", 0, 0, answer.value, {"key": instruction.key, "who": answer.who}))
+        self._show(
+            StepProgress("answered", "", 0, 0, answer.value, {"key": instruction.key, "who": answer.who})
+        )
         return answer
 
-    async def enter(self, question: Question) -> Answer:
-        self._show(Progress("asked", "", 0, 0, question.text, {"key": question.key, "unit": question.unit}))
-        answer = await self._operator.enter(question)
-        self._show(Progress("answered", "", 0, 0, answer.value, {"key": question.key, "who": answer.who}))
+    async def ask_question(self, question: Question) -> Answer:
+        self._show(
+            StepProgress("asked", "", 0, 0, question.text, {"key": question.key, "unit": question.unit})
+        )
+        answer = await self._operator.ask_question(question)
+        self._show(StepProgress("answered", "", 0, 0, answer.value, {"key": question.key, "who": answer.who}))
         return answer
 
 
-def _told(*sentences: str) -> str:
+def _join_sentences(*sentences: str) -> str:
     return " ".join(sentence for sentence in sentences if sentence)
 
 
 async def _refuse_unconfirmed(
-    cell: Cell, journal: Journal, entry: Entry, serial: str, run_id: str = ""
+    cell: Cell, journal: Journal, entry: ProcedureDefinition, serial: str, run_id: str = ""
 ) -> None:
-    refuse_unconfirmed(await unconfirmed_in_force(cell, journal.events(), serial), entry, run_id)
+    refuse_unconfirmed(await unconfirmed_in_force(cell, journal.list_events(), serial), entry, run_id)
 
 
 async def _mode_of(cell: Cell) -> str | None:
@@ -357,5 +374,5 @@ def _refuse_small_disk(path: Path, needed: int) -> None:
         )
 
 
-def _leases(journal: Journal) -> Path:
+def _lease_folder(journal: Journal) -> Path:
     return journal.path.parent / "leases"

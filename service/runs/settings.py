@@ -8,8 +8,8 @@ from pydantic_core import ErrorDetails
 
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.arm.arm_bench import Method
-from cellcal.procedures.catalogue import entry_named
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.catalogue import definition_named
+from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
@@ -27,19 +27,19 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
     """
     valid = _settings_of(procedure, settings)
     if "last_counts" in valid and "last_counts" not in settings:
-        healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
+        healthy = LastHealthyCounts(config.cell.data_dir).load_counts(robot)
         settings = settings | {"last_counts": None if healthy is None else healthy.counts}
     settings = chosen_by_cell(config, robot, procedure) | settings
     spec = spec_of(procedure, settings)
     try:
         return _in_the_cell(spec, config.motion_of(robot).surroundings)
     except ValueError as error:  # a corner of the workspace from here, the other one from the cell file
-        raise _wrong(procedure, str(error)) from error
+        raise _settings_error(procedure, str(error)) from error
 
 
 def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
     """Return the settings whose usual value follows from the cell: its devices, and what its file says."""
-    takes = get_type_hints(entry_named(procedure).spec_type)
+    takes = get_type_hints(definition_named(procedure).spec_type)
     wired, tracked = config.gauge_for(robot) is not None, config.tracker_for(robot) is not None
     chosen: dict[str, Any] = {}
     if "evidence" in takes and not wired:
@@ -57,27 +57,27 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
     CellError
         A setting is unknown or out of its type, or a file cannot be read.
     """
-    kind = entry_named(procedure).spec_type
+    kind = definition_named(procedure).spec_type
     _settings_of(procedure, settings)
     settings = with_files(kind, settings)
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_said(e)}" for e in error.errors())
-        raise _wrong(procedure, faults) from error
+        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_fault_text(e)}" for e in error.errors())
+        raise _settings_error(procedure, faults) from error
     became = asdict(spec)
     endless = [key for key, value in became.items() if not is_finite(value)]
     if endless:
-        raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
+        raise _settings_error(procedure, f"{', '.join(endless)}: not a finite number")
     yes_or_no = [key for key, value in settings.items() if bool_became_number(value, became[key])]
     if yes_or_no:
-        raise _wrong(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
+        raise _settings_error(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
     return spec
 
 
 def _settings_of(procedure: str, settings: dict[str, Any]) -> set[str]:
     """Return the settings that a procedure has; refuse others."""
-    valid = {field.name for field in fields(entry_named(procedure).spec_type)}
+    valid = {field.name for field in fields(definition_named(procedure).spec_type)}
     unknown = sorted(set(settings) - valid)
     if unknown:
         raise CellError(
@@ -93,7 +93,7 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
     changed: dict[str, Any] = {}
     for entry in fields(spec):
         value = getattr(spec, entry.name)
-        if isinstance(value, Room):
+        if isinstance(value, MotionBounds):
             if value.surroundings == NOTHING_KNOWN:
                 changed[entry.name] = replace(value, surroundings=surroundings)
         elif is_dataclass(value):
@@ -101,12 +101,12 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
     return replace(spec, **changed) if changed else spec
 
 
-def _wrong(procedure: str, faults: str) -> CellError:
+def _settings_error(procedure: str, faults: str) -> CellError:
     remedy = f"Correct --set; `cellcal procedures {procedure}` shows what each setting takes."
     return CellError(f"{procedure} cannot be run so: {faults}.", remedy=remedy, code="usage")
 
 
-def _said(fault: ErrorDetails) -> str:
+def _fault_text(fault: ErrorDetails) -> str:
     if fault["type"] == "value_error":  # our own words, without the word that pydantic puts before them
         return str(fault["ctx"]["error"])
     return "must be given" if fault["type"] == "missing" else fault["msg"]

@@ -9,7 +9,7 @@ from importlib.resources.abc import Traversable
 _ROOMS = ("procedures", "calibration")
 
 
-def software() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
     """Return version, solver and definition of what runs here, for the journal."""
     return {
         "software": version("cellcal"),
@@ -23,17 +23,17 @@ def definition_sha256() -> str:
     """Return the SHA-256 of every line of procedures and mathematics, in the order of their names."""
     digest = hashlib.sha256()
     for room in _ROOMS:
-        for name, text in _sources(files("cellcal").joinpath(room), room):
+        for name, text in _source_files(files("cellcal").joinpath(room), room):
             digest.update(f"{name}\n{len(text)}\n".encode() + text)
     return digest.hexdigest()
 
 
-def _sources(folder: Traversable, path: str) -> list[tuple[str, bytes]]:
+def _source_files(folder: Traversable, path: str) -> list[tuple[str, bytes]]:
     found: list[tuple[str, bytes]] = []
     for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
         name = f"{path}/{entry.name}"
         if entry.is_dir():
-            found += _sources(entry, name)
+            found += _source_files(entry, name)
         elif entry.name.endswith((".py", ".toml")):
             found.append((name, entry.read_bytes()))
     return found

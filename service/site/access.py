@@ -12,7 +12,7 @@ from typing import Any
 
 from cellcal.service.site.keys import MONITOR_NAME, ROOT, ROUTER_NAME, StationKeys, everything_below
 
-SAYING = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+CELL_MESSAGES = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 LEASE_MS = 2500  # after a cable is pulled nobody says goodbye
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
@@ -29,29 +29,29 @@ Config = dict[str, Any]
 
 def router_config(site: str, listen: str, cells: list[str]) -> Config:
     """Return the configuration of the site's router: the only listener."""
-    transport = _transport(ROUTER_NAME)
+    transport = _transport_config(ROUTER_NAME)
     transport["unicast"] = {"max_sessions": _MOST_SESSIONS, "accept_pending": 1000}
     transport["link"]["tx"]["queue"] = _QUEUE
-    return _common("router", ROUTER_NAME) | {
+    return _common_config("router", ROUTER_NAME) | {
         "listen": {"endpoints": [f"tls/{listen}"]},
         "transport": transport,
         "access_control": router_access(site, cells),
-        "downsampling": _downsampling(site),
+        "downsampling": _downsampling_rules(site),
     }
 
 
-def _downsampling(site: str) -> list[Config]:
+def _downsampling_rules(site: str) -> list[Config]:
     """Return how often joints of a cell come in: one that floods them costs router and monitor no more than others.
 
     Where they come in each cell has an allowance of its own; where they leave, a rule is one for all cells together.
     """
-    rule = {"key_expr": StationKeys(site, "*").joints, "freq": MOST_JOINTS_HZ}
+    rule = {"key_expr": StationKeys(site, "*").joints_key, "freq": MOST_JOINTS_HZ}
     return [{"id": "joints", "flows": ["ingress"], "messages": ["put"], "rules": [rule]}]
 
 
 def cell_config(site: str, cell: str, endpoint: str) -> Config:
     """Return the configuration of a cell: a peer that nobody can connect to, and that opens without a router."""
-    return _common("peer", cell) | {
+    return _common_config("peer", cell) | {
         "listen": {"endpoints": []},
         "connect": {
             "endpoints": [f"tls/{endpoint}"],
@@ -65,7 +65,7 @@ def cell_config(site: str, cell: str, endpoint: str) -> Config:
 
 def monitor_config(endpoint: str) -> Config:
     """Return the configuration of a monitor: a client, since a router forwards nothing from peer to peer."""
-    return _common("client", MONITOR_NAME) | {
+    return _common_config("client", MONITOR_NAME) | {
         "connect": {"endpoints": [f"tls/{endpoint}"], "timeout_ms": 2000, "retry": _RETRY},
     }
 
@@ -74,32 +74,36 @@ def router_access(site: str, cells: list[str]) -> Config:
     """Return the router's rules: one block per cell for what it says, one for all asking."""
     whole_site = everything_below(f"{ROOT}/{site}")
     rules = [
-        _rule("cells-are-asked", "egress", ASKING, whole_site),
-        _rule("monitor-asks", "ingress", ASKING, whole_site),
-        _rule("monitor-receives", "egress", SAYING, whole_site),
+        _access_rule("cells-are-asked", "egress", ASKING, whole_site),
+        _access_rule("monitor-asks", "ingress", ASKING, whole_site),
+        _access_rule("monitor-receives", "egress", CELL_MESSAGES, whole_site),
     ]
-    subjects = [_subject("monitor", MONITOR_NAME)]
+    subjects = [_access_subject("monitor", MONITOR_NAME)]
     policies = [{"rules": ["monitor-asks", "monitor-receives"], "subjects": ["monitor"]}]
     for cell in cells:
         says = f"cell-{cell}-says"
-        rules.append(_rule(says, "ingress", SAYING, everything_below(StationKeys(site, cell).base)))
-        subjects.append(_subject(f"cell-{cell}", cell))
+        rules.append(
+            _access_rule(says, "ingress", CELL_MESSAGES, everything_below(StationKeys(site, cell).base_key))
+        )
+        subjects.append(_access_subject(f"cell-{cell}", cell))
         policies.append({"rules": [says, "cells-are-asked"], "subjects": [f"cell-{cell}"]})
-    return _access(rules, subjects, policies)
+    return _access_control(rules, subjects, policies)
 
 
 def cell_access(site: str, cell: str) -> Config:
     """Return the cell's own rules: whatever the router is made to do, nothing but questions comes in."""
     rules = [
-        _rule("says", "egress", SAYING, everything_below(StationKeys(site, cell).base)),
-        _rule("is-asked", "ingress", ASKING, everything_below(f"{ROOT}/{site}")),
+        _access_rule("says", "egress", CELL_MESSAGES, everything_below(StationKeys(site, cell).base_key)),
+        _access_rule("is-asked", "ingress", ASKING, everything_below(f"{ROOT}/{site}")),
     ]
-    return _access(
-        rules, [_subject("router", ROUTER_NAME)], [{"rules": ["says", "is-asked"], "subjects": ["router"]}]
+    return _access_control(
+        rules,
+        [_access_subject("router", ROUTER_NAME)],
+        [{"rules": ["says", "is-asked"], "subjects": ["router"]}],
     )
 
 
-def _access(rules: list[Config], subjects: list[Config], policies: list[Config]) -> Config:
+def _access_control(rules: list[Config], subjects: list[Config], policies: list[Config]) -> Config:
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -109,24 +113,24 @@ def _access(rules: list[Config], subjects: list[Config], policies: list[Config])
     }
 
 
-def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> Config:
+def _access_rule(name: str, flow: str, messages: list[str], keys: list[str]) -> Config:
     return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
 
 
-def _subject(name: str, common_name: str) -> Config:
+def _access_subject(name: str, common_name: str) -> Config:
     return {"id": name, "cert_common_names": [common_name]}
 
 
-def _common(mode: str, name: str) -> Config:
+def _common_config(mode: str, name: str) -> Config:
     return {
         "mode": mode,
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "adminspace": {"enabled": False},
-        "transport": _transport(name),
+        "transport": _transport_config(name),
     }
 
 
-def _transport(name: str) -> Config:
+def _transport_config(name: str) -> Config:
     return {
         "shared_memory": {"enabled": False},  # on, sessions fail beyond some 350
         "link": {

@@ -12,7 +12,7 @@ _QUIET = ("ready", "unknown")
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
+class CellAlarm:
     """One thing that is wrong."""
 
     code: str
@@ -21,33 +21,33 @@ class Alarm:
     remedy: str = ""
 
     @property
-    def id(self) -> str:
+    def alarm_id(self) -> str:
         """What makes it the same alarm again."""
         return f"{self.code}:{self.source}"
 
     def as_json(self) -> dict[str, Any]:
         """Return it as the bus carries it."""
-        return {"id": self.id, **asdict(self)}
+        return {"id": self.alarm_id, **asdict(self)}
 
 
-class Alarms:
+class AlarmSet:
     """Which alarms are up."""
 
-    def __init__(self, known: Iterable[Alarm] = (), now_s: float = 0.0) -> None:
-        self._up = {alarm.id: (alarm, now_s) for alarm in known}  # with when it was last true
+    def __init__(self, initial: Iterable[CellAlarm] = (), now_s: float = 0.0) -> None:
+        self._up = {alarm.alarm_id: (alarm, now_s) for alarm in initial}  # with when it was last true
 
     @property
-    def up(self) -> list[Alarm]:
+    def active_alarms(self) -> list[CellAlarm]:
         """Every alarm that is up."""
         return [alarm for alarm, _ in self._up.values()]
 
-    def look(self, wrong: Iterable[Alarm], now_s: float) -> list[tuple[Alarm, bool]]:
+    def update_alarms(self, wrong: Iterable[CellAlarm], now_s: float) -> list[tuple[CellAlarm, bool]]:
         """Take in all that is wrong now; return what was raised (True) or cleared (False) by it."""
         changes = []
         for alarm in wrong:
-            if alarm.id not in self._up:
+            if alarm.alarm_id not in self._up:
                 changes.append((alarm, True))
-            self._up[alarm.id] = (alarm, now_s)
+            self._up[alarm.alarm_id] = (alarm, now_s)
         for name, (alarm, true_at_s) in list(self._up.items()):
             if now_s - true_at_s > CALM_S:
                 del self._up[name]
@@ -55,7 +55,7 @@ class Alarms:
         return changes
 
 
-def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> list[Alarm]:
+def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> list[CellAlarm]:
     """Return what is wrong by the desk's session and live values; nothing while there is no desk."""
     if session is None:
         return []
@@ -63,19 +63,21 @@ def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> lis
     connection = session.get("connection", {})
     if not connection.get("connected") and connection.get("message") not in ("", "connecting"):
         found.append(
-            Alarm("cell.unreachable", session["cell"], connection["message"], connection.get("remedy", ""))
+            CellAlarm(
+                "cell.unreachable", session["cell"], connection["message"], connection.get("remedy", "")
+            )
         )
     found += [
-        Alarm(f"position.{loss['what']}", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
+        CellAlarm(f"position.{loss['what']}", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
         for loss in session.get("losses", [])
     ]
     outcome = (session.get("run") or {}).get("outcome") or {}
     if outcome.get("verdict") in ("broken", "cell_failed"):
         found.append(
-            Alarm("run.broken", session["run"]["procedure"], outcome["reason"], outcome.get("remedy", ""))
+            CellAlarm("run.broken", session["run"]["procedure"], outcome["reason"], outcome.get("remedy", ""))
         )
     return found + [
-        Alarm(f"device.{device['state']}", device["name"], device["message"], device["remedy"])
+        CellAlarm(f"device.{device['state']}", device["name"], device["message"], device["remedy"])
         for device in (live or {}).get("devices", [])
         if device["state"] not in _QUIET
     ]

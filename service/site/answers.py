@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
-from cellcal.service.record.journal import Event
+from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
-from cellcal.service.site.journal_tail import told
+from cellcal.service.site.journal_tail import event_to_json
 from cellcal.service.site.keys import SiteError
-from cellcal.service.site.ledger import Ledger
+from cellcal.service.site.ledger import SiteLedger
 from cellcal.service.site.outbox import rows_between
 
 MOST_ROWS = 500
@@ -24,18 +24,18 @@ _EVENTS = (
 )
 
 
-class Answers:
+class CellAnswers:
     """The verbs. Each gives JSON bodies to be signed, or messages that are signed already."""
 
-    def __init__(self, journal: Path, outbox: Path, certificates: Path, ledger: Ledger) -> None:
+    def __init__(self, journal: Path, outbox: Path, certificates: Path, ledger: SiteLedger) -> None:
         self._journal, self._outbox, self._certificates, self._ledger = journal, outbox, certificates, ledger
         self.verbs: Mapping[str, Callable[[Mapping[str, str]], Iterator[dict[str, Any] | bytes]]] = {
-            "outbox": self._rows,
-            "runs": self._runs,
-            "run": self._run,
+            "outbox": self._outbox_rows,
+            "runs": self._list_runs,
+            "run": self._run_events,
         }
 
-    def answer(self, verb: str, asked: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+    def answer_query(self, verb: str, parameters: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
         """Return the answer to a question.
 
         Raises
@@ -45,9 +45,9 @@ class Answers:
         """
         if verb not in self.verbs:
             raise SiteError(f"there is no verb {verb!r}; there are {', '.join(self.verbs)}.")
-        return self.verbs[verb](asked)
+        return self.verbs[verb](parameters)
 
-    def certificate(self, run_id: str) -> bytes:
+    def read_certificate(self, run_id: str) -> bytes:
         """Return the signed document of a run, as it was issued.
 
         Raises
@@ -62,18 +62,18 @@ class Answers:
                     return read_plain_bytes(path)
         raise SiteError(f"no certificate of the run {run_id[:100]!r} was issued.")
 
-    def _rows(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
-        first = _number(asked, "from", 1)
-        most = min(_number(asked, "most", MOST_ROWS), MOST_ROWS)
+    def _outbox_rows(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+        first = _integer_parameter(parameters, "from", 1)
+        most = min(_integer_parameter(parameters, "most", MOST_ROWS), MOST_ROWS)
         for row in rows_between(self._outbox, first, most):
             yield row.message
 
-    def _runs(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any]]:
-        del asked
-        yield {"runs": self._ledger.runs()}
+    def _list_runs(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+        del parameters
+        yield {"runs": self._ledger.list_runs()}
 
-    def _run(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any]]:
-        run_id, after = asked.get("id", ""), _number(asked, "after", 0)
+    def _run_events(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+        run_id, after = parameters.get("id", ""), _integer_parameter(parameters, "after", 0)
         database = journal_to_read(self._journal)
         if database is None:
             return
@@ -82,11 +82,11 @@ class Answers:
         finally:
             database.close()
         for row in rows:
-            yield told(Event(*row))
+            yield event_to_json(JournalEvent(*row))
 
 
-def _number(asked: Mapping[str, str], name: str, otherwise: int) -> int:
-    text = asked.get(name, "")
+def _integer_parameter(parameters: Mapping[str, str], name: str, otherwise: int) -> int:
+    text = parameters.get(name, "")
     if not text:
         return otherwise
     if not text.isascii() or not text.isdecimal() or len(text) > 18:

@@ -24,50 +24,50 @@ _OWN_ONLY = 0o600
 
 
 @dataclass(frozen=True, slots=True)
-class Authority:
+class SiteAuthority:
     """Who signs the site's certificates."""
 
     key: ec.EllipticCurvePrivateKey
     certificate: x509.Certificate
 
     @property
-    def pem(self) -> bytes:
+    def certificate_pem(self) -> bytes:
         """The certificate that everybody trusts."""
         return self.certificate.public_bytes(serialization.Encoding.PEM)
 
-    def issue(self, name: str, folder: Path, *, serves: str = "") -> None:
+    def issue_certificate(self, name: str, folder: Path, *, serves: str = "") -> None:
         """Write ``<name>.key`` and ``<name>.pem`` for one part of the site; ``serves`` is a router's host."""
         key = ec.generate_private_key(ec.SECP256R1())
         purposes = [ExtendedKeyUsageOID.CLIENT_AUTH] + [ExtendedKeyUsageOID.SERVER_AUTH] * bool(serves)
         certificate = (
-            _draft(name, self.certificate.subject, key, LEAF_DAYS)
+            _certificate_builder(name, self.certificate.subject, key, LEAF_DAYS)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
-            .add_extension(x509.SubjectAlternativeName([_alternative(serves or name)]), critical=False)
+            .add_extension(x509.SubjectAlternativeName([_alternative_name(serves or name)]), critical=False)
             .sign(self.key, hashes.SHA256())
         )
         write_new(folder / f"{name}.key", _pem_of(key), _OWN_ONLY)
         write_new(folder / f"{name}.pem", certificate.public_bytes(serialization.Encoding.PEM))
 
 
-def new_authority(site: str, folder: Path) -> Authority:
+def new_authority(site: str, folder: Path) -> SiteAuthority:
     """Make the site's authority and write ``ca.key`` and ``ca.pem``."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = f"cellcal site {site}"
     usage = dict.fromkeys(_USAGES, False) | {"key_cert_sign": True, "crl_sign": True}
     certificate = (
-        _draft(name, _named(name), key, AUTHORITY_DAYS)
+        _certificate_builder(name, _common_name(name), key, AUTHORITY_DAYS)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(x509.KeyUsage(**usage), critical=True)
         .sign(key, hashes.SHA256())
     )
-    authority = Authority(key, certificate)
+    authority = SiteAuthority(key, certificate)
     write_new(folder / "ca.key", _pem_of(key), _OWN_ONLY)
-    write_new(folder / "ca.pem", authority.pem)
+    write_new(folder / "ca.pem", authority.certificate_pem)
     return authority
 
 
-def read_authority(folder: Path) -> Authority:
+def read_authority(folder: Path) -> SiteAuthority:
     """Return the site's authority.
 
     Raises
@@ -85,7 +85,7 @@ def read_authority(folder: Path) -> Authority:
         ) from error
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
         raise SiteError(f"ca.key and ca.pem in {folder} do not belong together.", remedy="Restore both.")
-    return Authority(key, certificate)
+    return SiteAuthority(key, certificate)
 
 
 def valid_until(certificate: Path) -> datetime:
@@ -131,13 +131,13 @@ _USAGES = (
 )
 
 
-def _draft(
+def _certificate_builder(
     name: str, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, days: int
 ) -> x509.CertificateBuilder:
     now = datetime.now(UTC)
     return (
         x509.CertificateBuilder()
-        .subject_name(_named(name))
+        .subject_name(_common_name(name))
         .issuer_name(issuer)
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
@@ -147,11 +147,11 @@ def _draft(
     )
 
 
-def _named(name: str) -> x509.Name:
+def _common_name(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
 
 
-def _alternative(host: str) -> x509.GeneralName:
+def _alternative_name(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:

@@ -21,18 +21,18 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.files import replace_file
 from cellcal.service.record.signing import read_public_key, station_key
 from cellcal.service.site.access import Config, cell_config, monitor_config, router_config
-from cellcal.service.site.authority import Authority, new_authority, read_authority, write_new
-from cellcal.service.site.keys import MONITOR_NAME, ROUTER_NAME, SiteError, checked_identifier, chunk
+from cellcal.service.site.authority import SiteAuthority, new_authority, read_authority, write_new
+from cellcal.service.site.keys import MONITOR_NAME, ROUTER_NAME, SiteError, checked_identifier, key_part
 from cellcal.service.site.link_files import (
     CELL_FILE,
     MONITOR_FILE,
     ROUTER_FILE,
     STATION_FILE,
     STATIONS_FILE,
-    Enrolled,
+    EnrolledCell,
     StationsFile,
 )
-from cellcal.service.site.sealed import wall_utc
+from cellcal.service.site.signed_messages import wall_utc
 
 SITE_FILE = "site.json"
 _ENDPOINT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
@@ -58,14 +58,14 @@ class NewSite:
 
 
 @dataclass(frozen=True, slots=True)
-class Applicant:
+class CellApplicant:
     """A cell that is to be added, and the public key that signs for it."""
 
     cell: str
     public_key: str
 
 
-def applicant(text: str) -> Applicant:
+def parse_applicant(text: str) -> CellApplicant:
     """Return whom a word of the command line means: a cell file here, or ``id=public key`` of a cell elsewhere.
 
     Raises
@@ -73,9 +73,9 @@ def applicant(text: str) -> Applicant:
     SiteError
         Neither, or no good id.
     """
-    name, given, key = text.partition("=")
-    if given:
-        return Applicant(checked_identifier(name, "cell"), read_public_key(key))
+    name, separator, key = text.partition("=")
+    if separator:
+        return CellApplicant(checked_identifier(name, "cell"), read_public_key(key))
     if not Path(text).is_file():
         raise SiteError(
             f"{text!r} is no cell file.",
@@ -84,12 +84,12 @@ def applicant(text: str) -> Applicant:
             code="usage",
         )
     config = read_cell_file(text)
-    return Applicant(
-        checked_identifier(chunk(config.cell.name), "cell"), station_key(config.cell.data_dir).public
+    return CellApplicant(
+        checked_identifier(key_part(config.cell.name), "cell"), station_key(config.cell.data_dir).public_key
     )
 
 
-def enroll(folder: Path, applicants: list[Applicant], new: NewSite | None = None) -> list[Path]:
+def enroll_cells(folder: Path, applicants: list[CellApplicant], new: NewSite | None = None) -> list[Path]:
     """Add cells to the site in a folder, and begin the site where there is none; return the cells' folders.
 
     Raises
@@ -108,20 +108,20 @@ def enroll(folder: Path, applicants: list[Applicant], new: NewSite | None = None
             raise SiteError(
                 f"two cells would be called {name!r}.", remedy="Name them ID=PUBLIC_KEY.", code="usage"
             )
-    site = _read_site(folder) if begun else _begin(folder, new)
+    site = _read_site(folder) if begun else _begin_site(folder, new)
     authority = read_authority(folder)
-    stations = _read_known(folder, site)
+    stations = _read_enrolled(folder, site)
     for one in applicants:
-        _refuse_known(folder, stations, one)
+        _refuse_enrolled(folder, stations, one)
     made = [_write_cell(folder, site, authority, one) for one in applicants]
-    known = dict(stations.cells) | {
-        one.cell: Enrolled(public_key=one.public_key, enrolled_utc=wall_utc()) for one in applicants
+    enrolled = dict(stations.cells) | {
+        one.cell: EnrolledCell(public_key=one.public_key, enrolled_utc=wall_utc()) for one in applicants
     }
-    _write_lists(folder, site, StationsFile(site=site.site, cells=known))
+    _write_lists(folder, site, StationsFile(site=site.site, cells=enrolled))
     return made
 
 
-def _begin(folder: Path, new: NewSite | None) -> _SiteFile:
+def _begin_site(folder: Path, new: NewSite | None) -> _SiteFile:
     if new is None:
         raise SiteError(
             f"{folder} holds no site yet.",
@@ -134,10 +134,10 @@ def _begin(folder: Path, new: NewSite | None) -> _SiteFile:
     for part in (folder, folder / "router", folder / "monitor", folder / "cells"):
         part.mkdir(parents=True, exist_ok=True, mode=0o700)
     authority = new_authority(name, folder)
-    authority.issue(ROUTER_NAME, folder / "router", serves=host)
-    authority.issue(MONITOR_NAME, folder / "monitor")
+    authority.issue_certificate(ROUTER_NAME, folder / "router", serves=host)
+    authority.issue_certificate(MONITOR_NAME, folder / "monitor")
     for name_of_part in ("router", "monitor"):
-        write_new(folder / name_of_part / "ca.pem", authority.pem)
+        write_new(folder / name_of_part / "ca.pem", authority.certificate_pem)
     write_new(folder / "monitor" / MONITOR_FILE, _as_text(monitor_config(new.endpoint)))
     site = _SiteFile(site=name, endpoint=new.endpoint, listen=listen)
     _write_lists(folder, site, StationsFile(site=name, cells={}))
@@ -152,8 +152,8 @@ def _host_of(endpoint: str) -> str:
     return found[1].strip("[]")
 
 
-def _refuse_known(folder: Path, stations: StationsFile, one: Applicant) -> None:
-    keys = {known.public_key: cell for cell, known in stations.cells.items() if cell != one.cell}
+def _refuse_enrolled(folder: Path, stations: StationsFile, one: CellApplicant) -> None:
+    keys = {station.public_key: cell for cell, station in stations.cells.items() if cell != one.cell}
     if one.public_key in keys:
         raise SiteError(
             f"the key of {one.cell} is the one of {keys[one.public_key]}: they would be one cell to the site.",
@@ -168,14 +168,14 @@ def _refuse_known(folder: Path, stations: StationsFile, one: Applicant) -> None:
         )
 
 
-def _write_cell(folder: Path, site: _SiteFile, authority: Authority, one: Applicant) -> Path:
+def _write_cell(folder: Path, site: _SiteFile, authority: SiteAuthority, one: CellApplicant) -> Path:
     path = folder / "cells" / one.cell
     try:
         path.mkdir(mode=0o700)
     except FileExistsError as error:
         raise SiteError(f"{path} is there already.", remedy="Move it away first.", code="usage") from error
-    authority.issue(one.cell, path)
-    write_new(path / "ca.pem", authority.pem)
+    authority.issue_certificate(one.cell, path)
+    write_new(path / "ca.pem", authority.certificate_pem)
     write_new(path / CELL_FILE, _as_text(cell_config(site.site, one.cell, site.endpoint)))
     write_new(path / STATION_FILE, _as_text({"site": site.site, "cell": one.cell}))
     return path
@@ -194,7 +194,7 @@ def _read_site(folder: Path) -> _SiteFile:
         raise SiteError(f"{folder / SITE_FILE} cannot be used: {error}.", remedy="Restore it.") from error
 
 
-def _read_known(folder: Path, site: _SiteFile) -> StationsFile:
+def _read_enrolled(folder: Path, site: _SiteFile) -> StationsFile:
     path = folder / "monitor" / STATIONS_FILE
     try:
         found = StationsFile.model_validate_json(read_plain_bytes(path))

@@ -19,8 +19,14 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from cellcal.service.site.keys import SiteError, StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
-from cellcal.service.site.sealed import Flaw, Message, opened, public_key, wall_utc
-from cellcal.service.site.site_store import Reach
+from cellcal.service.site.signed_messages import (
+    MessageFlaw,
+    SignedMessage,
+    open_message,
+    public_key,
+    wall_utc,
+)
+from cellcal.service.site.site_store import EventReach
 from cellcal.service.site.state_shape import is_alarm, state_flaw
 from cellcal.service.times import read_time
 
@@ -32,18 +38,18 @@ OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 
 
 @dataclass(slots=True)
-class _Station:
+class _StationState:
     public: Ed25519PublicKey
     alive: bool = False
     samples: int = 0
     heard_s: float | None = None  # anything, unopened
     state_s: float | None = None  # when the state that was opened arrived
-    state: Message | None = None
+    state: SignedMessage | None = None
     clock_off_s: float = 0.0
     alarms: dict[str, dict[str, Any]] = field(default_factory=dict)
     waiting: dict[str, tuple[bytes, float]] = field(default_factory=dict)
-    values: dict[str, Message] = field(default_factory=dict)
-    reach: Reach = field(default_factory=Reach)
+    values: dict[str, SignedMessage] = field(default_factory=dict)
+    reach: EventReach = field(default_factory=EventReach)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,26 +67,28 @@ class CellView:
     drift: tuple[Mapping[str, Any], ...]
     certificate: Mapping[str, Any] | None
     due: tuple[Mapping[str, str], ...]
-    events: Reach
+    events: EventReach
     clock_off_s: float
 
     def as_json(self) -> dict[str, Any]:
         """Return it for other programs."""
-        told = {name: getattr(self, name) for name in self.__slots__ if name != "events"}
-        return told | {
+        document = {name: getattr(self, name) for name in self.__slots__ if name != "events"}
+        return document | {
             "alarms": list(self.alarms),
             "drift": list(self.drift),
             "due": list(self.due),
-            "events": {"have": self.events.upto, "known": self.events.known, "lost": self.events.lost},
+            "events": {"have": self.events.upto, "known": self.events.existing, "lost": self.events.lost},
         }
 
 
 class Fleet:
-    """Every enrolled cell. ``liveliness`` is called by zenoh's threads, the rest by the monitor's."""
+    """Every enrolled cell. ``note_liveliness`` is called by zenoh's threads, the rest by the monitor's."""
 
-    def __init__(self, known: StationsFile) -> None:
-        self.site = known.site
-        self._stations = {cell: _Station(public_key(who.public_key)) for cell, who in known.cells.items()}
+    def __init__(self, enrolled: StationsFile) -> None:
+        self.site = enrolled.site
+        self._stations = {
+            cell: _StationState(public_key(who.public_key)) for cell, who in enrolled.cells.items()
+        }
         self._turn = 0
         self._lock = threading.Lock()
         self.flaws: deque[dict[str, str]] = deque(maxlen=_FLAWS_KEPT)
@@ -88,7 +96,7 @@ class Fleet:
 
     # what comes in
 
-    def sample(self, key: str, raw: bytes, now_s: float) -> None:
+    def take_sample(self, key: str, raw: bytes, now_s: float) -> None:
         """Take the newest of a key; the one before, if nobody looked, is gone."""
         station = self._stations.get(cell_of(key))
         if station is None:
@@ -98,21 +106,21 @@ class Fleet:
         if key in station.waiting or len(station.waiting) < _MOST_KEYS:
             station.waiting[key] = (raw, now_s)
 
-    def liveliness(self, key: str, *, alive: bool) -> None:
+    def note_liveliness(self, key: str, *, alive: bool) -> None:
         """Note that a cell came or went; the same twice changes nothing."""
         station = self._stations.get(cell_of(key))
         if station is not None:
             station.alive = alive
 
-    def opened(self, key: str, raw: bytes) -> Message | None:
+    def open_message(self, key: str, raw: bytes) -> SignedMessage | None:
         """Open a message; one that is not believed is named, and dropped."""
         cell = cell_of(key)
         station = self._stations.get(cell)
         if station is None:
             self.name_flaw(cell, "is not enrolled")
             return None
-        found = opened(raw, key, cell, station.public)
-        if isinstance(found, Flaw):
+        found = open_message(raw, key, cell, station.public)
+        if isinstance(found, MessageFlaw):
             self.name_flaw(cell, f"{key}: {found.sentence}")
             return None
         return found
@@ -124,7 +132,7 @@ class Fleet:
             self.flaws.append({"wall": wall_utc(), "cell": cell, "what": sentence})
 
     @contextmanager
-    def blaming(self, cell: str) -> Iterator[None]:
+    def blame_cell(self, cell: str) -> Iterator[None]:
         """Name what one cell's words broke, at that cell: the other cells' are looked at all the same."""
         try:
             yield
@@ -138,7 +146,7 @@ class Fleet:
             _LOG.exception("what %s said broke the monitor's work on it", cell)
             self.name_flaw(cell, f"what it said broke the program: {type(error).__name__}: {error}")
 
-    def note_alarm(self, message: Message) -> None:
+    def note_alarm(self, message: SignedMessage) -> None:
         """Take an alarm's event."""
         body = message.body
         if not is_alarm(body):
@@ -150,46 +158,48 @@ class Fleet:
             alarms[body["id"]] = body
         station.alarms = alarms  # whole: a page may be reading the one before
 
-    def note_reach(self, cell: str, reach: Reach) -> None:
+    def note_reach(self, cell: str, reach: EventReach) -> None:
         """Take note of how far a cell's events are here."""
         self._stations[cell].reach = reach
 
     # looking
 
-    def look(self, most: int = OPENED_A_SECOND) -> list[Message]:
+    def open_newest_states(self, most: int = OPENED_A_SECOND) -> list[SignedMessage]:
         """Open the newest states that came since the last look, of so many cells; return them."""
         names = list(self._stations)
-        found: list[Message] = []
+        found: list[SignedMessage] = []
         for _ in range(len(names)):
             cell = names[self._turn % len(names)]
             self._turn += 1
             state = None
-            with self.blaming(cell):
-                state = self._look_at(cell)
+            with self.blame_cell(cell):
+                state = self._open_newest_state(cell)
             if state is not None:
                 found.append(state)
             if len(found) >= most:
                 break
         return found
 
-    def value(self, key: str) -> Message | None:
+    def newest_value(self, key: str) -> SignedMessage | None:
         """Return the newest believable message of a key: joints, a device's value or state."""
         station = self._stations.get(cell_of(key))
         if station is None:
             return None
         waiting = station.waiting.pop(key, None)
-        message = None if waiting is None else self.opened(key, waiting[0])
-        kept = station.values.get(key)
-        if message is not None and (kept is None or message.place > kept.place):
+        message = None if waiting is None else self.open_message(key, waiting[0])
+        stored = station.values.get(key)
+        if message is not None and (stored is None or message.order_key > stored.order_key):
             station.values[key] = message
         return station.values.get(key)
 
-    def views(self, now_s: float) -> list[CellView]:
+    def cell_views(self, now_s: float) -> list[CellView]:
         """Return every cell as it stands."""
         silent_s = SILENT_S + len(self._stations) / OPENED_A_SECOND  # the turn until a state is opened
-        return [_view(cell, station, now_s, silent_s) for cell, station in sorted(self._stations.items())]
+        return [
+            _cell_view(cell, station, now_s, silent_s) for cell, station in sorted(self._stations.items())
+        ]
 
-    def samples(self) -> dict[str, int]:
+    def sample_counts(self) -> dict[str, int]:
         """Return how many samples of each cell came in."""
         return {cell: station.samples for cell, station in self._stations.items()}
 
@@ -197,20 +207,20 @@ class Fleet:
         """Whether the router says that a cell is there."""
         return self._stations[cell].alive
 
-    def _look_at(self, cell: str) -> Message | None:
+    def _open_newest_state(self, cell: str) -> SignedMessage | None:
         station = self._stations[cell]
-        key = StationKeys(self.site, cell).state
+        key = StationKeys(self.site, cell).state_key
         waiting = station.waiting.pop(key, None)
         if waiting is None:
             return None
-        message = self.opened(key, waiting[0])
+        message = self.open_message(key, waiting[0])
         if message is None:
             return None
         flaw = state_flaw(message.body)
         if flaw:
             self.name_flaw(cell, flaw)
             return None
-        if station.state is not None and message.place <= station.state.place:
+        if station.state is not None and message.order_key <= station.state.order_key:
             return None  # older than what is known: a repetition
         station.state, station.state_s = message, waiting[1]
         station.clock_off_s = _seconds_from_now(message.wall)
@@ -218,12 +228,12 @@ class Fleet:
         return message
 
 
-def _view(cell: str, station: _Station, now_s: float, silent_s: float) -> CellView:
+def _cell_view(cell: str, station: _StationState, now_s: float, silent_s: float) -> CellView:
     body: Mapping[str, Any] = station.state.body if station.state is not None else {}
     return CellView(
         cell=cell,
         name=str(body.get("cell", cell)),
-        link=_link(station, now_s, silent_s),
+        link=_link_state(station, now_s, silent_s),
         age_s=None if station.heard_s is None else round(now_s - station.heard_s, 2),
         alarms=tuple(station.alarms.values()),
         run=body.get("run"),
@@ -237,7 +247,7 @@ def _view(cell: str, station: _Station, now_s: float, silent_s: float) -> CellVi
     )
 
 
-def _link(station: _Station, now_s: float, silent_s: float) -> str:
+def _link_state(station: _StationState, now_s: float, silent_s: float) -> str:
     if station.state_s is None:
         return "silent" if station.alive else "never"
     if not station.alive:

@@ -4,7 +4,7 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
-from cellcal.service.record.journal import Event
+from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
 
 _COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
@@ -19,10 +19,10 @@ class JournalTail:
         self._database: sqlite3.Connection | None = None
         self.trouble = ""
 
-    def after(self, seq: int, most: int = 500) -> list[Event]:
+    def events_after(self, seq: int, most: int = 500) -> list[JournalEvent]:
         """Return the next events behind one; none while the journal cannot be read, and ``trouble`` says why."""
         try:
-            database = self._opened()
+            database = self._open_database()
             if database is None:
                 return []
             sql = f"SELECT {_COLUMNS} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
@@ -32,7 +32,7 @@ class JournalTail:
             self.close()
             return []
         self.trouble = ""
-        return [Event(*row) for row in rows]
+        return [JournalEvent(*row) for row in rows]
 
     def close(self) -> None:
         """Let go of the file; the next look opens it again."""
@@ -40,13 +40,13 @@ class JournalTail:
             self._database.close()
             self._database = None
 
-    def _opened(self) -> sqlite3.Connection | None:
+    def _open_database(self) -> sqlite3.Connection | None:
         if self._database is None:
             self._database = journal_to_read(self._path)
         return self._database
 
 
-def told(event: Event) -> dict[str, Any]:
+def event_to_json(event: JournalEvent) -> dict[str, Any]:
     """Return an event for the site: all that its hash covers, so that the chain can be checked there too.
 
     A body that is too long for a message is left out and named; the run's certificate carries what counts of it.
@@ -73,7 +73,7 @@ def chain_flaw(body: dict[str, Any]) -> str:
     """Return what is wrong with an event as the site got it; nothing where its hash covers it."""
     if body.get("body") is None:
         return ""
-    event = Event(
+    event = JournalEvent(
         seq=body["journal_seq"],
         run_id=body["run_id"],
         idx=body["idx"],

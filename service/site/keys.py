@@ -43,7 +43,7 @@ def checked_identifier(text: str, what: str) -> str:
     return text
 
 
-def chunk(name: str, most: int = 32) -> str:
+def key_part(name: str, most: int = 32) -> str:
     """Return a name as one part of a key; two names that differ stay different."""
     plain = _NOT_IN_A_CHUNK.sub("-", name.lower()).strip("-")[:most].strip("-")
     if plain == name:
@@ -60,50 +60,50 @@ class StationKeys:
     cell: str
 
     @property
-    def base(self) -> str:
+    def base_key(self) -> str:
         """What every key of the cell begins with."""
         return f"{ROOT}/{self.site}/{self.cell}"
 
     @property
-    def alive(self) -> str:
+    def alive_key(self) -> str:
         """Liveliness token."""
-        return f"{self.base}/alive"
+        return f"{self.base_key}/alive"
 
     @property
-    def state(self) -> str:
+    def state_key(self) -> str:
         """How the cell stands: once a second and on change."""
-        return f"{self.base}/state"
+        return f"{self.base_key}/state"
 
     @property
-    def joints(self) -> str:
+    def joints_key(self) -> str:
         """Joints of the robot, ten times a second."""
-        return f"{self.base}/joints"
+        return f"{self.base_key}/joints"
 
     @property
-    def alarm(self) -> str:
+    def alarm_key(self) -> str:
         """Alarms, raised and cleared."""
-        return f"{self.base}/alarm"
+        return f"{self.base_key}/alarm"
 
-    def device(self, name: str, what: str) -> str:
+    def device_key(self, name: str, what: str) -> str:
         """Value or state of one device."""
-        return f"{self.base}/device/{chunk(name)}/{what}"
+        return f"{self.base_key}/device/{key_part(name)}/{what}"
 
     def session_event(self, run_id: str) -> str:
         """Journal events of one run."""
-        return f"{self.base}/session/{chunk(run_id, 64)}/event"
+        return f"{self.base_key}/session/{key_part(run_id, 64)}/event"
 
     @property
     def any_session_event(self) -> str:
         """Journal events of all runs."""
-        return f"{self.base}/session/*/event"
+        return f"{self.base_key}/session/*/event"
 
-    def answer(self, verb: str) -> str:
+    def answer_key(self, verb: str) -> str:
         """Return the key of a question that the cell answers; ``*`` for all of them."""
-        return f"{self.base}/rpc/{verb}"
+        return f"{self.base_key}/rpc/{verb}"
 
-    def certificate(self, run_id: str) -> str:
+    def certificate_key(self, run_id: str) -> str:
         """Return the key of a signed certificate, by the id of its run; ``*`` for any."""
-        return f"{self.base}/cert/{run_id}"
+        return f"{self.base_key}/cert/{run_id}"
 
 
 def everything_below(base: str) -> list[str]:

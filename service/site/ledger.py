@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.procedures.past import Kind
-from cellcal.service.record.journal import Event
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.record.journal import JournalEvent
 
 _RUNS_KEPT = 100
 _TREND_KEPT = 20
@@ -18,7 +18,7 @@ _WITH_A_RECORD = ("refused", "out_of_tolerance")  # their certificate is the rec
 
 
 @dataclass(slots=True)
-class _Run:
+class _RunSummary:
     run_id: str
     procedure: str
     robot_serial: str
@@ -34,58 +34,58 @@ class _Run:
 
 
 @dataclass(slots=True)
-class Ledger:
+class SiteLedger:
     """Grows with every event of the journal; ``head`` is the last one taken."""
 
     head: int = 0
     head_hash: str = ""
     certificate: dict[str, Any] | None = None
     drift: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=_TREND_KEPT))
-    _runs: dict[str, _Run] = field(default_factory=dict)
+    _runs: dict[str, _RunSummary] = field(default_factory=dict)
 
-    def take(self, event: Event) -> None:
+    def take_event(self, event: JournalEvent) -> None:
         """Take the next event."""
         self.head, self.head_hash = event.seq, event.hash.hex()
-        if event.kind == Kind.STARTED:
-            self._begin(event, parse_json(event.body))
+        if event.kind == EventKind.STARTED:
+            self._begin_run(event, parse_json(event.body))
             return
         run = self._runs.get(event.run_id)
         if run is None:
             return
-        if event.kind in (Kind.ENTERED, Kind.INTENT):
+        if event.kind in (EventKind.ENTERED, EventKind.INTENT):
             run.step = str(parse_json(event.body)["step"])
-        elif event.kind in (Kind.RESUMED, Kind.FORGOTTEN):
+        elif event.kind in (EventKind.RESUMED, EventKind.FORGOTTEN):
             run.state, run.word, run.ended_utc, run.reason = "interrupted", "", "", ""
-        elif event.kind == Kind.ENDED:
-            self._end(run, event, parse_json(event.body))
+        elif event.kind == EventKind.ENDED:
+            self._end_run(run, event, parse_json(event.body))
 
-    def run(self, run_id: str) -> _Run | None:
+    def find_run(self, run_id: str) -> _RunSummary | None:
         """Return one of the newest runs as it stands."""
         return self._runs.get(run_id)
 
-    def runs(self) -> list[dict[str, Any]]:
+    def list_runs(self) -> list[dict[str, Any]]:
         """Return the newest runs, newest first."""
         return [run.as_json() for run in reversed(list(self._runs.values()))]  # zenoh's threads ask, too
 
-    def _begin(self, event: Event, header: dict[str, Any]) -> None:
-        serial = _at(header, "cell", "devices", 0, "identity", "serial")
-        self._runs[event.run_id] = _Run(
+    def _begin_run(self, event: JournalEvent, header: dict[str, Any]) -> None:
+        serial = _value_at(header, "cell", "devices", 0, "identity", "serial")
+        self._runs[event.run_id] = _RunSummary(
             event.run_id, str(header["procedure"]), str(serial or ""), event.wall_utc
         )
         while len(self._runs) > _RUNS_KEPT:
             self._runs.pop(next(iter(self._runs)))
 
-    def _end(self, run: _Run, event: Event, body: dict[str, Any]) -> None:
+    def _end_run(self, run: _RunSummary, event: JournalEvent, body: dict[str, Any]) -> None:
         run.state, run.reason = str(body.get("verdict", "")), str(body.get("reason", ""))
         run.ended_utc = event.wall_utc
-        run.word = str(_at(body, "judgement", "word") or "")
+        run.word = str(_value_at(body, "judgement", "word") or "")
         if run.state == _ENDED_WELL:
-            self._certified(run, run.word or "undecided")
-            self._drifted(run, body)
+            self._note_certificate(run, run.word or "undecided")
+            self._note_drift(run, body)
         elif run.state in _WITH_A_RECORD:
-            self._certified(run, "refused")
+            self._note_certificate(run, "refused")
 
-    def _certified(self, run: _Run, word: str) -> None:
+    def _note_certificate(self, run: _RunSummary, word: str) -> None:
         self.certificate = {
             "run_id": run.run_id,
             "procedure": run.procedure,
@@ -94,8 +94,8 @@ class Ledger:
             "ended_utc": run.ended_utc,
         }
 
-    def _drifted(self, run: _Run, body: dict[str, Any]) -> None:
-        change_m = _at(body, "result", "look", "finding", "change_rms_m")
+    def _note_drift(self, run: _RunSummary, body: dict[str, Any]) -> None:
+        change_m = _value_at(body, "result", "look", "finding", "change_rms_m")
         if isinstance(change_m, int | float):
             self.drift.append(
                 {
@@ -103,13 +103,13 @@ class Ledger:
                     "robot_serial": run.robot_serial,
                     "ended_utc": run.ended_utc,
                     "change_rms_m": change_m,
-                    "change_max_m": _at(body, "result", "look", "finding", "change_max_m"),
+                    "change_max_m": _value_at(body, "result", "look", "finding", "change_max_m"),
                     "word": run.word,
                 }
             )
 
 
-def _at(value: Any, *path: str | int) -> Any:
+def _value_at(value: Any, *path: str | int) -> Any:
     """Return what stands at a path of a JSON value, or None."""
     for part in path:
         try:

@@ -29,32 +29,32 @@ _TLS_FILES = (
 )
 
 
-class _Table(BaseModel):
+class _LinkTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class StationFile(_Table):
+class StationFile(_LinkTable):
     """Who a cell is on the bus."""
 
     site: str
     cell: str
 
 
-class Enrolled(_Table):
+class EnrolledCell(_LinkTable):
     """A cell as the site knows it. ``public_key`` is the one that signs its certificates and messages."""
 
     public_key: str
     enrolled_utc: str
 
 
-class StationsFile(_Table):
+class StationsFile(_LinkTable):
     """Every cell that a monitor believes."""
 
     site: str
-    cells: dict[str, Enrolled]
+    cells: dict[str, EnrolledCell]
 
 
-_Known = TypeVar("_Known", bound=_Table)
+_Known = TypeVar("_Known", bound=_LinkTable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class LinkFolder:
     config: dict[str, Any]
 
     @property
-    def certificate(self) -> Path:
+    def own_certificate(self) -> Path:
         """Return this part's own certificate."""
         return Path(self.config["transport"]["link"]["tls"]["connect_certificate"])
 
@@ -77,7 +77,7 @@ class LinkFolder:
         return config
 
 
-def close(session: zenoh.Session) -> None:
+def close_session(session: zenoh.Session) -> None:
     """Close a session; without that a process whose callbacks are Python's never ends."""
     with contextlib.suppress(zenoh.ZError):
         session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs
@@ -121,15 +121,15 @@ def read_link_folder(folder: Path, name: str) -> LinkFolder:
 
 def read_station(folder: Path) -> StationFile:
     """Return who the cell of a folder is."""
-    return _read(folder / STATION_FILE, StationFile)
+    return _read_table(folder / STATION_FILE, StationFile)
 
 
 def read_stations(folder: Path) -> StationsFile:
     """Return whom the monitor of a folder believes."""
-    return _read(folder / STATIONS_FILE, StationsFile)
+    return _read_table(folder / STATIONS_FILE, StationsFile)
 
 
-def _read(path: Path, what: type[_Known]) -> _Known:
+def _read_table(path: Path, what: type[_Known]) -> _Known:
     try:
         return what.model_validate_json(read_plain_bytes(path))
     except (OSError, ValidationError) as error:

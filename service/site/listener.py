@@ -16,14 +16,14 @@ from zenoh.handlers import FifoChannel
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.drivers.supervision import guarded, start_thread
-from cellcal.service.record.signing import Checked, check
+from cellcal.drivers.supervision import log_failures, start_thread
+from cellcal.service.record.signing import CheckedDocument, check_document
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
 from cellcal.service.site.journal_tail import chain_flaw
 from cellcal.service.site.keys import SiteError, StationKeys, cell_of, checked_identifier
-from cellcal.service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
-from cellcal.service.site.sealed import Message
-from cellcal.service.site.site_store import Received, SiteStore
+from cellcal.service.site.link_files import MONITOR_FILE, close_session, read_link_folder, read_stations
+from cellcal.service.site.signed_messages import SignedMessage
+from cellcal.service.site.site_store import ReceivedEvent, SiteStore
 
 _BATCH_S = 0.1
 _MOST_WAITING = 100_000
@@ -34,7 +34,7 @@ _PAGE = 500
 _RETRY_S = 1.0
 
 
-class Listener:
+class FleetListener:
     """Listens for as long as it is open.
 
     Raises
@@ -44,12 +44,12 @@ class Listener:
     """
 
     def __init__(self, folder: Path, store: Path, *, patience_s: float = 5.0) -> None:
-        link, known = read_link_folder(folder, MONITOR_FILE), read_stations(folder)
-        self.fleet = Fleet(known)
-        self._cells = sorted(known.cells)
-        self._keys_of = {cell: StationKeys(known.site, cell) for cell in self._cells}
-        self._public = {cell: who.public_key for cell, who in known.cells.items()}
-        self._all = StationKeys(known.site, "*")
+        link, stations = read_link_folder(folder, MONITOR_FILE), read_stations(folder)
+        self.fleet = Fleet(stations)
+        self._cells = sorted(stations.cells)
+        self._keys_of = {cell: StationKeys(stations.site, cell) for cell in self._cells}
+        self._public = {cell: who.public_key for cell, who in stations.cells.items()}
+        self._all = StationKeys(stations.site, "*")
         self._leave = threading.Event()
         self._missing: dict[str, tuple[str, float]] = {}  # since when, and of which outbox
         self._ask_after_s: dict[str, float] = {}
@@ -58,18 +58,18 @@ class Listener:
         opened: list[zenoh.Session] = []
         try:
             where = link.config["connect"]["endpoints"]
-            opened.append(_connected(link.zenoh_config(), patience_s, where))
-            opened.append(_connected(link.zenoh_config(), patience_s, where))
+            opened.append(_open_session(link.zenoh_config(), patience_s, where))
+            opened.append(_open_session(link.zenoh_config(), patience_s, where))
             self._session, self._stream = opened
         except BaseException:
             for session in opened:
-                close(session)
+                close_session(session)
             self._store.close()
             raise
-        self._subscribe()
+        self._subscribe_keys()
         self._threads = [
-            start_thread("monitor: hearing", partial(self._shown, self._keep_hearing), self._leave),
-            start_thread("monitor: asking", partial(self._shown, self._keep_asking), self._leave),
+            start_thread("monitor: hearing", partial(self._name_failure, self._process_samples), self._leave),
+            start_thread("monitor: asking", partial(self._name_failure, self._process_requests), self._leave),
         ]
 
     def __enter__(self) -> Self:
@@ -82,50 +82,50 @@ class Listener:
         """Leave the bus, store what has come, and let go of the file."""
         self._leave.set()
         self._threads[0].join(_ASK_S)
-        close(self._stream)
-        close(self._session)
+        close_session(self._stream)
+        close_session(self._session)
         self._threads[1].join(_ASK_S)
         with self._store_lock:
             self._store.close()
 
     @property
-    def linked(self) -> bool:
+    def is_linked(self) -> bool:
         """Whether the router is connected."""
         return bool(self._session.info.routers_zid())
 
-    def numbers(self, cell: str) -> list[int]:
+    def event_numbers(self, cell: str) -> list[int]:
         """Return the numbers of a cell's events that are stored."""
         with self._store_lock:
-            return self._store.numbers(cell)
+            return self._store.event_numbers(cell)
 
-    def events(self, cell: str, most: int = 100) -> list[dict[str, Any]]:
+    def stored_events(self, cell: str, most: int = 100) -> list[dict[str, Any]]:
         """Return a cell's newest events that are stored, newest first."""
         with self._store_lock:
-            return [parse_json(raw) for raw in self._store.events(cell, most)]
+            return [parse_json(raw) for raw in self._store.newest_events(cell, most)]
 
-    def ask(self, cell: str, verb: str, **asked: str | int) -> list[Message]:
+    def ask_cell(self, cell: str, verb: str, **arguments: str | int) -> list[SignedMessage]:
         """Ask a cell one of its reading verbs; answers whose signature is not the cell's are named and left out."""
-        key = self._keys(cell).answer(verb)
-        replies = self._get(key, ";".join(f"{name}={value}" for name, value in asked.items()))
-        opened = [self.fleet.opened(key, raw) for raw in replies]
+        key = self._station_keys(cell).answer_key(verb)
+        replies = self._get_replies(key, ";".join(f"{name}={value}" for name, value in arguments.items()))
+        opened = [self.fleet.open_message(key, raw) for raw in replies]
         return [message for message in opened if message is not None]
 
-    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]:
+    def fetch_certificate(self, cell: str, run_id: str) -> tuple[bytes, CheckedDocument]:
         """Fetch a certificate from its cell, with what a check of it against the cell's key ends with."""
-        keys = self._keys(cell)
+        keys = self._station_keys(cell)
         checked_run = "".join(letter for letter in run_id if letter.isalnum() or letter in "_-")
-        replies = self._get(keys.certificate(checked_run), "")
+        replies = self._get_replies(keys.certificate_key(checked_run), "")
         if not replies:
             raise SiteError(f"{cell} does not answer.", remedy="See whether it is online.", code="device")
-        return replies[0], check(replies[0], expected_key=self._public[cell])
+        return replies[0], check_document(replies[0], expected_key=self._public[cell])
 
-    def _keys(self, cell: str) -> StationKeys:
+    def _station_keys(self, cell: str) -> StationKeys:
         if cell not in self._keys_of:
             checked_identifier(cell, "cell")
             raise SiteError(f"there is no cell {cell!r} on this site.", remedy="See `cellcal monitor`.")
         return self._keys_of[cell]
 
-    def _get(self, key: str, parameters: str) -> list[bytes]:
+    def _get_replies(self, key: str, parameters: str) -> list[bytes]:
         selector = f"{key}?{parameters}" if parameters else key
         replies = self._session.get(
             selector, consolidation=zenoh.ConsolidationMode.NONE, timeout=_ASK_S
@@ -135,7 +135,7 @@ class Listener:
             if reply.ok is not None:
                 found.append(reply.ok.payload.to_bytes())
             elif reply.err is not None:
-                words = _words_of(reply.err.payload.to_bytes())
+                words = _error_text(reply.err.payload.to_bytes())
                 raise SiteError(f"{key}: {words}", remedy="See whether the cell is online.", code="device")
         return found
 
@@ -143,7 +143,7 @@ class Listener:
     # for the interpreter's lock each time, and what a link cannot hand over it drops. What comes ten times a second
     # has a session of its own: in one that follows liveliness, each sample costs ten times as much with 300 cells
 
-    def _subscribe(self) -> None:
+    def _subscribe_keys(self) -> None:
         history = HistoryConfig(detect_late_publishers=True, max_samples=1000)
         newest = HistoryConfig(detect_late_publishers=True, max_samples=1)
         recovery = RecoveryConfig(periodic_queries=None, heartbeat=True)
@@ -152,28 +152,31 @@ class Listener:
             declare_advanced_subscriber(
                 self._session, key, FifoChannel(_MOST_WAITING), history=history, recovery=recovery
             )
-            for key in (everyone.any_session_event, everyone.alarm)
+            for key in (everyone.any_session_event, everyone.alarm_key)
         ]
         self._latest = [
             declare_advanced_subscriber(
-                self._session, f"{everyone.base}/device/*/state", FifoChannel(_MOST_WAITING), history=newest
+                self._session,
+                f"{everyone.base_key}/device/*/state",
+                FifoChannel(_MOST_WAITING),
+                history=newest,
             )
         ]
         self._values = [
             self._stream.declare_subscriber(key, FifoChannel(_MOST_WAITING))
-            for key in (everyone.state, everyone.joints, f"{everyone.base}/device/*/value")
+            for key in (everyone.state_key, everyone.joints_key, f"{everyone.base_key}/device/*/value")
         ]
         self._alive = self._session.liveliness().declare_subscriber(
-            everyone.alive, self._hear_liveliness, history=True
+            everyone.alive_key, self._on_liveliness, history=True
         )
 
-    def _hear_liveliness(self, sample: zenoh.Sample) -> None:
-        with guarded("monitor: who is there"):
-            self.fleet.liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        with log_failures("monitor: who is there"):
+            self.fleet.note_liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
 
     # our own threads
 
-    def _shown(self, work: Callable[[], None]) -> None:
+    def _name_failure(self, work: Callable[[], None]) -> None:
         try:
             work()
         except Exception as error:  # the page says so; whoever supervises names it and begins anew
@@ -181,15 +184,15 @@ class Listener:
                 self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
             raise
 
-    def _keep_hearing(self) -> None:
+    def _process_samples(self) -> None:
         """Take what came in, store events, and open a share of the newest states, again and again."""
         while True:
             leaving = self._leave.wait(_BATCH_S)
             self._take_samples()
             self._store_all(self._take_events())
-            for state in self.fleet.look(max(1, int(OPENED_A_SECOND * _BATCH_S))):
-                with self.fleet.blaming(state.station):
-                    self._compare(state)
+            for state in self.fleet.open_newest_states(max(1, int(OPENED_A_SECOND * _BATCH_S))):
+                with self.fleet.blame_cell(state.station):
+                    self._compare_state(state)
             if leaving:
                 return
 
@@ -202,8 +205,8 @@ class Listener:
                 if sample is None:
                     break
                 key = str(sample.key_expr)
-                with self.fleet.blaming(cell_of(key)):
-                    self.fleet.sample(key, sample.payload.to_bytes(), now_s)
+                with self.fleet.blame_cell(cell_of(key)):
+                    self.fleet.take_sample(key, sample.payload.to_bytes(), now_s)
 
     def _take_events(self) -> list[tuple[str, bytes]]:
         batch: list[tuple[str, bytes]] = []
@@ -215,22 +218,22 @@ class Listener:
     def _store_all(self, batch: list[tuple[str, bytes]]) -> None:
         received = []
         for key, raw in batch:
-            with self.fleet.blaming(cell_of(key)):
-                message = self.fleet.opened(key, raw)
-                if message is None or not self._whole(message):
+            with self.fleet.blame_cell(cell_of(key)):
+                message = self.fleet.open_message(key, raw)
+                if message is None or not self._has_intact_chain(message):
                     continue
-                received.append(Received(message, raw))
-                if key == self._keys_of[message.station].alarm:
+                received.append(ReceivedEvent(message, raw))
+                if key == self._keys_of[message.station].alarm_key:
                     self.fleet.note_alarm(message)
         if not received:
             return
         with self._store_lock:
-            for sentence in self._store.add(received):
+            for sentence in self._store.add_events(received):
                 self.fleet.name_flaw(received[0].message.station, sentence)
             for cell, epoch in {(each.message.station, each.message.epoch) for each in received}:
-                self.fleet.note_reach(cell, self._store.reach(cell, epoch))
+                self.fleet.note_reach(cell, self._store.event_reach(cell, epoch))
 
-    def _whole(self, message: Message) -> bool:
+    def _has_intact_chain(self, message: SignedMessage) -> bool:
         body = message.body
         try:
             flaw = chain_flaw(body) if isinstance(body, dict) and "journal_seq" in body else ""
@@ -240,61 +243,65 @@ class Listener:
             self.fleet.name_flaw(message.station, flaw)
         return not flaw
 
-    def _compare(self, state: Message) -> None:
+    def _compare_state(self, state: SignedMessage) -> None:
         """Compare what a cell says it has with what is here."""
         has = state.body.get("outbox") or {}
         first, last = has.get("first"), has.get("last")
         if not (_is_number(first) and _is_number(last)):
             return  # another version of ours
         with self._store_lock:
-            reach = self._store.know(state.station, state.epoch, first, last)
+            reach = self._store.update_reach(state.station, state.epoch, first, last)
         self.fleet.note_reach(state.station, reach)
-        if not reach.missing:
+        if not reach.missing_count:
             self._missing.pop(state.station, None)
         elif state.station not in self._missing:
             self._missing[state.station] = (state.epoch, time.monotonic())
 
-    def _keep_asking(self) -> None:
+    def _process_requests(self) -> None:
         while not self._leave.wait(_BATCH_S):
             for cell, (epoch, since_s) in list(self._missing.items()):
                 now_s = time.monotonic()
                 due = max(since_s + _SETTLE_S, self._ask_after_s.get(cell, 0.0))
                 if now_s >= due and self.fleet.is_alive(cell) and not self._leave.is_set():
-                    with self.fleet.blaming(cell):
-                        self._recover(cell, epoch)
+                    with self.fleet.blame_cell(cell):
+                        self._fetch_missing(cell, epoch)
 
-    def _recover(self, cell: str, epoch: str) -> None:
+    def _fetch_missing(self, cell: str, epoch: str) -> None:
         """Fetch what is missing of a cell, page by page."""
         self._ask_after_s[cell] = time.monotonic() + _AGAIN_S
         while not self._leave.is_set():
             with self._store_lock:
-                reach = self._store.reach(cell, epoch)
-            if not reach.missing:
+                reach = self._store.event_reach(cell, epoch)
+            if not reach.missing_count:
                 self._missing.pop(cell, None)
                 return
-            found = self._page(cell, reach.upto + 1)
+            found = self._fetch_page(cell, reach.upto + 1)
             if not found:
                 return
             with self._store_lock:
-                flaws = self._store.add(found)
-                after = self._store.reach(cell, epoch)
+                flaws = self._store.add_events(found)
+                after = self._store.event_reach(cell, epoch)
             for sentence in flaws:
                 self.fleet.name_flaw(cell, sentence)
             self.fleet.note_reach(cell, after)
             if after.upto <= reach.upto:
                 return
 
-    def _page(self, cell: str, first: int) -> list[Received]:
+    def _fetch_page(self, cell: str, first: int) -> list[ReceivedEvent]:
         found = []
-        for raw in self._get(self._keys_of[cell].answer("outbox"), f"from={first};most={_PAGE}"):
+        for raw in self._get_replies(self._keys_of[cell].answer_key("outbox"), f"from={first};most={_PAGE}"):
             key = _key_of(raw)
-            message = self.fleet.opened(key, raw) if key.startswith(self._keys_of[cell].base + "/") else None
-            if message is not None and self._whole(message):
-                found.append(Received(message, raw))
+            message = (
+                self.fleet.open_message(key, raw)
+                if key.startswith(self._keys_of[cell].base_key + "/")
+                else None
+            )
+            if message is not None and self._has_intact_chain(message):
+                found.append(ReceivedEvent(message, raw))
         return found
 
 
-def _connected(config: zenoh.Config, patience_s: float, endpoints: list[str]) -> zenoh.Session:
+def _open_session(config: zenoh.Config, patience_s: float, endpoints: list[str]) -> zenoh.Session:
     """Open the session; a client cannot be opened while no router answers."""
     until_s = time.monotonic() + patience_s
     while True:
@@ -317,13 +324,13 @@ def _is_number(value: object) -> TypeGuard[int]:
 
 def _key_of(raw: bytes) -> str:
     try:
-        told = parse_json(raw)
+        message = parse_json(raw)
     except DocumentError:
         return ""
-    return str(told.get("key", "")) if isinstance(told, dict) else ""
+    return str(message.get("key", "")) if isinstance(message, dict) else ""
 
 
-def _words_of(raw: bytes) -> str:
+def _error_text(raw: bytes) -> str:
     try:
         return str(parse_json(raw)["message"])
     except (DocumentError, KeyError, TypeError):

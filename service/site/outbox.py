@@ -36,7 +36,7 @@ _PRAGMAS = (
 
 
 @dataclass(frozen=True, slots=True)
-class ToSend:
+class UnsentEvent:
     """An event without its number yet. ``journal_seq`` keeps one of the journal from being sent under two."""
 
     key: str
@@ -45,7 +45,7 @@ class ToSend:
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class SentEvent:
     """A numbered, signed event."""
 
     seq: int
@@ -53,20 +53,20 @@ class Sent:
     message: bytes
 
 
-class Outbox:
+class SiteOutbox:
     """One cell's outbox. Only one process may hold it: two would give the same numbers to different events."""
 
     def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
         make_private_folder(data_dir)
         self.path = data_dir / OUTBOX_NAME
         self._kept_rows = kept_rows
-        self._lock = _locked(self.path)
+        self._lock = _lock_file(self.path)
         try:
             create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
             for sql in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(sql).fetchall()
-            self.epoch, self._starts = self._begin()
+            self.epoch, self._starts = self._begin_epoch()
         except sqlite3.Error as error:
             os.close(self._lock)
             raise SiteError(
@@ -87,7 +87,7 @@ class Outbox:
         self._database.close()
         os.close(self._lock)
 
-    def add(self, events: Sequence[ToSend]) -> list[Sent]:
+    def add_events(self, events: Sequence[UnsentEvent]) -> list[SentEvent]:
         """Keep events, numbered and signed, all or none; one of the journal that is here already is left out.
 
         Raises
@@ -96,22 +96,22 @@ class Outbox:
             The disk is full or failing.
         """
         try:
-            return self._add(events)
+            return self._insert_events(events)
         except sqlite3.Error as error:
             raise SiteError(
                 f"the outbox {self.path} cannot be written: {error}.", remedy="Free the disk.", code="store"
             ) from error
 
-    def _add(self, events: Sequence[ToSend]) -> list[Sent]:
-        sent: list[Sent] = []
+    def _insert_events(self, events: Sequence[UnsentEvent]) -> list[SentEvent]:
+        sent: list[SentEvent] = []
         self._database.execute("BEGIN IMMEDIATE")
         try:
-            last = self.bounds()[1]
+            last = self.number_bounds()[1]
             for event in events:
-                if event.journal_seq is not None and self._knows(event.journal_seq):
+                if event.journal_seq is not None and self._has_journal_seq(event.journal_seq):
                     continue
                 last += 1
-                sent.append(Sent(last, event.key, event.seal(last)))
+                sent.append(SentEvent(last, event.key, event.seal(last)))
                 row = (last, event.key, event.journal_seq, sent[-1].message)
                 self._database.execute("INSERT INTO outbox VALUES(?, ?, ?, ?)", row)
             self._database.execute("DELETE FROM outbox WHERE seq <= ?", (last - self._kept_rows,))
@@ -121,12 +121,12 @@ class Outbox:
             raise
         return sent
 
-    def bounds(self) -> tuple[int, int]:
+    def number_bounds(self) -> tuple[int, int]:
         """Return the first and last number that are kept; (1, 0) while it is empty."""
         first, last = self._database.execute("SELECT min(seq), max(seq) FROM outbox").fetchone()
         return (1, 0) if last is None else (first, last)
 
-    def journalled(self) -> int:
+    def last_journal_seq(self) -> int:
         """Return the last event of the journal that is here."""
         found = self._database.execute("SELECT max(journal_seq) FROM outbox").fetchone()[0]
         return int(found or 0)
@@ -135,11 +135,11 @@ class Outbox:
         """Return a number for a message that is not kept: higher than any before, also of an earlier start."""
         return next(self._live)  # from any thread
 
-    def _knows(self, journal_seq: int) -> bool:
+    def _has_journal_seq(self, journal_seq: int) -> bool:
         sql = "SELECT 1 FROM outbox WHERE journal_seq = ?"
         return self._database.execute(sql, (journal_seq,)).fetchone() is not None
 
-    def _begin(self) -> tuple[str, int]:
+    def _begin_epoch(self) -> tuple[str, int]:
         row = self._database.execute("SELECT epoch, starts FROM counter").fetchone()
         if row is None:
             epoch = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
@@ -149,17 +149,17 @@ class Outbox:
         return str(row[0]), int(row[1]) + 1
 
 
-def rows_between(path: Path, first: int, most: int) -> list[Sent]:
+def rows_between(path: Path, first: int, most: int) -> list[SentEvent]:
     """Return kept events from a number on; read only, from any thread."""
     database = read_only(path)
     try:
         sql = "SELECT seq, key, message FROM outbox WHERE seq >= ? ORDER BY seq LIMIT ?"
-        return [Sent(*row) for row in database.execute(sql, (first, most)).fetchall()]
+        return [SentEvent(*row) for row in database.execute(sql, (first, most)).fetchall()]
     finally:
         database.close()
 
 
-def _locked(path: Path) -> int:
+def _lock_file(path: Path) -> int:
     descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

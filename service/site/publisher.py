@@ -20,22 +20,22 @@ from typing import Any, BinaryIO
 import zenoh
 
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.record.journal import Event
+from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_files import journal_path
 from cellcal.service.record.signing import station_key
-from cellcal.service.site.alarms import Alarm
-from cellcal.service.site.answers import Answers
-from cellcal.service.site.desk_tap import DeskTap
-from cellcal.service.site.journal_tail import JournalTail, told
+from cellcal.service.site.alarms import CellAlarm
+from cellcal.service.site.answers import CellAnswers
+from cellcal.service.site.cell_alarms import CellAlarmWatch
+from cellcal.service.site.cell_state import DueDates, state_of
+from cellcal.service.site.controller_tap import ControllerTap
+from cellcal.service.site.journal_tail import JournalTail, event_to_json
 from cellcal.service.site.keys import SiteError, StationKeys
-from cellcal.service.site.ledger import Ledger
+from cellcal.service.site.ledger import SiteLedger
 from cellcal.service.site.link_files import CELL_FILE, read_link_folder, read_station
-from cellcal.service.site.outbox import Outbox, Sent, ToSend
-from cellcal.service.site.sealed import Sealer
-from cellcal.service.site.standing import DueDates, state_of
+from cellcal.service.site.outbox import SentEvent, SiteOutbox, UnsentEvent
+from cellcal.service.site.signed_messages import MessageSigner
 from cellcal.service.site.station import Station
-from cellcal.service.site.troubles import Troubles
-from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
@@ -46,24 +46,26 @@ CERTIFICATES = "certificates"  # as certificates/certificate.py keeps them; to i
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class PublisherParts:
     """What the publisher works with."""
 
     config: CellConfig
     keys: StationKeys
-    sealer: Sealer
-    outbox: Outbox
-    tap: DeskTap
+    sealer: MessageSigner
+    outbox: SiteOutbox
+    tap: ControllerTap
     due: DueDates
 
 
-class Publisher:
+class SitePublisher:
     """One turn of the loop at a time; `publish` below runs it."""
 
-    def __init__(self, parts: Parts, ledger: Ledger, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, parts: PublisherParts, ledger: SiteLedger, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._parts, self._ledger, self._clock = parts, ledger, clock
         self._tail = JournalTail(journal_path(parts.config))
-        self._troubles = Troubles(parts.config, parts.tap, parts.due)
+        self._troubles = CellAlarmWatch(parts.config, parts.tap, parts.due)
         self._state_at_s = self._journal_at_s = float("-inf")
         self._shown: Any = None
         self._live_seen: Any = None
@@ -71,79 +73,87 @@ class Publisher:
 
     def catch_up(self) -> None:
         """Read the whole journal, and put into the outbox what is not there: the site will ask for it."""
-        outbox, known = self._parts.outbox, self._parts.outbox.journalled()
-        while events := self._tail.after(self._ledger.head):
+        outbox, last_seq = self._parts.outbox, self._parts.outbox.last_journal_seq()
+        while events := self._tail.events_after(self._ledger.head):
             for event in events:
-                self._ledger.take(event)
-            outbox.add([self._of_journal(event) for event in events if event.seq > known])
+                self._ledger.take_event(event)
+            outbox.add_events([self._of_journal(event) for event in events if event.seq > last_seq])
 
-    def turn(self, station: Station) -> None:
+    def publish_news(self, station: Station) -> None:
         """Tell what is new."""
         now_s = self._clock()
         for sent in [*self._new_events(now_s), *self._new_alarms(now_s)]:
-            station.tell_event(sent)
-        self._tell_live(station, now_s)
-        self._tell_state(station, now_s)
+            station.publish_event(sent)
+        self._publish_live(station, now_s)
+        self._publish_state(station, now_s)
 
     def close(self) -> None:
         """Let go of the journal."""
         self._tail.close()
 
-    def _new_events(self, now_s: float) -> list[Sent]:
+    def _new_events(self, now_s: float) -> list[SentEvent]:
         if now_s - self._journal_at_s < JOURNAL_EVERY_S:
             return []
         self._journal_at_s = now_s
-        events = self._tail.after(self._ledger.head)
+        events = self._tail.events_after(self._ledger.head)
         for event in events:
-            self._ledger.take(event)
-        return self._parts.outbox.add([self._of_journal(event) for event in events]) if events else []
+            self._ledger.take_event(event)
+        return self._parts.outbox.add_events([self._of_journal(event) for event in events]) if events else []
 
-    def _of_journal(self, event: Event) -> ToSend:
+    def _of_journal(self, event: JournalEvent) -> UnsentEvent:
         key = self._parts.keys.session_event(event.run_id)
-        return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, told(event)), event.seq)
+        return UnsentEvent(
+            key, lambda seq: self._parts.sealer.sign_message(key, seq, event_to_json(event)), event.seq
+        )
 
-    def _new_alarms(self, now_s: float) -> list[Sent]:
-        changes = self._troubles.look(now_s, self._tail.trouble)
-        return self._parts.outbox.add([self._of_alarm(*change) for change in changes]) if changes else []
+    def _new_alarms(self, now_s: float) -> list[SentEvent]:
+        changes = self._troubles.update_alarms(now_s, self._tail.trouble)
+        return (
+            self._parts.outbox.add_events([self._of_alarm(*change) for change in changes]) if changes else []
+        )
 
-    def _of_alarm(self, alarm: Alarm, raised: bool) -> ToSend:
-        key, body = self._parts.keys.alarm, alarm.as_json() | {"active": raised}
-        return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, body))
+    def _of_alarm(self, alarm: CellAlarm, raised: bool) -> UnsentEvent:
+        key, body = self._parts.keys.alarm_key, alarm.as_json() | {"active": raised}
+        return UnsentEvent(key, lambda seq: self._parts.sealer.sign_message(key, seq, body))
 
-    def _tell_live(self, station: Station, now_s: float) -> None:
-        live = self._parts.tap.live()
+    def _publish_live(self, station: Station, now_s: float) -> None:
+        live = self._parts.tap.latest_live()
         if live is None or live is self._live_seen:
             return
         self._live_seen = live
         for device in live["devices"]:
-            self._tell_device(station, device, now_s)
+            self._publish_device(station, device, now_s)
 
-    def _tell_device(self, station: Station, device: dict[str, Any], now_s: float) -> None:
+    def _publish_device(self, station: Station, device: dict[str, Any], now_s: float) -> None:
         keys, value = self._parts.keys, device["value"]
         facts = {key: device[key] for key in ("name", "role", "age_s")}
         if value is not None and device["role"] == "robot":
-            station.tell_value(keys.joints, facts | value)
+            station.publish_value(keys.joints_key, facts | value)
         elif value is not None and device["live"]:  # a reading of a tracker is told by the run that took it
-            station.tell_value(keys.device(device["name"], "value"), facts | value)
+            station.publish_value(keys.device_key(device["name"], "value"), facts | value)
         state = {key: device[key] for key in ("name", "role", "state", "message", "remedy")}
         told_at_s, before = self._devices.get(device["name"], (float("-inf"), None))
         if state != before or now_s - told_at_s > DEVICE_STATE_EVERY_S:
             self._devices[device["name"]] = (now_s, state)
-            station.tell_latest(keys.device(device["name"], "state"), state)
+            station.publish_latest(keys.device_key(device["name"], "state"), state)
 
-    def _tell_state(self, station: Station, now_s: float) -> None:
+    def _publish_state(self, station: Station, now_s: float) -> None:
         parts = self._parts
         body = state_of(
-            parts.config, parts.tap.session(), self._ledger, self._troubles.up, parts.due.at(now_s)
+            parts.config,
+            parts.tap.latest_session(),
+            self._ledger,
+            self._troubles.active_alarms,
+            parts.due.due_items(now_s),
         )
         if body == self._shown and now_s - self._state_at_s < STATE_EVERY_S:
             return
         self._shown, self._state_at_s = body, now_s
-        first, last = parts.outbox.bounds()
-        station.tell_state(body | {"outbox": {"first": first, "last": last}})
+        first, last = parts.outbox.number_bounds()
+        station.publish_state(body | {"outbox": {"first": first, "last": last}})
 
 
-def publish(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
+def run_publisher(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
     """Tell the site of a cell until ``leave`` is set, or the stream of the desk's words ends.
 
     Raises
@@ -154,18 +164,18 @@ def publish(config: CellConfig, stream: BinaryIO | None, leave: threading.Event)
     folder = site_folder(config)
     link, who = read_link_folder(folder, CELL_FILE), read_station(folder)
     keys = StationKeys(who.site, who.cell)
-    with Outbox(config.cell.data_dir) as outbox:
-        sealer = Sealer(station_key(config.cell.data_dir), who.cell, outbox.epoch)
-        tap = DeskTap(stream)
-        parts = Parts(config, keys, sealer, outbox, tap, DueDates(config, link.certificate))
-        ledger = Ledger()
-        publisher = Publisher(parts, ledger)
-        answers = Answers(journal_path(config), outbox.path, config.cell.data_dir / CERTIFICATES, ledger)
+    with SiteOutbox(config.cell.data_dir) as outbox:
+        sealer = MessageSigner(station_key(config.cell.data_dir), who.cell, outbox.epoch)
+        tap = ControllerTap(stream)
+        parts = PublisherParts(config, keys, sealer, outbox, tap, DueDates(config, link.own_certificate))
+        ledger = SiteLedger()
+        publisher = SitePublisher(parts, ledger)
+        answers = CellAnswers(journal_path(config), outbox.path, config.cell.data_dir / CERTIFICATES, ledger)
         publisher.catch_up()
         try:
-            with Station(_zenoh(link.zenoh_config), keys, sealer, outbox, answers) as station:
+            with Station(_check_config(link.zenoh_config), keys, sealer, outbox, answers) as station:
                 while not (leave.is_set() or tap.ended.is_set()):
-                    publisher.turn(station)
+                    publisher.publish_news(station)
                     leave.wait(PERIOD_S)
         finally:
             publisher.close()
@@ -188,7 +198,7 @@ def site_folder(config: CellConfig) -> Path:
     return config.site.folder
 
 
-def _zenoh(make: Callable[[], zenoh.Config]) -> zenoh.Config:
+def _check_config(make: Callable[[], zenoh.Config]) -> zenoh.Config:
     try:
         return make()
     except zenoh.ZError as error:
@@ -200,7 +210,7 @@ def _zenoh(make: Callable[[], zenoh.Config]) -> zenoh.Config:
 def main(path: str) -> None:
     """Tell the site until standard input ends."""
     log_in_lines("site: %(message)s")
-    publish(read_cell_file(path), sys.stdin.buffer, threading.Event())
+    run_publisher(read_cell_file(path), sys.stdin.buffer, threading.Event())
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 import zenoh
 
 from cellcal.service.site.keys import SiteError
-from cellcal.service.site.link_files import ROUTER_FILE, LinkFolder, close, read_link_folder
+from cellcal.service.site.link_files import ROUTER_FILE, LinkFolder, close_session, read_link_folder
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 1.0
@@ -29,22 +29,22 @@ def host_router(folder: Path, leave: threading.Event, tell: Callable[[str], None
         The folder is not whole, or its address cannot be listened on.
     """
     link = read_link_folder(folder, ROUTER_FILE)
-    session = _opened(link, leave)
-    tell(_greeting(link))
+    session = _open_session(link, leave)
+    tell(_listening_text(link))
     try:
         while not leave.wait(_LOOK_S):
-            changed = _changed(folder, link)
+            changed = _changed_link(folder, link)
             if changed is None:
                 continue
             link = changed
-            close(session)
-            session = _opened(link, leave, attempts=_PATIENCE)
-            tell(f"The rules have changed. {_greeting(link)}")
+            close_session(session)
+            session = _open_session(link, leave, attempts=_PATIENCE)
+            tell(f"The rules have changed. {_listening_text(link)}")
     finally:
-        close(session)
+        close_session(session)
 
 
-def _changed(folder: Path, link: LinkFolder) -> LinkFolder | None:
+def _changed_link(folder: Path, link: LinkFolder) -> LinkFolder | None:
     try:
         found = read_link_folder(folder, ROUTER_FILE)
         found.zenoh_config()
@@ -54,7 +54,7 @@ def _changed(folder: Path, link: LinkFolder) -> LinkFolder | None:
     return found if found.config != link.config else None
 
 
-def _opened(link: LinkFolder, leave: threading.Event, attempts: int = 1) -> zenoh.Session:
+def _open_session(link: LinkFolder, leave: threading.Event, attempts: int = 1) -> zenoh.Session:
     while True:
         try:
             return zenoh.open(link.zenoh_config())
@@ -69,7 +69,7 @@ def _opened(link: LinkFolder, leave: threading.Event, attempts: int = 1) -> zeno
                 ) from error
 
 
-def _greeting(link: LinkFolder) -> str:
+def _listening_text(link: LinkFolder) -> str:
     where = ", ".join(link.config["listen"]["endpoints"])
     cells = sum(1 for rule in link.config["access_control"]["rules"] if rule["id"].startswith("cell-"))
     return f"The site's router listens on {where}; {cells} cells may speak."

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.keys import SiteError
-from cellcal.service.site.sealed import Message
+from cellcal.service.site.signed_messages import SignedMessage
 
 _SCHEMA = (
     "CREATE TABLE IF NOT EXISTS event(station TEXT NOT NULL, epoch TEXT NOT NULL, seq INTEGER NOT NULL,"
@@ -31,25 +31,25 @@ _INSERT = "INSERT INTO event VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedEvent:
     """An event whose signature was checked, with the bytes that were signed."""
 
-    message: Message
+    message: SignedMessage
     raw: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
-    """How far a station's events are here: all up to ``upto``; ``known`` exist; ``lost`` cannot be had any more."""
+class EventReach:
+    """How far a station's events are here: all up to ``upto``; ``existing`` exist; ``lost`` cannot be had any more."""
 
     upto: int = 0
-    known: int = 0
+    existing: int = 0
     lost: int = 0
 
     @property
-    def missing(self) -> int:
+    def missing_count(self) -> int:
         """How many are behind the first hole, at most."""
-        return max(self.known - self.upto, 0)
+        return max(self.existing - self.upto, 0)
 
 
 _IN_MEMORY = ":memory:"  # SQLite's name of a database without a file
@@ -83,56 +83,58 @@ class SiteStore:
         """Let go of the file."""
         self._database.close()
 
-    def add(self, received: Sequence[Received]) -> list[str]:
+    def add_events(self, received: Sequence[ReceivedEvent]) -> list[str]:
         """Keep events, each once; return sentences about what contradicts what is here."""
         flaws: list[str] = []
         self._database.execute("BEGIN IMMEDIATE")
         try:
             for each in received:
-                flaws += self._add(each)
+                flaws += self._insert_event(each)
             for station, epoch in {(each.message.station, each.message.epoch) for each in received}:
-                self._advance(station, epoch)
+                self._advance_reach(station, epoch)
             self._database.execute("COMMIT")
         except BaseException:
             self._database.execute("ROLLBACK")
             raise
         return flaws
 
-    def reach(self, station: str, epoch: str) -> Reach:
+    def event_reach(self, station: str, epoch: str) -> EventReach:
         """Return how far a station's events of one outbox are here."""
         sql = "SELECT upto, known, lost FROM reach WHERE station = ? AND epoch = ?"
         row = self._database.execute(sql, (station, epoch)).fetchone()
-        return Reach() if row is None else Reach(*row)
+        return EventReach() if row is None else EventReach(*row)
 
-    def know(self, station: str, epoch: str, first: int, last: int) -> Reach:
+    def update_reach(self, station: str, epoch: str, first: int, last: int) -> EventReach:
         """Take note of what a station has; what it no longer has is lost to us, and counted."""
-        reach = self.reach(station, epoch)
-        if reach.known >= last and first <= reach.upto + 1:
+        reach = self.event_reach(station, epoch)
+        if reach.existing >= last and first <= reach.upto + 1:
             return reach
         gone = max(0, first - 1 - reach.upto)
-        held = self._count(station, epoch, reach.upto + 1, first - 1) if gone else 0
+        stored = self._count_events(station, epoch, reach.upto + 1, first - 1) if gone else 0
         upto = max(reach.upto, first - 1)
-        self._put(station, epoch, Reach(upto, max(reach.known, last), reach.lost + gone - held))
-        self._advance(station, epoch)
-        return self.reach(station, epoch)
+        self._store_reach(
+            station, epoch, EventReach(upto, max(reach.existing, last), reach.lost + gone - stored)
+        )
+        self._advance_reach(station, epoch)
+        return self.event_reach(station, epoch)
 
-    def events(self, station: str, most: int = 100) -> list[bytes]:
+    def newest_events(self, station: str, most: int = 100) -> list[bytes]:
         """Return a station's newest events as they were signed, newest first."""
         sql = "SELECT message FROM event WHERE station = ? ORDER BY epoch DESC, seq DESC LIMIT ?"
         return [row[0] for row in self._database.execute(sql, (station, most)).fetchall()]
 
-    def numbers(self, station: str) -> list[int]:
+    def event_numbers(self, station: str) -> list[int]:
         """Return the numbers of a station's events, in order."""
         sql = "SELECT seq FROM event WHERE station = ? ORDER BY epoch, seq"
         return [row[0] for row in self._database.execute(sql, (station,)).fetchall()]
 
-    def _add(self, each: Received) -> list[str]:
+    def _insert_event(self, each: ReceivedEvent) -> list[str]:
         message = each.message
         place = (message.station, message.epoch, message.seq)
         sql = "SELECT message FROM event WHERE station = ? AND epoch = ? AND seq = ?"
-        held = self._database.execute(sql, place).fetchone()
-        if held is not None:
-            if held[0] == each.raw:
+        stored = self._database.execute(sql, place).fetchone()
+        if stored is not None:
+            if stored[0] == each.raw:
                 return []
             return [
                 f"tells another event under the number {message.seq} of an earlier one: its outbox was restored "
@@ -156,8 +158,8 @@ class SiteStore:
                 ]
         return []
 
-    def _advance(self, station: str, epoch: str) -> None:
-        reach = self.reach(station, epoch)
+    def _advance_reach(self, station: str, epoch: str) -> None:
+        reach = self.event_reach(station, epoch)
         upto = reach.upto
         sql = "SELECT seq FROM event WHERE station = ? AND epoch = ? AND seq > ? ORDER BY seq"
         for (seq,) in self._database.execute(sql, (station, epoch, upto)):
@@ -167,13 +169,13 @@ class SiteStore:
         highest = self._database.execute(
             "SELECT max(seq) FROM event WHERE station = ? AND epoch = ?", (station, epoch)
         ).fetchone()[0]
-        self._put(station, epoch, Reach(upto, max(reach.known, highest or 0), reach.lost))
+        self._store_reach(station, epoch, EventReach(upto, max(reach.existing, highest or 0), reach.lost))
 
-    def _put(self, station: str, epoch: str, reach: Reach) -> None:
-        row = (station, epoch, reach.upto, reach.known, reach.lost)
+    def _store_reach(self, station: str, epoch: str, reach: EventReach) -> None:
+        row = (station, epoch, reach.upto, reach.existing, reach.lost)
         self._database.execute("INSERT OR REPLACE INTO reach VALUES(?, ?, ?, ?, ?)", row)
 
-    def _count(self, station: str, epoch: str, first: int, last: int) -> int:
+    def _count_events(self, station: str, epoch: str, first: int, last: int) -> int:
         sql = "SELECT count(*) FROM event WHERE station = ? AND epoch = ? AND seq BETWEEN ? AND ?"
         return int(self._database.execute(sql, (station, epoch, first, last)).fetchone()[0])
 

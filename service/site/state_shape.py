@@ -9,11 +9,11 @@ _Count = Annotated[int, Field(ge=0, le=2**53 - 1)]  # what pages and SQLite can 
 _Metres = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
-class _Part(BaseModel):
+class _StateModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class StateAlarm(_Part):
+class StateAlarm(_StateModel):
     """Something that is wrong in a cell."""
 
     id: str
@@ -23,7 +23,7 @@ class StateAlarm(_Part):
     remedy: str = ""
 
 
-class StateRun(_Part):
+class StateRun(_StateModel):
     """The run that is under way in a cell, or has just ended."""
 
     procedure: str
@@ -34,14 +34,14 @@ class StateRun(_Part):
     verdict: str | None
 
 
-class StateAsks(_Part):
+class StateAsks(_StateModel):
     """What a cell asks of a person."""
 
     key: str
     step: str
 
 
-class StateDrift(_Part):
+class StateDrift(_StateModel):
     """What a drift check found: how far the robot's points have moved."""
 
     run_id: str
@@ -51,7 +51,7 @@ class StateDrift(_Part):
     word: str
 
 
-class StateCertificate(_Part):
+class StateCertificate(_StateModel):
     """A cell's newest certificate, or record of a refusal."""
 
     run_id: str
@@ -60,14 +60,14 @@ class StateCertificate(_Part):
     ended_utc: str
 
 
-class StateDue(_Part):
+class StateDue(_StateModel):
     """What becomes due in a cell, and on which day."""
 
     what: str
     due: str
 
 
-class _State(_Part):
+class _StateMessage(_StateModel):
     cell: str
     alarms: list[StateAlarm] = Field(max_length=_MOST)
     run: StateRun | None
@@ -91,7 +91,7 @@ def is_alarm(body: object) -> bool:
 def state_flaw(body: object) -> str:
     """Return what is wrong with a state; nothing where it can be shown."""
     try:
-        _State.model_validate(body)
+        _StateMessage.model_validate(body)
     except ValidationError as error:
         first = error.errors()[0]
         return f"its state is not one of ours ({'.'.join(map(str, first['loc']))}: {first['msg']}): another version?"

@@ -12,11 +12,11 @@ from zenoh.ext import (
 )
 
 from cellcal.drivers.supervision import SUPERVISOR
-from cellcal.service.site.answers import ASKABLE, Answers, as_error
+from cellcal.service.site.answers import ASKABLE, CellAnswers, as_error
 from cellcal.service.site.keys import SiteError, StationKeys
-from cellcal.service.site.link_files import close
-from cellcal.service.site.outbox import Outbox, Sent
-from cellcal.service.site.sealed import ENCODING, Sealer
+from cellcal.service.site.link_files import close_session
+from cellcal.service.site.outbox import SentEvent, SiteOutbox
+from cellcal.service.site.signed_messages import ENCODING, MessageSigner
 
 _HEARTBEAT_S = 0.5
 _EVENTS_CACHED = 1000
@@ -28,21 +28,31 @@ class Station:
     """Publishes what it is given; answers what it is asked."""
 
     def __init__(
-        self, config: zenoh.Config, keys: StationKeys, sealer: Sealer, outbox: Outbox, answers: Answers
+        self,
+        config: zenoh.Config,
+        keys: StationKeys,
+        sealer: MessageSigner,
+        outbox: SiteOutbox,
+        answers: CellAnswers,
     ) -> None:
         self._keys, self._sealer, self._outbox, self._answers = keys, sealer, outbox, answers
         self._session = zenoh.open(config)
-        self._token = self._session.liveliness().declare_token(keys.alive)
-        self._state = advanced_publisher(self._session, keys.state, 1)
+        self._token = self._session.liveliness().declare_token(keys.alive_key)
+        self._state = advanced_publisher(self._session, keys.state_key, 1)
         self._alarm = advanced_publisher(
-            self._session, keys.alarm, _EVENTS_CACHED, _BLOCK, zenoh.Priority.INTERACTIVE_HIGH, heartbeat=True
+            self._session,
+            keys.alarm_key,
+            _EVENTS_CACHED,
+            _BLOCK,
+            zenoh.Priority.INTERACTIVE_HIGH,
+            heartbeat=True,
         )
         self._values: dict[str, zenoh.Publisher] = {}
         self._latest: dict[str, AdvancedPublisher] = {}
         self._events: OrderedDict[str, AdvancedPublisher] = OrderedDict()
         self._queryables = [
-            self._session.declare_queryable(keys.answer("*"), self._asked),
-            self._session.declare_queryable(keys.certificate("*"), self._asked_for_certificate),
+            self._session.declare_queryable(keys.answer_key("*"), self._on_query),
+            self._session.declare_queryable(keys.certificate_key("*"), self._on_certificate_query),
         ]
 
     def __enter__(self) -> Self:
@@ -53,38 +63,38 @@ class Station:
 
     def close(self) -> None:
         """Leave the bus. Without it the process would not end."""
-        close(self._session)
+        close_session(self._session)
 
     @property
-    def linked(self) -> bool:
+    def is_linked(self) -> bool:
         """Whether a router is connected."""
         return bool(self._session.info.routers_zid())
 
-    def tell_state(self, body: dict[str, Any]) -> None:
+    def publish_state(self, body: dict[str, Any]) -> None:
         """Publish how the cell stands."""
-        self._state.put(self._live(self._keys.state, body), encoding=ENCODING)
+        self._state.put(self._sign_live(self._keys.state_key, body), encoding=ENCODING)
 
-    def tell_value(self, key: str, body: dict[str, Any]) -> None:
+    def publish_value(self, key: str, body: dict[str, Any]) -> None:
         """Publish a value that the next one replaces; lost where the link is."""
         if key not in self._values:  # declared, so that the router knows the way of each sample beforehand
             self._values[key] = self._session.declare_publisher(
                 key, encoding=ENCODING, congestion_control=_DROP
             )
-        self._values[key].put(self._live(key, body))
+        self._values[key].put(self._sign_live(key, body))
 
-    def tell_latest(self, key: str, body: dict[str, Any]) -> None:
+    def publish_latest(self, key: str, body: dict[str, Any]) -> None:
         """Publish a value that somebody who comes later must get, too."""
         if key not in self._latest:
             self._latest[key] = advanced_publisher(self._session, key, 1)
-        self._latest[key].put(self._live(key, body), encoding=ENCODING)
+        self._latest[key].put(self._sign_live(key, body), encoding=ENCODING)
 
-    def tell_event(self, sent: Sent) -> None:
+    def publish_event(self, sent: SentEvent) -> None:
         """Publish an event of the outbox."""
-        publisher = self._alarm if sent.key == self._keys.alarm else self._publisher_of(sent.key)
+        publisher = self._alarm if sent.key == self._keys.alarm_key else self._publisher_of(sent.key)
         publisher.put(sent.message, encoding=ENCODING)
 
-    def _live(self, key: str, body: dict[str, Any]) -> bytes:
-        return self._sealer.seal(key, self._outbox.next_live(), body)
+    def _sign_live(self, key: str, body: dict[str, Any]) -> bytes:
+        return self._sealer.sign_message(key, self._outbox.next_live(), body)
 
     def _publisher_of(self, key: str) -> AdvancedPublisher:
         if key not in self._events:
@@ -96,32 +106,34 @@ class Station:
 
     # questions; these run in zenoh's threads, where an exception would only be printed
 
-    def _asked(self, query: zenoh.Query) -> None:
+    def _on_query(self, query: zenoh.Query) -> None:
         verb = str(query.key_expr).rpartition("/")[2]
-        key = self._keys.answer(verb)
+        key = self._keys.answer_key(verb)
         try:
             if "*" in verb:
                 raise SiteError(f"ask for one verb: {', '.join(self._answers.verbs)}.")
-            given = {name: query.parameters.get(name) for name in ASKABLE}
-            asked = {name: value for name, value in given.items() if value is not None}
-            for told in self._answers.answer(verb, asked):
+            parameters = {name: query.parameters.get(name) for name in ASKABLE}
+            arguments = {name: value for name, value in parameters.items() if value is not None}
+            for answer in self._answers.answer_query(verb, arguments):
                 query.reply(
-                    key, told if isinstance(told, bytes) else self._live(key, told), encoding=ENCODING
+                    key,
+                    answer if isinstance(answer, bytes) else self._sign_live(key, answer),
+                    encoding=ENCODING,
                 )
         except SiteError as error:
             query.reply_err(as_error(error))
         except Exception as error:  # noqa: BLE001  in zenoh's thread it would only be printed
-            SUPERVISOR.failed(f"answers to the site: {verb}", error, running=True)
+            SUPERVISOR.note_failure(f"answers to the site: {verb}", error, running=True)
             query.reply_err(as_error(SiteError(f"the cell cannot read its records: {error}.")))
 
-    def _asked_for_certificate(self, query: zenoh.Query) -> None:
+    def _on_certificate_query(self, query: zenoh.Query) -> None:
         run_id = str(query.key_expr).rpartition("/")[2]
         try:
-            query.reply(self._keys.certificate(run_id), self._answers.certificate(run_id))
+            query.reply(self._keys.certificate_key(run_id), self._answers.read_certificate(run_id))
         except SiteError as error:
             query.reply_err(as_error(error))
         except Exception as error:  # noqa: BLE001  in zenoh's thread it would only be printed
-            SUPERVISOR.failed("answers to the site: certificates", error, running=True)
+            SUPERVISOR.note_failure("answers to the site: certificates", error, running=True)
             query.reply_err(as_error(SiteError("the cell cannot read its certificate just now.")))
 
 

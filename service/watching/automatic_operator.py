@@ -12,7 +12,7 @@ CELL_FILE = "the cell file"  # who answered, in the journal and on the certifica
 PLAN, NEWEST, HOOKED = "accept_plan", "saved_counts", "wire_is_hooked"
 
 
-class StandingAnswers:
+class AutomaticOperator:
     """Operator. Answers for the cell file until a person had to be asked: who was called may stand in the cell."""
 
     def __init__(self, watch: WatchTable, people: Operator) -> None:
@@ -21,7 +21,7 @@ class StandingAnswers:
             (NEWEST, watch.records_complete),
             (HOOKED, watch.wire_stays_hooked),
         )
-        self._answers = frozenset(key for key, said in vouched if said)
+        self._answers = frozenset(key for key, is_vouched in vouched if is_vouched)
         self._people = people
 
     async def confirm(self, instruction: Instruction) -> Answer:
@@ -30,6 +30,6 @@ class StandingAnswers:
         self._answers = frozenset()
         return await self._people.confirm(instruction)
 
-    async def enter(self, question: Question) -> Answer:
+    async def ask_question(self, question: Question) -> Answer:
         self._answers = frozenset()
-        return await self._people.enter(question)
+        return await self._people.ask_question(question)

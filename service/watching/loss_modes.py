@@ -22,7 +22,7 @@ class LossMode(StrEnum):
     UNKNOWN = "unknown"  # beside an alarm that nobody here knows
 
 
-class What(StrEnum):
+class LossKind(StrEnum):
     """What happened to a robot's position."""
 
     LOST = "lost"
@@ -39,12 +39,12 @@ _MODES = {
 _GRAVEST = (LossMode.GEOMETRY, LossMode.MOTOR, LossMode.TURNS)
 
 _HEADLINES = {
-    What.LOST: "lost its position",
-    What.HELD: "may no longer stand where it thinks",
-    What.DIFFERS: "does not hold the mastering of its record",
-    What.UNCONFIRMED: "holds a mastering that nobody confirmed",
+    LossKind.LOST: "lost its position",
+    LossKind.HELD: "may no longer stand where it thinks",
+    LossKind.DIFFERS: "does not hold the mastering of its record",
+    LossKind.UNCONFIRMED: "holds a mastering that nobody confirmed",
 }
-_TOLD = {
+_DESCRIPTIONS = {
     LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
     LossMode.TURNS: "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
     LossMode.MOTOR: "a pulse coder or its cable fails: what is exchanged gets a new zero, the rest returns exactly",
@@ -78,21 +78,21 @@ class Suspicion:
     of_run: str = ""  # that wrote a mastering and never confirmed it
 
     @property
-    def what(self) -> What:
+    def loss_kind(self) -> LossKind:
         """Return what happened to the robot's position."""
         if self.of_run:
-            return What.UNCONFIRMED
+            return LossKind.UNCONFIRMED
         if self.record_differs:
-            return What.DIFFERS
-        return What.LOST if self.position_lost else What.HELD
+            return LossKind.DIFFERS
+        return LossKind.LOST if self.position_lost else LossKind.HELD
 
     @property
-    def headline(self) -> str:
+    def headline_text(self) -> str:
         """Return it in a few words."""
-        return _HEADLINES[self.what]
+        return _HEADLINES[self.loss_kind]
 
     @property
-    def procedure(self) -> str | None:
+    def answering_procedure(self) -> str | None:
         """Which procedure answers it; None where a person must act first. A recovery refuses a bent arm itself."""
         if self.of_run:
             return "mastering_undo"
@@ -101,11 +101,11 @@ class Suspicion:
         return "mastering_recovery" if self.position_lost else "drift_check"
 
     @property
-    def may_run_alone(self) -> bool:
+    def may_run_unattended(self) -> bool:
         """Whether a recovery may be started without a person's judgement of what happened."""
         return self.mode in _ALONE
 
-    def settings(self) -> dict[str, tuple[int, ...] | str]:
+    def procedure_settings(self) -> dict[str, tuple[int, ...] | str]:
         """Return what is known of the settings of the procedure."""
         if self.of_run:
             return {"of_run": self.of_run}
@@ -114,20 +114,20 @@ class Suspicion:
         return {}
 
 
-def suspect(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspicion:
+def suspect_loss(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspicion:
     """Return the gravest mode that a robot's alarms suggest."""
     modes = {mode: [alarm for alarm in alarms if _MODES.get(alarm.kind) is mode] for mode in _GRAVEST}
     strange = _not_known(alarms)
     otherwise = LossMode.UNKNOWN if strange else LossMode.MEMORY
     mode = next((mode for mode in _GRAVEST if modes[mode]), otherwise)
     named = sorted({alarm.axis + 1 for alarm in modes.get(mode, []) if alarm.axis is not None})
-    told = _NOT_LOST if mode is LossMode.MOTOR and not position_lost else _TOLD[mode]
-    return Suspicion(mode, tuple(named), told, position_lost, not_known=strange)
+    description = _NOT_LOST if mode is LossMode.MOTOR and not position_lost else _DESCRIPTIONS[mode]
+    return Suspicion(mode, tuple(named), description, position_lost, not_known=strange)
 
 
 def turns_lost(alarms: tuple[Alarm, ...]) -> Suspicion:
     """Return what is suspected where counts changed while nobody looked, and no alarm says why."""
-    return Suspicion(LossMode.TURNS, (), _TOLD[LossMode.TURNS], not_known=_not_known(alarms))
+    return Suspicion(LossMode.TURNS, (), _DESCRIPTIONS[LossMode.TURNS], not_known=_not_known(alarms))
 
 
 def _not_known(alarms: tuple[Alarm, ...]) -> tuple[str, ...]:
@@ -136,7 +136,7 @@ def _not_known(alarms: tuple[Alarm, ...]) -> tuple[str, ...]:
 
 def wrong_robot() -> Suspicion:
     """Return what is suspected where a serial number is not the one of the cell file."""
-    return Suspicion(LossMode.WRONG_ROBOT, (), _TOLD[LossMode.WRONG_ROBOT])
+    return Suspicion(LossMode.WRONG_ROBOT, (), _DESCRIPTIONS[LossMode.WRONG_ROBOT])
 
 
 def old_backup() -> Suspicion:
@@ -147,12 +147,12 @@ def old_backup() -> Suspicion:
     return Suspicion(LossMode.WRONG_ROBOT, (), _OLD_BACKUP, record_differs=True)
 
 
-def unconfirmed(of_run: str) -> Suspicion:
+def suspect_unconfirmed(of_run: str) -> Suspicion:
     """Return what is suspected where a controller holds a mastering that a run wrote and never confirmed."""
     return Suspicion(LossMode.UNKNOWN, (), _NOT_CONFIRMED, of_run=of_run)
 
 
-def in_doubt(condition: Condition) -> bool:
+def is_position_doubtful(condition: Condition) -> bool:
     """Tell whether a robot that is not lost reports a collision or a failing encoder."""
     return condition.readiness is not Readiness.POSITION_LOST and any(
         alarm.kind in (AlarmKind.COLLISION, AlarmKind.ENCODER) for alarm in condition.alarms

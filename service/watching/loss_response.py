@@ -12,11 +12,11 @@ from uuid import uuid4
 from pydantic_core import to_jsonable_python
 
 from cellcal.procedures.cell import MotionLevel
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import Store, stored_body
+from cellcal.service.record.run_store import RunStore, stored_body
 from cellcal.service.times import read_time
 from cellcal.service.watching.watch import PositionLoss
 
@@ -35,7 +35,7 @@ class PreparedAnswer:
     reasons: tuple[str, ...]
 
     @property
-    def starts_alone(self) -> bool:
+    def starts_unattended(self) -> bool:
         """Whether the service may start it by itself."""
         return self.procedure is not None and not self.reasons
 
@@ -54,20 +54,22 @@ def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, s
 def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     """Prepare the answer to a loss. The last healthy counts are among a recovery's settings already."""
     suspicion = loss.suspicion
-    settings: dict[str, Any] = dict(suspicion.settings())
-    procedure = suspicion.procedure
-    told = "".join(
+    settings: dict[str, Any] = dict(suspicion.procedure_settings())
+    procedure = suspicion.answering_procedure
+    option_text = "".join(
         f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")
         for key, value in settings.items()
     )
-    command = f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{told}" if procedure else ""
-    return PreparedAnswer(procedure, settings, command, tuple(_hindrances(config, loss)))
+    command = (
+        f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{option_text}" if procedure else ""
+    )
+    return PreparedAnswer(procedure, settings, command, tuple(_list_hindrances(config, loss)))
 
 
 def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
     """Keep what was seen, durably; return the id of the entry."""
-    serial = config.robot(loss.robot).serial
-    seen = {
+    serial = config.robot_named(loss.robot).serial
+    detection = {
         "detected_by": loss.detected_by,
         "mode": loss.suspicion.mode.value,
         "words": loss.suspicion.words,
@@ -77,18 +79,23 @@ def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
     }
     name = f"watch-{uuid4().hex[:12]}"
     with open_journal(config) as journal:
-        journal.append(name, Kind.STORED, stored_body(DETECTION, loss.robot, serial, seen), actor=WATCH)
+        journal.append(
+            name, EventKind.STORED, stored_body(DETECTION, loss.robot, serial, detection), actor=WATCH
+        )
     return name
 
 
-def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
+def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
-    motion, watch, seen = config.motion_of(loss.robot), config.watch, loss.suspicion
+    motion, watch, suspicion = config.motion_of(loss.robot), config.watch, loss.suspicion
     hindrances = (
-        (seen.record_differs, "somebody may have mastered the robot on purpose"),
-        (not (seen.record_differs or seen.may_run_alone), f"{seen.mode.value} needs a person's judgement"),
+        (suspicion.record_differs, "somebody may have mastered the robot on purpose"),
+        (
+            not (suspicion.record_differs or suspicion.may_run_unattended),
+            f"{suspicion.mode.value} needs a person's judgement",
+        ),
         (loss.follows_another, "what was reported before it has not been cleared by anybody"),
-        (seen.not_known, f"nobody here knows the alarm {', '.join(seen.not_known)}"),
+        (suspicion.not_known, f"nobody here knows the alarm {', '.join(suspicion.not_known)}"),
         (loss.during_run, "a run had the robot when it was lost: who works there has to judge"),
         (loss.last_healthy is None, "nobody saw the robot healthy before"),
         (
@@ -101,21 +108,21 @@ def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
             motion.level is not MotionLevel.COMMANDED,
             f'the robot\'s motion is "{motion.level}", not "commanded"',
         ),
-        (not motion.surroundings.known, "nobody said what stands in the cell ([robot.space])"),
+        (not motion.surroundings.is_known, "nobody said what stands in the cell ([robot.space])"),
     )
     return [why for stands, why in hindrances if stands]
 
 
 def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
     """Tell whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
-    procedure, healthy = loss.suspicion.procedure, loss.last_healthy
+    procedure, healthy = loss.suspicion.answering_procedure, loss.last_healthy
     if procedure is None or healthy is None or not journal_path(config).exists():
         return False
-    serial = config.robot(loss.robot).serial
+    serial = config.robot_named(loss.robot).serial
     try:
         with open_journal(config) as journal:
-            store = Store(journal)
-            met = (store.last_begun_utc(procedure, serial), store.last_kept_utc(DETECTION, serial))
+            store = RunStore(journal)
+            met = (store.last_begun_utc(procedure, serial), store.last_stored_utc(DETECTION, serial))
     except StoreError:  # what a damaged journal does not tell may have been
         return True
     healthy_utc = read_time(healthy.seen_utc)

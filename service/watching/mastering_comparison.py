@@ -16,91 +16,98 @@ from cellcal.drivers.interfaces import Counts, MasteringData, MasteringStore
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import Store
-from cellcal.service.record.unconfirmed_mastering import Unconfirmed
-from cellcal.service.watching.loss_modes import Suspicion, old_backup, unconfirmed
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering
+from cellcal.service.watching.loss_modes import Suspicion, old_backup, suspect_unconfirmed
 
 _LOG = logging.getLogger(__name__)
 LOOK_EVERY_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Journalled:
+class JournalledMastering:
     """What the journal says of one robot's mastering: its newest record, and what runs left unconfirmed."""
 
     record: MasteringRecord | None
-    unconfirmed: tuple[Unconfirmed, ...] = ()
+    unconfirmed: tuple[UnconfirmedMastering, ...] = ()
 
 
-class HeldMastering:
+class MasteringComparison:
     """Compares what one controller holds with what the journal says of its robot."""
 
-    def __init__(self, newest: Callable[[], Journalled], *, look_every_s: float = LOOK_EVERY_S) -> None:
+    def __init__(
+        self, newest: Callable[[], JournalledMastering], *, look_every_s: float = LOOK_EVERY_S
+    ) -> None:
         self._newest, self._look_every_s = newest, look_every_s
         self._next_s = 0.0
         self._agreed: MasteringData | None = None
-        self._told: tuple[str, Suspicion] | None = None
+        self._last_trouble: tuple[str, Suspicion] | None = None
 
-    def look_anew(self) -> None:
+    def force_check(self) -> None:
         """Look at the next opportunity: a run may have changed the mastering, or the record."""
         self._next_s, self._agreed = 0.0, None
 
-    async def trouble(self, encoders: MasteringStore) -> tuple[str, Suspicion] | None:
+    async def find_trouble(self, encoders: MasteringStore) -> tuple[str, Suspicion] | None:
         """Return in words what is wrong with the controller's mastering, and what is suspected; None: nothing.
 
         Between two looks the last answer stands.
         """
         now_s = time.monotonic()
         if now_s < self._next_s:
-            return self._told
+            return self._last_trouble
         self._next_s = now_s + self._look_every_s
-        held = await encoders.mastering()
-        if held == self._agreed:
-            return self._told
-        known = self._newest()
-        self._told = _trouble(known, held)
-        self._agreed = held if self._told is None and known.record is not None else None
-        return self._told
+        current = await encoders.read_mastering()
+        if current == self._agreed:
+            return self._last_trouble
+        journalled = self._newest()
+        self._last_trouble = _compare_mastering(journalled, current)
+        self._agreed = current if self._last_trouble is None and journalled.record is not None else None
+        return self._last_trouble
 
 
-def journalled_mastering(config: CellConfig, serial: str) -> Callable[[], Journalled]:
+def journalled_mastering(config: CellConfig, serial: str) -> Callable[[], JournalledMastering]:
     """Return what reads of a robot's mastering from the cell's journal."""
-    told, nothing = "", Journalled(None)
+    last_error, nothing = "", JournalledMastering(None)
 
-    def read() -> Journalled:
-        nonlocal told
+    def read_journal() -> JournalledMastering:
+        nonlocal last_error
         if not journal_path(config).exists():
             return nothing
         try:
             with open_journal(config) as journal:
-                store = Store(journal)
-                return Journalled(store.mastering_record(serial), store.unconfirmed(serial))
+                store = RunStore(journal)
+                return JournalledMastering(store.mastering_record(serial), store.list_unconfirmed(serial))
         except StoreError as error:  # the eyes on the encoders matter more
-            if str(error) != told:
+            if str(error) != last_error:
                 _LOG.warning("the controller's mastering is not compared with its record: %s", error)
-            told = str(error)
+            last_error = str(error)
             return nothing
 
-    return read
+    return read_journal
 
 
-def _trouble(known: Journalled, held: MasteringData) -> tuple[str, Suspicion] | None:
-    pending = next((one for one in reversed(known.unconfirmed) if one.may_be_in_force(held)), None)
+def _compare_mastering(
+    journalled: JournalledMastering, current: MasteringData
+) -> tuple[str, Suspicion] | None:
+    pending = next((one for one in reversed(journalled.unconfirmed) if one.may_be_in_force(current)), None)
     if pending is not None:
-        return f"run {pending.of_run} wrote it, and ended or broke off before it was confirmed", unconfirmed(
-            pending.of_run
+        return (
+            f"run {pending.of_run} wrote it, and ended or broke off before it was confirmed",
+            suspect_unconfirmed(pending.of_run),
         )
-    record = known.record
-    if record is None or not held.mastered or held.counts_at_zero == record.counts_at_zero:
+    record = journalled.record
+    if record is None or not current.mastered or current.counts_at_zero == record.counts_at_zero:
         return None
-    return _told(record, held.counts_at_zero), old_backup()
+    return _describe_mismatch(record, current.counts_at_zero), old_backup()
 
 
-def _told(record: MasteringRecord, held: Counts) -> str:
-    if len(held) != len(record.counts_at_zero):
-        return f"the controller masters {len(held)} axes, the newest record has {len(record.counts_at_zero)}"
-    moved = np.subtract(held, record.counts_at_zero)
-    joints_deg = np.rad2deg(record.drive.joints(np.array(held), np.array(record.counts_at_zero)))
+def _describe_mismatch(record: MasteringRecord, counts: Counts) -> str:
+    if len(counts) != len(record.counts_at_zero):
+        return (
+            f"the controller masters {len(counts)} axes, the newest record has {len(record.counts_at_zero)}"
+        )
+    moved = np.subtract(counts, record.counts_at_zero)
+    joints_deg = np.rad2deg(record.drive.to_joints(np.array(counts), np.array(record.counts_at_zero)))
     axes = [f"J{k + 1} by {abs(joints_deg[k]):.3f} deg" for k in np.flatnonzero(moved)]
     return (
         f"the controller's mastering is not that of the newest record ({record.sha256[:12]}), and no alarm tells of "

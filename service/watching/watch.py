@@ -23,15 +23,15 @@ from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore,
 from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.watching.loss_modes import (
+    LossKind,
     LossMode,
     Suspicion,
-    What,
     battery_warning,
-    in_doubt,
-    suspect,
+    is_position_doubtful,
+    suspect_loss,
     turns_lost,
 )
-from cellcal.service.watching.mastering_comparison import HeldMastering
+from cellcal.service.watching.mastering_comparison import MasteringComparison
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
@@ -49,12 +49,12 @@ class PositionLoss:
     detected_by: str
     alarms: tuple[Alarm, ...]
     last_healthy: HealthyCounts | None
-    suspicion: Suspicion = field(default_factory=lambda: suspect(()))
+    suspicion: Suspicion = field(default_factory=lambda: suspect_loss(()))
     follows_another: bool = False  # something was reported before it, and nobody has cleared that yet
     during_run: bool = False  # the robot was not seen healthy since a run had it
 
 
-class Watch:
+class RobotWatch:
     """Looks at one robot again and again; calls ``on_loss`` once for each loss it sees.
 
     It outlives a connection (`meet`): a robot that is switched off and mended is the one that was reported before.
@@ -68,55 +68,55 @@ class Watch:
         *,
         period_s: float,
         warn: Callable[[str], None] = _LOG.warning,
-        held: HeldMastering | None = None,
+        comparison: MasteringComparison | None = None,
     ) -> None:
         self._robot, self._memory, self._on_loss, self._period_s = robot, memory, on_loss, period_s
-        self._warn, self._warned, self._held = warn, "", held
-        self._seen: tuple[float, Counts] | None = None
-        self._saved: HealthyCounts | None = memory.load(robot.name)
+        self._warn, self._warned, self._comparison = warn, "", comparison
+        self._last_observation: tuple[float, Counts] | None = None
+        self._saved: HealthyCounts | None = memory.load_counts(robot.name)
         self._drive: DriveTrain | None = None
         self._disk = ""  # what was wrong when the counts were to be kept
         self._reported: PositionLoss | None = None
         self._after_run = False
         self.condition = Condition(Readiness.UNREACHABLE)  # as it was at the last look
 
-    async def run(self) -> None:
+    async def watch_forever(self) -> None:
         """Watch until cancelled. An unreachable robot is no loss: it is looked for again."""
         while True:
             raise_lost_cancellation()
             try:
-                await self.look()
+                await self.look_once()
             except DeviceError as error:
-                self._seen = None
+                self._last_observation = None
                 _LOG.info("watch: %s", error)
             await asyncio.sleep(self._period_s)
 
-    async def look(self) -> PositionLoss | None:
+    async def look_once(self) -> PositionLoss | None:
         """Look once; return the loss if this look found a new one."""
-        self._saved = self._memory.load(self._robot.name) or self._saved  # a run may have renewed it
-        condition = self.condition = await self._robot.condition()
+        self._saved = self._memory.load_counts(self._robot.name) or self._saved  # a run may have renewed it
+        condition = self.condition = await self._robot.read_condition()
         if condition.readiness is Readiness.UNREACHABLE:
-            self._seen = None
+            self._last_observation = None
             return None
         self._warn_once(battery_warning(condition))
         detected_by = None
-        if condition.readiness is Readiness.POSITION_LOST or in_doubt(condition):
+        if condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition):
             detected_by = f"the controller reports: {condition.message}"
         else:
-            detected_by = await self._trouble()
-        suspicion = _suspected(condition)
-        if detected_by is None and self._held is not None:
-            trouble = await self._held.trouble(self._robot)
+            detected_by = await self._find_trouble()
+        suspicion = _suspect_condition(condition)
+        if detected_by is None and self._comparison is not None:
+            trouble = await self._comparison.find_trouble(self._robot)
             detected_by, suspicion = trouble or (None, suspicion)
         if detected_by is None:
             self._reported, self._after_run = None, False
             return None
         alarms, before = condition.alarms, self._reported
         if before is not None:
-            if suspicion.what is not What.LOST or before.suspicion.what is What.LOST:
+            if suspicion.loss_kind is not LossKind.LOST or before.suspicion.loss_kind is LossKind.LOST:
                 return None
             alarms = (*before.alarms, *alarms)  # an encoder that failed first may have been exchanged since
-            graver = suspect(alarms)
+            graver = suspect_loss(alarms)
             suspicion = suspicion if graver.mode is LossMode.MEMORY else graver
         loss = PositionLoss(
             self._robot.name, detected_by, alarms, self._saved, suspicion,
@@ -131,31 +131,31 @@ class Watch:
             self._warn(f"{self._robot.name}: {words}")
         self._warned = words
 
-    def meet(self, robot: WatchedRobot) -> None:
+    def use_connection(self, robot: WatchedRobot) -> None:
         """Go on with the same robot over another connection."""
         if robot is not self._robot:
-            self._robot, self._seen, self._drive = robot, None, None
-            if self._held is not None:
-                self._held.look_anew()
+            self._robot, self._last_observation, self._drive = robot, None, None
+            if self._comparison is not None:
+                self._comparison.force_check()
 
     async def is_mended(self) -> bool:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
-        if self.standing or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
+        if self.is_still_lost or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
             return False
-        return (await self._robot.mastering()).mastered
+        return (await self._robot.read_mastering()).mastered
 
     @property
-    def standing(self) -> bool:
+    def is_still_lost(self) -> bool:
         """Whether what was reported last was still so at the last look."""
         return self._reported is not None
 
     def forget_motion(self) -> None:
         """Do not compare the next look with the last: a run has the robot, and may move it on command."""
-        self._seen, self._after_run = None, True
-        if self._held is not None:
-            self._held.look_anew()
+        self._last_observation, self._after_run = None, True
+        if self._comparison is not None:
+            self._comparison.force_check()
 
-    async def _trouble(self) -> str | None:
+    async def _find_trouble(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""
         counts, epoch, now_s = (
             await self._robot.encoder_counts(),
@@ -164,25 +164,25 @@ class Watch:
         )
         if self._saved is not None and epoch != self._saved.epoch:
             return "the encoder epoch changed: the controller started after a lost position"
-        if self._seen is not None:
-            then_s, before = self._seen
+        if self._last_observation is not None:
+            then_s, before = self._last_observation
             reach_rad = _JUMP_SPEED_RAD_S * (now_s - then_s + 0.2)
-            moved_rad = np.abs((await self._drive_train()).joints(np.array(counts), np.array(before)))
+            moved_rad = np.abs((await self._drive_train()).to_joints(np.array(counts), np.array(before)))
             if float(moved_rad.max()) > reach_rad:
                 axis = int(moved_rad.argmax())
                 jump_deg = np.rad2deg(moved_rad[axis])
                 return f"the count of axis {axis + 1} jumped by {jump_deg:.1f} deg without motion"
-        self._seen = (now_s, counts)
-        self._remember(counts, epoch)
+        self._last_observation = (now_s, counts)
+        self._save_healthy(counts, epoch)
         return None
 
-    def _remember(self, counts: Counts, epoch: int) -> None:
+    def _save_healthy(self, counts: Counts, epoch: int) -> None:
         moved = self._saved is None or self._saved.counts != counts or self._saved.epoch != epoch
         if not moved:
             return
         self._saved = HealthyCounts(self._robot.name, counts, epoch, datetime.now(UTC).isoformat())
         try:
-            self._memory.save(self._saved)
+            self._memory.save_counts(self._saved)
             self._disk = ""
         except OSError as error:  # the eyes on the encoders matter more than the disk
             reason = error.strerror or str(error)  # without the name of the draft, which is another each time
@@ -198,10 +198,10 @@ class Watch:
         return self._drive
 
 
-def _suspected(condition: Condition) -> Suspicion:
+def _suspect_condition(condition: Condition) -> Suspicion:
     """Return what the alarms suggest; a jump or a new epoch without any is a loss of turns."""
     if condition.readiness is Readiness.POSITION_LOST:
-        return suspect(condition.alarms)
-    if in_doubt(condition):
-        return suspect(condition.alarms, position_lost=False)
+        return suspect_loss(condition.alarms)
+    if is_position_doubtful(condition):
+        return suspect_loss(condition.alarms, position_lost=False)
     return turns_lost(condition.alarms)

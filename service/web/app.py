@@ -10,28 +10,28 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
 from cellcal.calibration.errors import CellError
-from cellcal.drivers.supervision import SUPERVISOR, guarded
+from cellcal.drivers.supervision import SUPERVISOR, log_failures
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.export.outlets import Outlets
-from cellcal.service.people.authentication import Entrance
-from cellcal.service.people.authorization import Permits
-from cellcal.service.people.session_control import Control
+from cellcal.service.export.event_sinks import EventSinks
+from cellcal.service.people.authentication import Authenticator
+from cellcal.service.people.authorization import OrderAuthorizer
+from cellcal.service.people.session_control import SessionControl
 from cellcal.service.web import commands, exports, history, metrics, models, points, programs, sign_in
 from cellcal.service.web import procedures as outlook
 from cellcal.service.web import session_control as control
 from cellcal.service.web import websocket as screen
-from cellcal.service.web.cell_client import DeskLink
-from cellcal.service.web.context import House, Settings
-from cellcal.service.web.error_responses import REFUSALS, not_understood, told
-from cellcal.service.web.middleware import Guard
+from cellcal.service.web.cell_client import CellProcessClient
+from cellcal.service.web.context import AppContext, ServiceSettings
+from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
+from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import add_pages, page_paths
-from cellcal.service.web.troubles import troubles_of
-from cellcal.service.web.websocket_hub import Screens
+from cellcal.service.web.task_troubles import troubles_of
+from cellcal.service.web.websocket_hub import OpenScreens
 
 Heard = Callable[[str, dict[str, Any]], None]
 
 
-def create_app(settings: Settings) -> FastAPI:
+def create_app(settings: ServiceSettings) -> FastAPI:
     """Build the service for one cell file.
 
     Raises
@@ -40,29 +40,37 @@ def create_app(settings: Settings) -> FastAPI:
         The cell file is wrong; every fault is named.
     """
     config = read_cell_file(settings.cell_file)
-    screens = Screens()
-    outlets = Outlets(settings.cell_file, config)
+    screens = OpenScreens()
+    event_sinks = EventSinks(settings.cell_file, config)
 
-    def heard(kind: str, content: dict[str, Any]) -> None:
-        with guarded("screens"):
-            screens.show(kind, content)
+    def on_event(kind: str, content: dict[str, Any]) -> None:
+        with log_failures("screens"):
+            screens.broadcast(kind, content)
             if kind != "live":
-                _show_troubles(house)
-        outlets.heard(kind, content)
+                _show_troubles(context)
+        event_sinks.on_event(kind, content)
 
-    entrance = Entrance(
+    authenticator = Authenticator(
         config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token
     )
-    house = House(settings, config, _link(settings, heard), screens, entrance, Permits(), Control())
+    context = AppContext(
+        settings,
+        config,
+        _make_client(settings, on_event),
+        screens,
+        authenticator,
+        OrderAuthorizer(),
+        SessionControl(),
+    )
 
     @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        async with _kept(house, outlets):
+    async def run_lifespan(_: FastAPI) -> AsyncIterator[None]:
+        async with _run_background(context, event_sinks):
             yield
 
-    app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
-    app.state.house, app.state.meter = house, outlets.meter
-    app.add_exception_handler(CellError, told)
+    app = FastAPI(title="cellcal", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
+    app.state.house, app.state.meter = context, event_sinks.meter
+    app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
     rooms = (screen, commands, control, outlook, history, exports, sign_in, models, points, programs)
     for router in (room.router for room in rooms):
@@ -72,16 +80,16 @@ def create_app(settings: Settings) -> FastAPI:
     app.include_router(metrics.router)
     add_pages(app)
     app.add_middleware(
-        Guard, pages=page_paths() | {metrics.PATH}, hosts=settings.allowed_hosts, tls=settings.tls
+        RequestFilter, pages=page_paths() | {metrics.PATH}, hosts=settings.allowed_hosts, tls=settings.tls
     )
     return app
 
 
 @asynccontextmanager
-async def _kept(house: House, outlets: Outlets) -> AsyncIterator[None]:
+async def _run_background(context: AppContext, event_sinks: EventSinks) -> AsyncIterator[None]:
     """Keep what lives as long as the service, and show what fails of it."""
-    unlisten = SUPERVISOR.listen(partial(_show_troubles, house))
-    keeping = [house.link.start(), *outlets.keep()]
+    unlisten = SUPERVISOR.add_listener(partial(_show_troubles, context))
+    keeping = [context.link.start_process(), *event_sinks.start_tasks()]
     yield
     unlisten()
     for task in keeping:
@@ -89,11 +97,11 @@ async def _kept(house: House, outlets: Outlets) -> AsyncIterator[None]:
     await asyncio.gather(*keeping, return_exceptions=True)
 
 
-def _show_troubles(house: House) -> None:
-    house.screens.show("troubles", troubles_of(house.link.session))
+def _show_troubles(context: AppContext) -> None:
+    context.screens.broadcast("troubles", troubles_of(context.link.session))
 
 
-def _link(settings: Settings, heard: Heard) -> DeskLink:
+def _make_client(settings: ServiceSettings, on_event: Heard) -> CellProcessClient:
     if settings.extension is None:
-        return DeskLink(settings.cell_file, heard)
-    return settings.extension.make_link(settings.cell_file, heard)
+        return CellProcessClient(settings.cell_file, on_event)
+    return settings.extension.make_link(settings.cell_file, on_event)

@@ -16,14 +16,14 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
 from cellcal.service.cell_process.messages import LONGEST_LINE
-from cellcal.service.child_processes import ChildEndedError, LastWords, end_child
+from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
 
 ANSWER_S = 10.0
 TASK = "process of the cell"
 _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
 
-class DeskGoneError(CellError):
+class CellProcessGoneError(CellError):
     """The desk's process does not answer."""
 
     code = "desk.gone"
@@ -35,7 +35,7 @@ class DeskGoneError(CellError):
         )
 
 
-class NotAnOrderError(CellError):
+class InvalidOrderError(CellError):
     """An order that cannot be passed on."""
 
     code = "request"
@@ -44,43 +44,43 @@ class NotAnOrderError(CellError):
         super().__init__(f"The request is not understood: {why}.", remedy="See /openapi.json.")
 
 
-class DeskLink:
+class CellProcessClient:
     """Keeps a desk running for one cell file. A desk that dies is started again; screens are told meanwhile.
 
-    ``heard`` is called with ("session" or "live", content) for everything that the desk tells.
+    ``on_event`` is called with ("session" or "live", content) for everything that the desk tells.
     """
 
-    def __init__(self, cell_file: Path, heard: Callable[[str, dict[str, Any]], None]) -> None:
-        self._cell_file, self._heard = cell_file, heard
+    def __init__(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> None:
+        self._cell_file, self._on_event = cell_file, on_event
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._process: asyncio.subprocess.Process | None = None
         self.session: dict[str, Any] | None = None
         self._live: tuple[float, dict[str, Any]] | None = None
 
-    def start(self) -> asyncio.Task[None]:
+    def start_process(self) -> asyncio.Task[None]:
         """Begin to run the desk; it leaves when the task is cancelled."""
         return start_task(TASK, self._run_once)
 
     @property
-    def live(self) -> dict[str, Any] | None:
+    def live_values(self) -> dict[str, Any] | None:
         """The newest live values, None where none came just now: a desk that hangs must not look alive."""
         heard_s, content = self._live or (float("-inf"), {})
         return content if time.monotonic() - heard_s < _JUST_NOW_S else None
 
-    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         """Send a command and return the desk's reply; DeskGoneError where there is none."""
-        return await self._ask({"command": command})
+        return await self._request_reply({"command": command})
 
-    async def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
+    async def _request_reply(self, message: dict[str, Any]) -> dict[str, Any]:
         process = self._process
         if process is None or process.returncode is not None or process.stdin is None:
-            raise DeskGoneError
+            raise CellProcessGoneError
         number = next(self._numbers)
         try:
             line = orjson.dumps({"number": number, **message}) + b"\n"
         except TypeError as error:
-            raise NotAnOrderError(str(error)) from error
+            raise InvalidOrderError(str(error)) from error
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
@@ -89,7 +89,7 @@ class DeskLink:
             async with asyncio.timeout(ANSWER_S):
                 return await answer
         except (TimeoutError, ConnectionError) as error:
-            raise DeskGoneError from error
+            raise CellProcessGoneError from error
         finally:
             self._waiting.pop(number, None)
 
@@ -102,44 +102,44 @@ class DeskLink:
         )  # fmt: skip
         assert process.stdout is not None
         assert process.stderr is not None
-        words = LastWords()
+        words = StderrTail()
         try:
             async with asyncio.TaskGroup() as streams:
                 streams.create_task(words.pass_on(process.stderr))
-                await self._hear(process.stdout)
-                await self._leave()
+                await self._read_messages(process.stdout)
+                await self._stop_process()
         except ExceptionGroup as group:
             raise group.exceptions[0] from None
         finally:
-            await self._leave()
-            self._forget()
-        raise ChildEndedError("the cell's process", process.returncode or 0, words.last())
+            await self._stop_process()
+            self._drop_session()
+        raise ChildEndedError("the cell's process", process.returncode or 0, words.last_line())
 
-    async def _hear(self, stream: asyncio.StreamReader) -> None:
+    async def _read_messages(self, stream: asyncio.StreamReader) -> None:
         with contextlib.suppress(ConnectionError):
             while line := await stream.readline():
-                self._take(parse_json(line))
+                self._handle_message(parse_json(line))
 
-    def _forget(self) -> None:
+    def _drop_session(self) -> None:
         """Let everybody know that the desk is gone."""
         self._process = self.session = self._live = None
         for answer in self._waiting.values():
             if not answer.done():
-                answer.set_exception(DeskGoneError())
-        self._heard("gone", {})
+                answer.set_exception(CellProcessGoneError())
+        self._on_event("gone", {})
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _handle_message(self, message: dict[str, Any]) -> None:
         if "told" in message:
             if message["told"] == "session":
                 self.session = message["content"]
             elif message["told"] == "live":
                 self._live = (time.monotonic(), message["content"])
-            self._heard(message["told"], message["content"])
+            self._on_event(message["told"], message["content"])
             return
         answer = self._waiting.get(message["number"] or 0)
         if answer is not None and not answer.done():
             answer.set_result(message["reply"])
 
-    async def _leave(self) -> None:
+    async def _stop_process(self) -> None:
         if self._process is not None:
             await end_child(self._process)

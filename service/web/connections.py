@@ -27,7 +27,7 @@ LOG_EVERY_S = 1.0
 _OUT_OF = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 
 
-class Transport(Protocol):
+class AbortableTransport(Protocol):
     """The part of a transport that is needed here."""
 
     def abort(self) -> None: ...
@@ -35,23 +35,23 @@ class Transport(Protocol):
 
 
 @dataclass(eq=False, slots=True)
-class Connection:
+class ServerConnection:
     """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (a WebSocket)."""
 
     address: str
-    transport: Transport
+    transport: AbortableTransport
     since_s: float
     state: str = "new"
 
 
 @dataclass
-class Connections:
+class ServerConnections:
     """All connections of a server."""
 
     most: int
     clock: Callable[[], float] = time.monotonic
     closed: int = 0  # by us, since the service began
-    _open: dict[int, Connection] = field(default_factory=dict)
+    _open: dict[int, ServerConnection] = field(default_factory=dict)
     _spares: list[int] = field(default_factory=list)
     _rescue_until_s: float = float("-inf")
     _logged_at_s: float = float("-inf")
@@ -61,56 +61,59 @@ class Connections:
         """Return how many are open."""
         return len(self._open)
 
-    def made(self, address: str, transport: Transport) -> Connection:
+    def add_connection(self, address: str, transport: AbortableTransport) -> ServerConnection:
         """Take note of a new connection; older ones are closed where there are too many."""
         self._forget_closed()
-        made = Connection(address, transport, self.clock())
+        made = ServerConnection(address, transport, self.clock())
         self._open[id(made)] = made
         self._make_room(made)
         return made
 
-    def change(self, connection: Connection, state: str) -> None:
+    def set_state(self, connection: ServerConnection, state: str) -> None:
         """Take note of what a connection does now."""
         connection.state, connection.since_s = state, self.clock()
 
-    def lost(self, connection: Connection) -> None:
+    def remove_connection(self, connection: ServerConnection) -> None:
         """Forget a connection."""
         self._open.pop(id(connection), None)
 
-    def look(self) -> None:
+    def close_stale(self) -> None:
         """Close what has waited too long; take the spare descriptors back."""
         self._forget_closed()
         now_s = self.clock()
         for connection in list(self._open.values()):
             limit_s = {"new": HEADERS_S, "waiting": HEADERS_S, "busy": ANSWER_S}.get(connection.state)
             if limit_s is not None and now_s - connection.since_s > limit_s:
-                self._close(connection, "it sent no whole request in time")
+                self._close_connection(connection, "it sent no whole request in time")
         if now_s > self._rescue_until_s:
-            self.keep_spares()
+            self.open_spares()
 
-    def keep_spares(self) -> None:
+    def open_spares(self) -> None:
         """Open the spare descriptors, as many as there are to be had."""
         with contextlib.suppress(OSError):
             while len(self._spares) < SPARES:
                 self._spares.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
 
-    def let_spares_go(self) -> None:
+    def release_spares(self) -> None:
         """Give the spare descriptors up."""
         while self._spares:
             os.close(self._spares.pop())
 
-    def refused(self, error: OSError) -> bool:
+    def on_accept_error(self, error: OSError) -> bool:
         """Take note that a connection could not be accepted; return whether to try again at once."""
-        self._say(f"a connection could not be accepted: {error.strerror}")
+        self._log_rarely(f"a connection could not be accepted: {error.strerror}")
         if error.errno not in _OUT_OF:
             return False
         self._rescue_until_s = self.clock() + RESCUE_S
         had = bool(self._spares)
-        self.let_spares_go()
-        closed = [self._close(each, "descriptors ran out") for each in self._closable()[:SPARES]]
+        self.release_spares()
+        closed = [
+            self._close_connection(each, "descriptors ran out")
+            for each in self._closable_connections()[:SPARES]
+        ]
         return had or bool(closed)
 
-    def _make_room(self, made: Connection) -> None:
+    def _make_room(self, made: ServerConnection) -> None:
         of_address = [each for each in self._open.values() if each.address == made.address]
         waiting = [each for each in of_address if each.state in ("new", "waiting")]
         if len(waiting) > WAITING_OF_ADDRESS or len(of_address) > ALL_OF_ADDRESS:
@@ -124,25 +127,27 @@ class Connections:
                 "too many in all",
             )
 
-    def _close_first(self, of: list[Connection], made: Connection, why: str) -> None:
-        order = sorted(of, key=_rank)
-        self._close(next((each for each in order if each is not made), made), why)
+    def _close_first(self, of: list[ServerConnection], made: ServerConnection, why: str) -> None:
+        order = sorted(of, key=_close_rank)
+        self._close_connection(next((each for each in order if each is not made), made), why)
 
-    def _closable(self) -> list[Connection]:
-        return sorted((each for each in self._open.values() if each.state in ("new", "waiting")), key=_rank)
+    def _closable_connections(self) -> list[ServerConnection]:
+        return sorted(
+            (each for each in self._open.values() if each.state in ("new", "waiting")), key=_close_rank
+        )
 
-    def _close(self, connection: Connection, why: str) -> Connection:
-        self.lost(connection)
+    def _close_connection(self, connection: ServerConnection, why: str) -> ServerConnection:
+        self.remove_connection(connection)
         connection.transport.abort()
         self.closed += 1
-        self._say(f"a connection of {connection.address} was closed: {why}")
+        self._log_rarely(f"a connection of {connection.address} was closed: {why}")
         return connection
 
     def _forget_closed(self) -> None:
         for key in [key for key, each in self._open.items() if each.transport.is_closing()]:
             del self._open[key]
 
-    def _say(self, words: str) -> None:
+    def _log_rarely(self, words: str) -> None:
         """Log at most once a second: a flood must not fill the disk as well."""
         now_s = self.clock()
         if now_s - self._logged_at_s < LOG_EVERY_S:
@@ -159,6 +164,6 @@ def most_connections() -> int:
     return max(16, min(2000, soft * 6 // 10))
 
 
-def _rank(connection: Connection) -> tuple[int, float]:
+def _close_rank(connection: ServerConnection) -> tuple[int, float]:
     order = ("new", "waiting", "screen", "busy")
     return order.index(connection.state), connection.since_s

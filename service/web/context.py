@@ -8,11 +8,11 @@ from typing import Any, Protocol
 from fastapi import APIRouter
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.people.authentication import Entrance
-from cellcal.service.people.authorization import Permits
-from cellcal.service.people.session_control import Control
-from cellcal.service.web.cell_client import DeskLink
-from cellcal.service.web.websocket_hub import Screens
+from cellcal.service.people.authentication import Authenticator
+from cellcal.service.people.authorization import OrderAuthorizer
+from cellcal.service.people.session_control import SessionControl
+from cellcal.service.web.cell_client import CellProcessClient
+from cellcal.service.web.websocket_hub import OpenScreens
 
 
 class ServiceExtension(Protocol):
@@ -23,13 +23,15 @@ class ServiceExtension(Protocol):
         """The routes, below ``/api``."""
         ...
 
-    def make_link(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> DeskLink:
+    def make_link(
+        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]
+    ) -> CellProcessClient:
         """Return the line to the cell's process."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ServiceSettings:
     """How the service is run.
 
     ``open_access`` lets everybody in as the local technician: for demos on loopback, where no robot is. ``extension``
@@ -47,13 +49,13 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class House:
+class AppContext:
     """What every route is lent: the cell's file, its desk, the open screens, who may come in."""
 
-    settings: Settings
+    settings: ServiceSettings
     config: CellConfig
-    link: DeskLink
-    screens: Screens
-    entrance: Entrance
-    permits: Permits
-    control: Control
+    link: CellProcessClient
+    screens: OpenScreens
+    authenticator: Authenticator
+    authorizer: OrderAuthorizer
+    control: SessionControl

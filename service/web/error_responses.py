@@ -8,12 +8,12 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
 from cellcal.calibration.errors import CellError
+from cellcal.service.path_redaction import without_paths
 from cellcal.service.people.errors import PeopleError
-from cellcal.service.shown_paths import without_paths
-from cellcal.service.web.cell_client import DeskGoneError
+from cellcal.service.web.cell_client import CellProcessGoneError
 
 
-class Refused(BaseModel):
+class RefusalResponse(BaseModel):
     """Why a request was refused or not understood, and what to do about it."""
 
     code: str
@@ -21,7 +21,7 @@ class Refused(BaseModel):
     remedy: str
 
 
-class RefusedOrder(Refused):
+class OrderRefusalResponse(RefusalResponse):
     """The same of an order; where the page was behind, with the session as it is."""
 
     session: dict[str, Any] | None = None
@@ -29,12 +29,12 @@ class RefusedOrder(Refused):
 
 # what every route may answer; those whose answer is no JSON name its kind in `responses`, or this would have it too
 REFUSALS: dict[int | str, dict[str, Any]] = {
-    422: {"model": Refused, "description": "not understood, or not possible, and what to do"},
-    "default": {"model": Refused, "description": "refused, and what to do"},
+    422: {"model": RefusalResponse, "description": "not understood, or not possible, and what to do"},
+    "default": {"model": RefusalResponse, "description": "refused, and what to do"},
 }
 
 
-def told(_: Request, error: Exception) -> JSONResponse:
+def respond_to_error(_: Request, error: Exception) -> JSONResponse:
     """Say what happened and what to do."""
     assert isinstance(error, CellError)
     body = {
@@ -45,7 +45,7 @@ def told(_: Request, error: Exception) -> JSONResponse:
     if isinstance(error, PeopleError):
         wait = {} if error.retry_after_s is None else {"retry-after": str(error.retry_after_s)}
         return JSONResponse(body, status_code=error.status, headers=wait)
-    return JSONResponse(body, status_code=503 if isinstance(error, DeskGoneError) else 422)
+    return JSONResponse(body, status_code=503 if isinstance(error, CellProcessGoneError) else 422)
 
 
 def not_understood(_: Request, error: Exception) -> JSONResponse:

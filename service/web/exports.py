@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Request, Response
 
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.dependencies import Who, app_context
 
 router = APIRouter(prefix="/exports")
 Form = Literal["csv", "xlsx"]
@@ -18,35 +18,35 @@ _FILE: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/runs.{form}", response_class=Response, responses=_FILE)
-async def runs(form: Form, request: Request, who: Who) -> Response:
+async def export_runs(form: Form, request: Request, who: Who) -> Response:
     """Return all runs of the cell."""
     del who
-    return await _file(request, "runs", form)
+    return await _table_response(request, "runs", form)
 
 
 @router.get("/history.{form}", response_class=Response, responses=_FILE)
-async def history(form: Form, request: Request, who: Who) -> Response:
+async def export_history(form: Form, request: Request, who: Who) -> Response:
     """Return every figure that a run ended with."""
     del who
-    return await _file(request, "history", form)
+    return await _table_response(request, "history", form)
 
 
 @router.get("/runs/{run_id}/points.{form}", response_class=Response, responses=_FILE)
-async def points(run_id: Named, form: Form, request: Request, who: Who) -> Response:
+async def export_points(run_id: Named, form: Form, request: Request, who: Who) -> Response:
     """Return the readings of one run."""
     del who
-    return await _file(request, "points", form, run_id)
+    return await _table_response(request, "points", form, run_id)
 
 
 @router.get("/parameters/{robot_serial}.{form}", response_class=Response, responses=_FILE)
-async def parameters(robot_serial: Named, form: Form, request: Request, who: Who) -> Response:
+async def export_parameters(robot_serial: Named, form: Form, request: Request, who: Who) -> Response:
     """Return all versions of a robot's parameters."""
     del who
-    return await _file(request, "parameters", form, robot_serial)
+    return await _table_response(request, "parameters", form, robot_serial)
 
 
-async def _file(request: Request, what: str, form: Form, *named: str) -> Response:
-    def made() -> tuple[bytes, str]:
+async def _table_response(request: Request, what: str, form: Form, *named: str) -> Response:
+    def build_table() -> tuple[bytes, str]:
         from cellcal.service.export import cell_tables  # noqa: PLC0415  heavy: not while the service starts
         from cellcal.service.export.table_files import CSV_TYPE, XLSX_TYPE, as_csv_file, as_xlsx_file  # noqa: PLC0415
 
@@ -56,10 +56,10 @@ async def _file(request: Request, what: str, form: Form, *named: str) -> Respons
             "points": cell_tables.points_table,
             "parameters": cell_tables.parameters_table,
         }
-        table = makers[what](house_of(request).config, *named)
+        table = makers[what](app_context(request).config, *named)
         return (as_csv_file(table), CSV_TYPE) if form == "csv" else (as_xlsx_file([table]), XLSX_TYPE)
 
-    content, kind = await asyncio.to_thread(made)
+    content, kind = await asyncio.to_thread(build_table)
     name = re.sub(r"[^A-Za-z0-9_-]", "_", "-".join((what, *named)))
     headers = {"content-disposition": f'attachment; filename="{name}.{form}"'}
     return Response(content, media_type=kind, headers=headers)

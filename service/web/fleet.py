@@ -22,18 +22,18 @@ from starlette.requests import HTTPConnection
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
-from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.errors import NotSignedInError
-from cellcal.service.record.signing import Checked, Finding
+from cellcal.service.record.signing import CheckedDocument, CheckFinding
 from cellcal.service.site.fleet import Fleet
 from cellcal.service.site.keys import SiteError
-from cellcal.service.web.door import Who, person_of
-from cellcal.service.web.error_responses import REFUSALS, not_understood, told
+from cellcal.service.web.dependencies import Who, person_of
+from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
 from cellcal.service.web.fleet_models import FleetSeen
-from cellcal.service.web.middleware import Guard
+from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import DIST, BuiltFiles
-from cellcal.service.web.response_models import SignedDocument, answering
-from cellcal.service.web.sign_in import console
+from cellcal.service.web.response_models import SignedDocument, response_options
+from cellcal.service.web.sign_in import open_console
 from cellcal.service.web.websocket_hub import let_go
 
 PERIOD_S = 0.5
@@ -43,34 +43,34 @@ _FLAWS = 20
 _NOT_BUILT = "The pages of this copy of cellcal are not built: run `make pages`, then start again.\n"
 
 
-class Bus(Protocol):
+class FleetBus(Protocol):
     """What hears the cells; ``site/listener.py`` is one."""
 
     @property
     def fleet(self) -> Fleet: ...
     @property
-    def linked(self) -> bool: ...
-    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]: ...
+    def is_linked(self) -> bool: ...
+    def fetch_certificate(self, cell: str, run_id: str) -> tuple[bytes, CheckedDocument]: ...
 
 
 @dataclass(frozen=True, slots=True)
-class _Plain:
+class _PlainSettings:
     tls: bool = False
 
 
 @dataclass
-class FleetHouse:
+class FleetContext:
     """What the routes share. ``rows`` is every cell as it is sent, ``ages`` of those that are not heard just now."""
 
-    bus: Bus
-    entrance: Entrance
-    settings: _Plain = field(default_factory=_Plain)
+    bus: FleetBus
+    authenticator: Authenticator
+    settings: _PlainSettings = field(default_factory=_PlainSettings)
     rows: dict[str, bytes] = field(default_factory=dict)
     ages: dict[str, int] = field(default_factory=dict)
 
-    def look(self) -> None:
+    def update_rows(self) -> None:
         """Take the picture of now."""
-        views = [view.as_json() for view in self.bus.fleet.views(time.monotonic())]
+        views = [view.as_json() for view in self.bus.fleet.cell_views(time.monotonic())]
         self.ages = {
             view["cell"]: int(view["age_s"])
             for view in views
@@ -79,9 +79,9 @@ class FleetHouse:
         for view in views:
             del view["age_s"]  # it changes all the time; the row does not
             view["clock_off_s"] = round(view["clock_off_s"])
-            self.rows[view["cell"]] = self._row(view)
+            self.rows[view["cell"]] = self._row_to_json(view)
 
-    def _row(self, view: dict[str, Any]) -> bytes:
+    def _row_to_json(self, view: dict[str, Any]) -> bytes:
         """Return a cell's row; one that cannot be shown is never left as it was before."""
         try:
             return orjson.dumps(view)
@@ -91,14 +91,14 @@ class FleetHouse:
             lists = {"alarms": [], "drift": [], "due": [], "attended": False, "clock_off_s": 0}
             return orjson.dumps(plain | lists | {"events": {"have": 0, "known": 0, "lost": 0}})
 
-    def message(self, sent: dict[str, bytes]) -> str:
+    def changes_message(self, sent: dict[str, bytes]) -> str:
         """Return what a page does not know yet, and note that it does."""
         changed = [row for cell, row in self.rows.items() if sent.get(cell) != row]
         sent.update(self.rows)
         fleet = self.bus.fleet
         head = {
             "site": fleet.site,
-            "router": self.bus.linked,
+            "router": self.bus.is_linked,
             "cells": len(self.rows),
             "ages": self.ages,
             "not_believed": list(fleet.flaws)[-_FLAWS:],
@@ -109,22 +109,22 @@ class FleetHouse:
 router = APIRouter(prefix="/api")
 
 
-@router.get("/fleet", **answering(FleetSeen, "every cell as it stands"))
-async def fleet(request: Request, who: Who) -> Response:
+@router.get("/fleet", **response_options(FleetSeen, "every cell as it stands"))
+async def get_fleet(request: Request, who: Who) -> Response:
     """Return every cell as it stands."""
     del who
-    return Response(_house(request).message({}), media_type="application/json")
+    return Response(_fleet_context(request).changes_message({}), media_type="application/json")
 
 
 @router.get(
     "/fleet/{cell}/certificates/{run_id}.json",
-    **answering(SignedDocument, "the signed document, as its cell sent it"),
+    **response_options(SignedDocument, "the signed document, as its cell sent it"),
 )
-async def certificate(cell: str, run_id: str, request: Request, who: Who) -> Response:
+async def get_certificate(cell: str, run_id: str, request: Request, who: Who) -> Response:
     """Return a certificate from its cell, after it was checked against the cell's key."""
     del who
-    raw, checked = await asyncio.to_thread(_house(request).bus.certificate, cell, run_id)
-    if checked.finding is not Finding.INTACT:
+    raw, checked = await asyncio.to_thread(_fleet_context(request).bus.fetch_certificate, cell, run_id)
+    if checked.finding is not CheckFinding.INTACT:
         raise SiteError(
             f"what {cell} sent is not its certificate. {checked.sentence}",
             remedy="Look into that cell before you trust it.",
@@ -136,19 +136,19 @@ async def certificate(cell: str, run_id: str, request: Request, who: Who) -> Res
 
 
 @router.websocket("/fleet/live")
-async def live(socket: WebSocket) -> None:
+async def send_live(socket: WebSocket) -> None:
     """Tell a page what changed, until it leaves or is too slow."""
-    house = _house(socket)
+    context = _fleet_context(socket)
     person_of(socket)
     await socket.accept()
     sent: dict[str, bytes] = {}
-    leaving = asyncio.ensure_future(_left(socket))
+    leaving = asyncio.ensure_future(_wait_until_left(socket))
     try:
         with contextlib.suppress(WebSocketDisconnect, NotSignedInError, TimeoutError):
             while not leaving.done():
                 person_of(socket)  # a session that has ended sees nothing more
                 async with asyncio.timeout(SLOW_S):
-                    await socket.send_text(house.message(sent))
+                    await socket.send_text(context.changes_message(sent))
                 await asyncio.wait([leaving], timeout=PERIOD_S)
     finally:
         leaving.cancel()
@@ -157,37 +157,37 @@ async def live(socket: WebSocket) -> None:
         await let_go(socket)
 
 
-async def _left(socket: WebSocket) -> None:
+async def _wait_until_left(socket: WebSocket) -> None:
     with contextlib.suppress(WebSocketDisconnect):
         while True:
             await socket.receive_text()  # a page that babbles is not listened to
 
 
 def create_fleet_app(
-    bus: Bus, folder: Path, on_console_token: Callable[[str], None] | None = None
+    bus: FleetBus, folder: Path, on_console_token: Callable[[str], None] | None = None
 ) -> FastAPI:
     """Build the monitor's door. A register of people would lie in ``folder``; there is none, and no need of one."""
-    house = FleetHouse(bus, Entrance(folder, on_console_token=on_console_token))
+    context = FleetContext(bus, Authenticator(folder, on_console_token=on_console_token))
 
     @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        looking = start_task("monitor: view of the cells", partial(_keep_looking, house))
+    async def run_lifespan(_: FastAPI) -> AsyncIterator[None]:
+        looking = start_task("monitor: view of the cells", partial(_update_forever, context))
         yield
         looking.cancel()
         await asyncio.gather(looking, return_exceptions=True)
 
     app = FastAPI(
-        title="cellcal monitor", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS
+        title="cellcal monitor", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS
     )
-    app.state.house = house
-    app.add_exception_handler(CellError, told)
+    app.state.house = context
+    app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
     app.include_router(router)
     app.add_api_route(
-        "/api/sign-in/console", console, response_class=RedirectResponse, include_in_schema=False
+        "/api/sign-in/console", open_console, response_class=RedirectResponse, include_in_schema=False
     )
     pages = _add_page(app)
-    app.add_middleware(Guard, pages=pages)
+    app.add_middleware(RequestFilter, pages=pages)
     return app
 
 
@@ -206,11 +206,11 @@ def _add_page(app: FastAPI) -> frozenset[str]:
     return frozenset({"/", "/icon.svg", *(f"/assets/{file.name}" for file in assets.iterdir())})
 
 
-async def _keep_looking(house: FleetHouse) -> None:
+async def _update_forever(context: FleetContext) -> None:
     while True:
-        house.look()
+        context.update_rows()
         await asyncio.sleep(PERIOD_S)
 
 
-def _house(connection: HTTPConnection) -> FleetHouse:
-    return cast("FleetHouse", connection.app.state.house)
+def _fleet_context(connection: HTTPConnection) -> FleetContext:
+    return cast("FleetContext", connection.app.state.house)

@@ -13,10 +13,10 @@ from cellcal.service.site.state_shape import (
     StateDue,
     StateRun,
 )
-from cellcal.service.web.response_models import Shape
+from cellcal.service.web.response_models import ResponseShape
 
 
-class EventsSeen(Shape):
+class EventsSeen(ResponseShape):
     """How many of a cell's events are here, exist, and cannot be had any more."""
 
     have: int
@@ -24,7 +24,7 @@ class EventsSeen(Shape):
     lost: int
 
 
-class CellRow(Shape):
+class CellRow(ResponseShape):
     """One cell as it stands."""
 
     cell: str
@@ -41,7 +41,7 @@ class CellRow(Shape):
     clock_off_s: int
 
 
-class NotBelieved(Shape):
+class NotBelieved(ResponseShape):
     """Something that was heard of a cell and dropped."""
 
     wall: str
@@ -49,7 +49,7 @@ class NotBelieved(Shape):
     what: str
 
 
-class FleetSeen(Shape):
+class FleetSeen(ResponseShape):
     """Every cell of the site; ``ages`` are seconds since cells were heard that are not heard just now."""
 
     site: str

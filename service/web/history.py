@@ -8,9 +8,9 @@ from fastapi.responses import FileResponse
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.response_models import RunDetail, RunLine, SignedDocument, answering
-from cellcal.service.web.worker import issue, open_journal, store_of
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.response_models import RunDetail, RunLine, SignedDocument, response_options
+from cellcal.service.web.worker import issue_certificate, open_journal, store_of
 
 if TYPE_CHECKING:
     from cellcal.service.record.run_store import RunView
@@ -20,18 +20,18 @@ for room in (certificates, parameters, pictures, rollback, residuals, overlays, 
     router.include_router(room.router)
 
 
-@router.get("/runs", **answering(list[RunLine], "all runs"))
-async def runs(request: Request, who: Who) -> list[dict[str, Any]]:
+@router.get("/runs", **response_options(list[RunLine], "all runs"))
+async def list_runs(request: Request, who: Who) -> list[dict[str, Any]]:
     """Return all runs of the cell, newest first."""
     del who
-    return await asyncio.to_thread(_runs, house_of(request).config)
+    return await asyncio.to_thread(_load_runs, app_context(request).config)
 
 
-@router.get("/runs/{run_id}", **answering(RunDetail, "one run"))
-async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
+@router.get("/runs/{run_id}", **response_options(RunDetail, "one run"))
+async def get_run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
     """Return one run: its settings, findings, result and verdict."""
     del who
-    return await asyncio.to_thread(_run, house_of(request).config, run_id)
+    return await asyncio.to_thread(_load_run, app_context(request).config, run_id)
 
 
 @router.get(
@@ -39,24 +39,24 @@ async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
     response_class=FileResponse,
     responses={200: {"model": SignedDocument, "description": "the signed document, as it was signed"}},
 )
-async def certificate(run_id: str, request: Request, who: Who) -> FileResponse:
+async def get_certificate(run_id: str, request: Request, who: Who) -> FileResponse:
     """Return the signed certificate of a run, or the record of its refusal."""
     del who
-    issued = await asyncio.to_thread(issue, house_of(request).config, run_id)
+    issued = await asyncio.to_thread(issue_certificate, app_context(request).config, run_id)
     return FileResponse(issued.json_path, media_type="application/json", filename=issued.json_path.name)
 
 
-def _runs(config: CellConfig) -> list[dict[str, Any]]:
+def _load_runs(config: CellConfig) -> list[dict[str, Any]]:
     with open_journal(config) as journal:
-        return [_short(view) for view in reversed(store_of(journal).runs())]
+        return [_run_line(view) for view in reversed(store_of(journal).list_runs())]
 
 
-def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
+def _load_run(config: CellConfig, run_id: str) -> dict[str, Any]:
     with open_journal(config) as journal:
         store = store_of(journal)
-        view = store.run(store.newest(run_id))
+        view = store.find_run(store.resolve_run_id(run_id))
     return {
-        **_short(view),
+        **_run_line(view),
         "spec": view.spec,
         "findings": [{"step": found.step, "value": found.value} for found in view.past.findings],
         "result": view.result,
@@ -64,8 +64,8 @@ def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
     }
 
 
-def _short(view: "RunView") -> dict[str, Any]:
+def _run_line(view: "RunView") -> dict[str, Any]:
     keys = ("run_id", "procedure", "started_utc", "state", "reason", "begun_by", "begun_as")
-    told = {key: getattr(view, key) for key in keys}
+    fields = {key: getattr(view, key) for key in keys}
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
-    return {**told, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}
+    return {**fields, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}

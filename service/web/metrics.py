@@ -10,7 +10,7 @@ from fastapi.responses import PlainTextResponse, Response
 
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.export.exposition import CONTENT_TYPE
-from cellcal.service.web.door import house_of
+from cellcal.service.web.dependencies import app_context
 from cellcal.service.web.middleware import is_loopback
 
 router = APIRouter()
@@ -24,18 +24,18 @@ _TEXTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.get(PATH, response_class=Response, responses=_TEXTS)
-async def metrics(request: Request) -> Response:
+async def get_metrics(request: Request) -> Response:
     """Return the cell's figures in Prometheus' text format 0.0.4."""
-    table = house_of(request).config.reports.metrics
+    table = app_context(request).config.reports.metrics
     if table is None:
         client = request.client
         if client is None or not is_loopback(client.host):
-            return _refused(
+            return _refuse_request(
                 403, "only programs on this computer may read it; see [metrics] of the cell file."
             )
     elif not await asyncio.to_thread(_is_right, table.token_file, request.headers.get("authorization", "")):
-        return _refused(401, "the token is missing or wrong; see [metrics] of the cell file.")
-    text = await asyncio.to_thread(request.app.state.meter.text)
+        return _refuse_request(401, "the token is missing or wrong; see [metrics] of the cell file.")
+    text = await asyncio.to_thread(request.app.state.meter.render_metrics)
     return Response(text, media_type=CONTENT_TYPE, headers={"cache-control": "no-store"})
 
 
@@ -45,11 +45,11 @@ def _is_right(file: Path, header: str) -> bool:
         token = read_plain_text(file).partition("\n")[0].strip()
     except (OSError, ValueError):
         return False
-    scheme, _, given = header.partition(" ")
-    right = hmac.compare_digest(given.strip().encode(), token.encode())
+    scheme, _, token_text = header.partition(" ")
+    right = hmac.compare_digest(token_text.strip().encode(), token.encode())
     return len(token) >= SHORTEST_TOKEN and scheme.lower() == "bearer" and right
 
 
-def _refused(status: int, why: str) -> Response:
+def _refuse_request(status: int, why: str) -> Response:
     headers = {"www-authenticate": "Bearer"} if status == 401 else {}
     return PlainTextResponse(f"{why}\n", status_code=status, headers=headers)

@@ -23,7 +23,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
-from cellcal.service.web.door import house_of, token_of
+from cellcal.service.web.dependencies import app_context, token_of
 
 _log = logging.getLogger(__name__)
 MOST_BYTES = 256 * 1024
@@ -59,32 +59,34 @@ _LAST_PORT = 65535
 
 
 @dataclass
-class Budget:
+class RequestBudget:
     """Requests of one address: ``burst`` at once, then ``rate_hz``."""
 
     burst: float
     rate_hz: float
     clock: Callable[[], float] = time.monotonic
-    _left: dict[str, tuple[float, float]] = field(default_factory=dict)
+    _remaining: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def spend(self, address: str) -> bool:
+    def spend_request(self, address: str) -> bool:
         """Take one; False when nothing is left."""
         now = self.clock()
-        left, at_s = self._left.get(address, (self.burst, now))
-        left = min(self.burst, left + (now - at_s) * self.rate_hz)
-        if len(self._left) > 4096:
-            self._left = {
-                key: kept for key, kept in self._left.items() if now - kept[1] < self.burst / self.rate_hz
+        remaining, at_s = self._remaining.get(address, (self.burst, now))
+        remaining = min(self.burst, remaining + (now - at_s) * self.rate_hz)
+        if len(self._remaining) > 4096:
+            self._remaining = {
+                key: entry
+                for key, entry in self._remaining.items()
+                if now - entry[1] < self.burst / self.rate_hz
             }
-        self._left[address] = (max(left - 1.0, 0.0) if left >= 1.0 else left, now)
-        return left >= 1.0
+        self._remaining[address] = (max(remaining - 1.0, 0.0) if remaining >= 1.0 else remaining, now)
+        return remaining >= 1.0
 
 
-def _budgets() -> dict[str, Budget]:
+def _make_budgets() -> dict[str, RequestBudget]:
     return {  # orders have their own: whatever a page asks for too often, a stop still gets through
-        "sign-in": Budget(40.0, 1.0),
-        "orders": Budget(200.0, 50.0),
-        "else": Budget(400.0, 100.0),
+        "sign-in": RequestBudget(40.0, 1.0),
+        "orders": RequestBudget(200.0, 50.0),
+        "else": RequestBudget(400.0, 100.0),
     }
 
 
@@ -98,67 +100,67 @@ class RefusedRequestError(Exception):
 
 
 @dataclass
-class Guard:
+class RequestFilter:
     """ASGI middleware. ``pages`` are the paths of built files, ``hosts`` the names that the service answers to."""
 
     app: ASGIApp
     pages: frozenset[str]
     hosts: tuple[str, ...] = ()
     tls: bool = False
-    budgets: dict[str, Budget] = field(default_factory=_budgets)
+    budgets: dict[str, RequestBudget] = field(default_factory=_make_budgets)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through, or say why not."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        answer = _Answer(send, scope["path"], tls=self.tls)
+        answer = _ResponseSender(send, scope["path"], tls=self.tls)
         try:
             connection = HTTPConnection(scope)
-            self._look_at(connection)
+            self._check_request(connection)
             if scope["type"] == "http" and scope["method"] not in _SAFE:
-                receive = await _whole_body(connection, receive, *self._room(connection))
-            await self.app(scope, receive, answer.send if scope["type"] == "http" else send)
+                receive = await _whole_body(connection, receive, *self._body_limits(connection))
+            await self.app(scope, receive, answer.send_message if scope["type"] == "http" else send)
         except RefusedRequestError as refused:
-            await self._turn_away(scope, answer, send, refused)
+            await self._reject(scope, answer, send, refused)
         except Exception:
             if scope["type"] != "http" or answer.begun:
                 raise
             _log.exception("%s %s broke", scope["method"], scope["path"])
-            await answer.refuse(
+            await answer.send_refusal(
                 500, {"code": "broken", "message": "The program failed; its log has the cause."}
             )
 
-    async def _turn_away(
-        self, scope: Scope, answer: "_Answer", send: Send, refused: RefusedRequestError
+    async def _reject(
+        self, scope: Scope, answer: "_ResponseSender", send: Send, refused: RefusedRequestError
     ) -> None:
         if scope["type"] == "websocket":  # before it is accepted: the browser sees 403
             await send({"type": "websocket.close", "code": 4401 if refused.status == 401 else 4403})
         else:
-            await answer.refuse(refused.status, refused.body)
+            await answer.send_refusal(refused.status, refused.body)
 
-    def _look_at(self, connection: HTTPConnection) -> None:
+    def _check_request(self, connection: HTTPConnection) -> None:
         path = connection.scope["path"]
         self._refuse_other_hosts(connection)
         self._refuse_other_pages(connection)
-        _refuse_tricks(connection)
+        _reject_path_traversal(connection)
         self._refuse_too_many(connection, path)
         if path in self.pages or path == _SIGN_IN or path.startswith(f"{_SIGN_IN}/"):
             return
         try:
-            entrance, token = house_of(connection).entrance, token_of(connection)
-            entrance.present(token)
+            authenticator, token = app_context(connection).authenticator, token_of(connection)
+            authenticator.authenticate(token)
         except PeopleError as error:
             raise RefusedRequestError(error.status, error.code, error.message, error.remedy) from error
         if connection.scope.get("method", "GET") not in _SAFE:
-            entrance.busy(token)
+            authenticator.note_activity(token)
 
     @staticmethod
-    def _room(connection: HTTPConnection) -> tuple[int, float]:
+    def _body_limits(connection: HTTPConnection) -> tuple[int, float]:
         """Return how many bytes a body may have, and how long it may take [s]: files only of whom may make."""
         if connection.scope["path"] == PROGRAMS:
-            who = house_of(connection).entrance.present(token_of(connection))
-            if who.may(Right.MAKE_PROGRAMS):
+            who = app_context(connection).authenticator.authenticate(token_of(connection))
+            if who.has_right(Right.MAKE_PROGRAMS):
                 return MOST_PROGRAM_BYTES, PROGRAMS_S
         return MOST_BYTES, BODY_S
 
@@ -186,18 +188,18 @@ class Guard:
         asks = connection.scope.get("method", "GET") not in _SAFE
         kind = "sign-in" if path.startswith(_SIGN_IN) and asks else "orders" if asks else "else"
         address = connection.client.host if connection.client else ""
-        if not self.budgets[kind].spend(address):
+        if not self.budgets[kind].spend_request(address):
             raise RefusedRequestError(429, "guard.often", "too many requests.", "Wait a few seconds.")
 
 
-class _Answer:
+class _ResponseSender:
     """The way out: security headers on everything, and one place for refusals."""
 
     def __init__(self, send: Send, path: str, *, tls: bool) -> None:
         self._send, self._path, self._tls = send, path, tls
         self.begun = False
 
-    async def send(self, message: Message) -> None:
+    async def send_message(self, message: Message) -> None:
         """Send on, with the headers."""
         if message["type"] == "http.response.start":
             self.begun = True
@@ -216,12 +218,12 @@ class _Answer:
         if headers.get("content-type", "").startswith(("text/html", "image/svg")):
             headers.setdefault("content-security-policy", _DOCUMENT_POLICY)
 
-    async def refuse(self, status: int, body: dict[str, Any]) -> None:
+    async def send_refusal(self, status: int, body: dict[str, Any]) -> None:
         """Answer with a short JSON object, never with what was sent."""
-        told = json.dumps(body).encode()
-        headers = [(b"content-type", b"application/json"), (b"content-length", str(len(told)).encode())]
-        await self.send({"type": "http.response.start", "status": status, "headers": headers})
-        await self.send({"type": "http.response.body", "body": told})
+        payload = json.dumps(body).encode()
+        headers = [(b"content-type", b"application/json"), (b"content-length", str(len(payload)).encode())]
+        await self.send_message({"type": "http.response.start", "status": status, "headers": headers})
+        await self.send_message({"type": "http.response.body", "body": payload})
 
 
 def is_loopback(host: str) -> bool:
@@ -245,7 +247,7 @@ def _host_name(header: str) -> str:
         return ""
 
 
-def _refuse_tricks(connection: HTTPConnection) -> None:
+def _reject_path_traversal(connection: HTTPConnection) -> None:
     """Refuse paths that mean another one to somebody behind us, and hidden signs."""
     raw: bytes = connection.scope.get("raw_path") or connection.scope["path"].encode()
     path = raw.partition(b"?")[0]
@@ -285,14 +287,14 @@ async def _whole_body(
     _refuse_what_is_no_json(body)
     handed = False
 
-    async def again() -> Message:
+    async def replay_body() -> Message:
         nonlocal handed
         if handed:
             return await receive()
         handed = True
         return {"type": "http.request", "body": body, "more_body": False}
 
-    return again
+    return replay_body
 
 
 def _refuse_what_is_no_json(body: bytes) -> None:

@@ -15,12 +15,12 @@ from fastapi import APIRouter, Path, Request, Response
 
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.dependencies import Who, app_context
 
 if TYPE_CHECKING:
     from cellcal.calibration.arm.kinematics import RobotModel
     from cellcal.calibration.geometry import Array
-    from cellcal.calibration.motion.collision import Capsule
+    from cellcal.calibration.motion.collision import LinkCapsule
     from cellcal.procedures.surroundings import Surroundings
 
 router = APIRouter()
@@ -61,7 +61,7 @@ class PlaneSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class WireSeen:
+class WirePlacement:
     """The draw-wire as the cell file places it: from its anchor in the base to its hook on the flange."""
 
     name: str
@@ -85,7 +85,7 @@ class CellSeen:
     boxes: tuple[BoxSeen, ...]
     balls: tuple[BallSeen, ...]
     planes: tuple[PlaneSeen, ...]
-    wire: WireSeen | None
+    wire: WirePlacement | None
     remarks: tuple[str, ...]  # what of the shapes was assumed
 
 
@@ -94,18 +94,18 @@ class CellSeen:
     response_class=Response,
     responses={200: {"content": {"application/xml": {}}, "description": "URDF"}},
 )
-async def description(robot: RobotName, request: Request, who: Who) -> Response:
+async def get_description(robot: RobotName, request: Request, who: Who) -> Response:
     """Return a robot of this cell as a URDF of cylinders and balls; links ``base``, ``link_1`` …, ``flange``."""
     del who
-    told = await asyncio.to_thread(primitive_urdf, house_of(request).config, robot)
-    return Response(told, media_type="application/xml")
+    urdf = await asyncio.to_thread(primitive_urdf, app_context(request).config, robot)
+    return Response(urdf, media_type="application/xml")
 
 
 @router.get("/models/{robot}.json")
-async def cell_seen(robot: RobotName, request: Request, who: Who) -> CellSeen:
+async def get_surroundings(robot: RobotName, request: Request, who: Who) -> CellSeen:
     """Return what stands around a robot, its wire, and how its joints drive the description."""
     del who
-    return await asyncio.to_thread(seen_cell, house_of(request).config, robot)
+    return await asyncio.to_thread(describe_surroundings, app_context(request).config, robot)
 
 
 def primitive_urdf(config: CellConfig, robot: str) -> str:
@@ -118,7 +118,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
     """
     from cellcal.calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
 
-    model, shapes, _ = _shapes(config, robot)
+    model, shapes, _ = _arm_shapes(config, robot)
     root: ET.Element = parse_xml(bare_urdf(model, geometric_joints=True))
     for name, rgba in _COLOURS.items():
         ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
@@ -128,7 +128,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
         # The capsule's frame lies behind the placement that ends the link, the description's link before it.
         _draw_capsule(links[at], capsule, model.placements[capsule.link])
     radius = min((c.radius_m for c in shapes if c.name != _TOOL), default=_SMALL_RADIUS_M)
-    for joint in range(1, model.axes + 1):
+    for joint in range(1, model.axis_count + 1):
         _draw_cylinder(
             links[f"link_{joint}"],
             np.zeros(3),
@@ -140,7 +140,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def seen_cell(config: CellConfig, robot: str) -> CellSeen:
+def describe_surroundings(config: CellConfig, robot: str) -> CellSeen:
     """Return what stands around one robot, as its cell file tells.
 
     Raises
@@ -150,49 +150,51 @@ def seen_cell(config: CellConfig, robot: str) -> CellSeen:
     """
     from cellcal.calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
 
-    model, _, remarks = _shapes(config, robot)
-    space, gauge = _space(config, robot), config.gauge_for(robot)
+    model, _, remarks = _arm_shapes(config, robot)
+    space, gauge = _robot_surroundings(config, robot), config.gauge_for(robot)
     bare: ET.Element = parse_xml(bare_urdf(model, geometric_joints=True))
     signs = [float(str(axis.get("xyz")).split()[2]) for axis in bare.iter("axis")]
     driven = np.array(signs)[:, None] * model.joint_coupling
     return CellSeen(
         robot=robot,
-        model=config.robot(robot).model,
+        model=config.robot_named(robot).model,
         title=model.title,
         joints=model.joint_names,
         description_from_controller=tuple(tuple(float(v) for v in row) for row in driven),
         boxes=tuple(
-            BoxSeen(box.name, tuple(float(v) for v in box.base_box.matrix().ravel()), box.size_m)
+            BoxSeen(box.name, tuple(float(v) for v in box.base_box.to_matrix().ravel()), box.size_m)
             for box in space.blocks
         ),
         balls=tuple(BallSeen(ball.name, ball.centre_in_base_m, ball.radius_m) for ball in space.balls),
         planes=tuple(PlaneSeen(p.name, p.point_in_base_m, p.normal_in_base) for p in space.planes),
-        wire=None if gauge is None else _wire_seen(gauge),
+        wire=None if gauge is None else _describe_wire(gauge),
         remarks=remarks,
     )
 
 
-def _wire_seen(gauge: GaugeEntry) -> WireSeen:
-    return WireSeen(gauge.device.name, gauge.setup.anchor_in_base_m, gauge.setup.hook_in_flange_m)
+def _describe_wire(gauge: GaugeEntry) -> WirePlacement:
+    return WirePlacement(gauge.device.name, gauge.setup.anchor_in_base_m, gauge.setup.hook_in_flange_m)
 
 
-def _space(config: CellConfig, robot: str) -> "Surroundings":
+def _robot_surroundings(config: CellConfig, robot: str) -> "Surroundings":
     return config.motion_of(robot).surroundings
 
 
-def _shapes(config: CellConfig, robot: str) -> tuple["RobotModel", tuple["Capsule", ...], tuple[str, ...]]:
+def _arm_shapes(
+    config: CellConfig, robot: str
+) -> tuple["RobotModel", tuple["LinkCapsule", ...], tuple[str, ...]]:
     from cellcal.calibration.arm.kinematics import load_model  # noqa: PLC0415  # heavy, as above
     from cellcal.procedures.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
 
-    model = load_model(config.robot(robot).model)
+    model = load_model(config.robot_named(robot).model)
     gauge = config.gauge_for(robot)
-    space = _space(config, robot)
+    space = _robot_surroundings(config, robot)
     hook = None if gauge is None else gauge.setup.hook_in_flange_m
     shape = cell_shape(model, space, None, space.tip_in_flange_m or hook)
     return model, shape.arm, shape.assumed
 
 
-def _draw_capsule(link: ET.Element, capsule: "Capsule", link_frame: "Array") -> None:
+def _draw_capsule(link: ET.Element, capsule: "LinkCapsule", link_frame: "Array") -> None:
     ends = [
         link_frame[:3, :3] @ np.array(end) + link_frame[:3, 3] for end in (capsule.start_m, capsule.end_m)
     ]
@@ -200,7 +202,7 @@ def _draw_capsule(link: ET.Element, capsule: "Capsule", link_frame: "Array") -> 
     middle, along = (ends[0] + ends[1]) / 2, ends[1] - ends[0]
     _draw_cylinder(link, middle, along, capsule.radius_m, colour)
     for end in ends:
-        ball = _visual(link, end, (0.0, 0.0, 0.0), colour)
+        ball = _add_visual(link, end, (0.0, 0.0, 0.0), colour)
         ET.SubElement(ball, "sphere", radius=f"{capsule.radius_m:.6g}")
 
 
@@ -209,11 +211,11 @@ def _draw_cylinder(link: ET.Element, middle: "Array", along: "Array", radius_m: 
     length = float(np.linalg.norm(along))
     x, y, z = along
     turn = (0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x)))
-    bar = _visual(link, middle, turn, colour)
+    bar = _add_visual(link, middle, turn, colour)
     ET.SubElement(bar, "cylinder", radius=f"{radius_m:.6g}", length=f"{length:.6g}")
 
 
-def _visual(link: ET.Element, xyz: "Array", rpy: Triple, colour: str) -> ET.Element:
+def _add_visual(link: ET.Element, xyz: "Array", rpy: Triple, colour: str) -> ET.Element:
     visual = ET.SubElement(link, "visual")
     ET.SubElement(
         visual, "origin", xyz=" ".join(f"{v:.6g}" for v in xyz), rpy=" ".join(f"{v:.6g}" for v in rpy)

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.record.stored_results import Kept, all_kept
-from cellcal.service.review.review_models import ToolDoubt
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.residuals import solver_of
-from cellcal.service.web.response_models import answering
+from cellcal.service.record.stored_results import JournalledResult, list_stored_results
+from cellcal.service.review.review_models import TipUncertainty
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.residuals import compute_client_of
+from cellcal.service.web.response_models import response_options
 
 router = APIRouter()
 RobotName = Annotated[str, Path(max_length=64)]
@@ -36,25 +36,29 @@ class FrameSeen:
 
 
 @router.get("/models/{robot}/frames")
-async def frames(robot: RobotName, request: Request, who: Who) -> list[FrameSeen]:
+async def list_frames(robot: RobotName, request: Request, who: Who) -> list[FrameSeen]:
     """Return the newest tool, user frames and fixtures that runs of this cell found for a robot."""
     del who
-    return await asyncio.to_thread(frames_of, house_of(request).config, robot)
+    return await asyncio.to_thread(frames_of, app_context(request).config, robot)
 
 
-@router.get("/models/{robot}/uncertainty", **answering(ToolDoubt, "an ellipsoid about the tip"))
-async def uncertainty(
+@router.get("/models/{robot}/uncertainty", **response_options(TipUncertainty, "an ellipsoid about the tip"))
+async def get_uncertainty(
     robot: RobotName, request: Request, who: Who, joints_rad: Annotated[str, Query(max_length=400)]
 ) -> dict[str, Any]:
     """Return the ellipsoid (k = 2) about the tool's tip at a posture: joints [rad], separated by commas."""
     del who
-    house_of(request).config.robot(robot)  # one that is not there is refused before anything is computed
-    asked = _joints(joints_rad)
-    found: dict[str, Any] = await solver_of(request).ask("tool doubt", robot=robot, joints_rad=asked)
+    app_context(request).config.robot_named(
+        robot
+    )  # one that is not there is refused before anything is computed
+    joints = _parse_joints(joints_rad)
+    found: dict[str, Any] = await compute_client_of(request).ask_worker(
+        "tool doubt", robot=robot, joints_rad=joints
+    )
     return found
 
 
-def _joints(text: str) -> list[float]:
+def _parse_joints(text: str) -> list[float]:
     from cellcal.service.review.review_models import ReviewError  # noqa: PLC0415  # with the answer, not at the start
 
     try:
@@ -71,24 +75,26 @@ def frames_of(config: CellConfig, robot: str) -> list[FrameSeen]:
     CellError
         There is no such robot in the cell.
     """
-    serial = config.robot(robot).serial
-    newest: dict[tuple[str, str], Kept] = {}
-    for kept in all_kept(config, serial):
-        if kept.what in _SHOWN:
-            newest.pop((kept.what, kept.subject), None)
-            newest[kept.what, kept.subject] = kept
-    return [_seen(kept) for kept in newest.values()]
+    serial = config.robot_named(robot).serial
+    newest: dict[tuple[str, str], JournalledResult] = {}
+    for result in list_stored_results(config, serial):
+        if result.what in _SHOWN:
+            newest.pop((result.what, result.subject), None)
+            newest[result.what, result.subject] = result
+    return [_frame_of(result) for result in newest.values()]
 
 
-def _seen(kept: Kept) -> FrameSeen:
-    kind, fixed_in, key = _SHOWN[kept.what]
-    return FrameSeen(kind, kept.subject, fixed_in, _matrix(kept.value[key]), kept.run_id, kept.at_utc)
+def _frame_of(result: JournalledResult) -> FrameSeen:
+    kind, fixed_in, key = _SHOWN[result.what]
+    return FrameSeen(
+        kind, result.subject, fixed_in, _flat_matrix(result.value[key]), result.run_id, result.at_utc
+    )
 
 
-def _matrix(told: Any) -> tuple[float, ...]:
+def _flat_matrix(raw: Any) -> tuple[float, ...]:
     from pydantic import TypeAdapter  # noqa: PLC0415  # with the first frame
 
     from cellcal.calibration.geometry import Pose  # noqa: PLC0415  # heavy, as above
 
-    pose: Pose = TypeAdapter(Pose).validate_python(told)
-    return tuple(float(v) for v in pose.matrix().ravel())
+    pose: Pose = TypeAdapter(Pose).validate_python(raw)
+    return tuple(float(v) for v in pose.to_matrix().ravel())

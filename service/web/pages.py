@@ -32,10 +32,11 @@ class BuiltFiles(StaticFiles):
         scope: Scope,
         status_code: int = 200,
     ) -> Response:
-        asked = Headers(scope=scope)
+        request_headers = Headers(scope=scope)
         file, encoding = Path(full_path), None
         taken = {
-            word.partition(";")[0].strip() for word in asked.get("accept-encoding", "").lower().split(",")
+            word.partition(";")[0].strip()
+            for word in request_headers.get("accept-encoding", "").lower().split(",")
         }
         for name, ending in PACKED.items():
             packed = file.with_name(file.name + ending)
@@ -49,10 +50,14 @@ class BuiltFiles(StaticFiles):
         if encoding is not None:
             headers["content-encoding"] = encoding
         kind = FileResponse(file).media_type
-        told = FileResponse(
+        response = FileResponse(
             full_path, status_code=status_code, headers=headers, media_type=kind, stat_result=stat_result
         )
-        return NotModifiedResponse(told.headers) if self.is_not_modified(told.headers, asked) else told
+        return (
+            NotModifiedResponse(response.headers)
+            if self.is_not_modified(response.headers, request_headers)
+            else response
+        )
 
 
 def page_paths() -> frozenset[str]:

@@ -10,13 +10,13 @@ from pydantic import BaseModel, ConfigDict
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import (
     FOLDER,
-    Change,
+    ParameterChange,
     ParameterSet,
     ParameterSets,
-    Value,
-    diff,
+    ParameterValue,
+    compare_sets,
 )
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.worker import open_journal, store_of
 
 if TYPE_CHECKING:
@@ -29,13 +29,13 @@ Version = Annotated[int, Query(ge=1)]
 Side = Literal["before", "after"]
 
 
-class Told(BaseModel):
+class ParametersModel(BaseModel):
     """What is answered here: numbers are SI."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True)
 
 
-class Head(Told):
+class SetHead(ParametersModel):
     """One version of a robot's parameters, without its values."""
 
     robot_serial: str
@@ -49,7 +49,7 @@ class Head(Told):
     sha256: str
 
 
-class Parameter(Told):
+class SetParameter(ParametersModel):
     """One deviation from the nominal model."""
 
     name: str
@@ -59,13 +59,13 @@ class Parameter(Told):
     determined: bool  # False: assumed, and no result of the measurement
 
 
-class Whole(Head):
+class WholeSet(SetHead):
     """One version with its values."""
 
-    parameters: list[Parameter]
+    parameters: list[SetParameter]
 
 
-class Changed(Told):
+class ParameterDifference(ParametersModel):
     """One parameter in two versions; None where a version does not have it."""
 
     name: str
@@ -77,15 +77,15 @@ class Changed(Told):
     undetermined: list[Side]  # where the value is assumed, and no result
 
 
-class Difference(Told):
+class SetDifference(ParametersModel):
     """What changed from one version to another."""
 
-    before: Head
-    after: Head
-    changes: list[Changed]
+    before: SetHead
+    after: SetHead
+    changes: list[ParameterDifference]
 
 
-class Point(Told):
+class TrendPoint(ParametersModel):
     """A figure of one run."""
 
     run_id: str
@@ -96,94 +96,103 @@ class Point(Told):
     decision: str | None
 
 
-class Trend(Told):
+class FigureTrend(ParametersModel):
     """One figure through successive runs of a procedure on one robot, oldest first."""
 
     name: str
     unit: str
-    points: list[Point]
+    points: list[TrendPoint]
 
 
 @router.get("/parameters")
-async def parameter_sets(request: Request, who: Who) -> list[Head]:
+async def parameter_sets(request: Request, who: Who) -> list[SetHead]:
     """Return every version of every robot's parameters, a robot's versions oldest first."""
     del who
-    return await asyncio.to_thread(_all, _sets(house_of(request).config))
+    return await asyncio.to_thread(_list_heads, _open_sets(app_context(request).config))
 
 
 @router.get("/parameters/diff")
-async def difference(
+async def get_difference(
     request: Request,
     who: Who,
     robot_serial: Named,
     before: Version | None = None,
     after: Version | None = None,
-) -> Difference:
+) -> SetDifference:
     """Return what changed between two versions; without numbers, what the newest changed."""
     del who
-    return await asyncio.to_thread(_diff, _sets(house_of(request).config), robot_serial, before, after)
+    return await asyncio.to_thread(
+        _compare_versions, _open_sets(app_context(request).config), robot_serial, before, after
+    )
 
 
 @router.get("/parameters/{robot_serial}")
 async def parameter_set(
     robot_serial: str, request: Request, who: Who, version: Version | None = None
-) -> Whole:
+) -> WholeSet:
     """Return one version with its values; the newest where none is named."""
     del who
-    found = await asyncio.to_thread(_sets(house_of(request).config).load, robot_serial, version)
-    values = [Parameter.model_validate(value) for value in found.values]
-    return Whole(**_head(found).model_dump(), parameters=values)
+    found = await asyncio.to_thread(_open_sets(app_context(request).config).load_set, robot_serial, version)
+    values = [SetParameter.model_validate(value) for value in found.values]
+    return WholeSet(**_to_head(found).model_dump(), parameters=values)
 
 
 @router.get("/trend")
-async def trend(request: Request, who: Who, robot_serial: Named, procedure: Named) -> list[Trend]:
+async def get_trend(request: Request, who: Who, robot_serial: Named, procedure: Named) -> list[FigureTrend]:
     """Return how the figures of a procedure went through the finished runs on one robot."""
     del who
-    return await asyncio.to_thread(_trend, house_of(request).config, robot_serial, procedure)
+    return await asyncio.to_thread(_load_trend, app_context(request).config, robot_serial, procedure)
 
 
-def _sets(config: CellConfig) -> ParameterSets:
+def _open_sets(config: CellConfig) -> ParameterSets:
     return ParameterSets(Path(config.path).parent / FOLDER)
 
 
-def _all(sets: ParameterSets) -> list[Head]:
-    return [_head(version) for serial in sets.robots() for version in sets.history(serial)]
+def _list_heads(sets: ParameterSets) -> list[SetHead]:
+    return [_to_head(version) for serial in sets.robot_serials() for version in sets.load_history(serial)]
 
 
-def _diff(sets: ParameterSets, serial: str, before: int | None, after: int | None) -> Difference:
-    new = sets.load(serial, after)
-    old = sets.load(serial, new.version - 1 if before is None else before)
-    return Difference(before=_head(old), after=_head(new), changes=[_changed(c) for c in diff(old, new)])
+def _compare_versions(
+    sets: ParameterSets, serial: str, before: int | None, after: int | None
+) -> SetDifference:
+    new = sets.load_set(serial, after)
+    old = sets.load_set(serial, new.version - 1 if before is None else before)
+    return SetDifference(
+        before=_to_head(old), after=_to_head(new), changes=[_to_difference(c) for c in compare_sets(old, new)]
+    )
 
 
-def _head(found: ParameterSet) -> Head:
-    return Head.model_validate(found)
+def _to_head(found: ParameterSet) -> SetHead:
+    return SetHead.model_validate(found)
 
 
-def _changed(change: Change) -> Changed:
-    sides: tuple[tuple[Side, Value | None], ...] = (("before", change.before), ("after", change.after))
-    return Changed(
+def _to_difference(change: ParameterChange) -> ParameterDifference:
+    sides: tuple[tuple[Side, ParameterValue | None], ...] = (
+        ("before", change.before),
+        ("after", change.after),
+    )
+    return ParameterDifference(
         name=change.name,
         unit=change.unit,
         before=change.before.value if change.before else None,
         after=change.after.value if change.after else None,
         undetermined=[side for side, value in sides if value and not value.determined],
-        difference=change.difference,
-        deviations=change.deviations,
+        difference=change.value_difference,
+        deviations=change.difference_in_sigmas,
     )
 
 
-def _trend(config: CellConfig, serial: str, procedure: str) -> list[Trend]:
+def _load_trend(config: CellConfig, serial: str, procedure: str) -> list[FigureTrend]:
     with open_journal(config) as journal:
-        runs = [run for run in store_of(journal).runs() if _is_judged(run, serial, procedure)]
-    found: dict[tuple[str, str], list[Point]] = {}
+        runs = [run for run in store_of(journal).list_runs() if _is_judged(run, serial, procedure)]
+    found: dict[tuple[str, str], list[TrendPoint]] = {}
     for run in runs:
         for figure in run.judgement["characteristics"]:
-            point = Point.model_validate(
+            point = TrendPoint.model_validate(
                 {**figure, "run_id": run.run_id, "started_utc": run.started_utc}, from_attributes=False
             )
             found.setdefault((figure["name"], figure["unit"]), []).append(point)
-    return [Trend(name=name, unit=unit, points=points) for (name, unit), points in found.items()]
+    return [FigureTrend(name=name, unit=unit, points=points) for (name, unit), points in found.items()]
 
 
 def _is_judged(run: "RunView", serial: str, procedure: str) -> bool:

@@ -8,11 +8,11 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.measured.carried import content_of
+from cellcal.service.engineering.measured.embedded_files import content_of
 from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.error_responses import Refused
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.worker import open_journal
 
 router = APIRouter()
@@ -20,7 +20,7 @@ Sha256 = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")]
 _POLICY = "default-src 'none'; sandbox; frame-ancestors 'none'"
 
 
-class Taken(BaseModel):
+class PhotoUpload(BaseModel):
     """A photo as a page sends it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -29,7 +29,7 @@ class Taken(BaseModel):
     content_base64: Annotated[str, StringConstraints(min_length=4, max_length=250_000)]
 
 
-class Kept(BaseModel):
+class PhotoInfo(BaseModel):
     """A photo as the journal names it."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True)
@@ -43,27 +43,27 @@ class Kept(BaseModel):
 
 
 @router.get("/runs/{run_id}/pictures")
-async def pictures(run_id: str, request: Request, who: Who) -> list[Kept]:
+async def list_pictures(run_id: str, request: Request, who: Who) -> list[PhotoInfo]:
     """Return the photos of a run, oldest first."""
     del who
-    return await asyncio.to_thread(_pictures, house_of(request).config, run_id)
+    return await asyncio.to_thread(_load_pictures, app_context(request).config, run_id)
 
 
 @router.post(
     "/runs/{run_id}/pictures",
-    responses={403: {"model": Refused, "description": "the role does not include it"}},
+    responses={403: {"model": RefusalResponse, "description": "the role does not include it"}},
 )
-async def take(run_id: str, taken: Taken, request: Request, who: Who) -> Kept:
+async def upload_picture(run_id: str, taken: PhotoUpload, request: Request, who: Who) -> PhotoInfo:
     """Keep a photo with a run that is under way."""
-    from cellcal.service.runs.photos import keep_picture  # noqa: PLC0415  not while the service starts
+    from cellcal.service.runs.photos import store_picture  # noqa: PLC0415  not while the service starts
 
     if who.locked:
         raise PinAgainError("this screen was left alone for a while:")
-    if not who.may(Right.RUN):
+    if not who.has_right(Right.RUN):
         raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
-    raw, config = content_of(taken.content_base64, "the picture"), house_of(request).config
-    kept = await asyncio.to_thread(keep_picture, config, run_id, raw, what=taken.what, who=who.name)
-    return Kept.model_validate(kept)
+    raw, config = content_of(taken.content_base64, "the picture"), app_context(request).config
+    stored = await asyncio.to_thread(store_picture, config, run_id, raw, what=taken.what, who=who.name)
+    return PhotoInfo.model_validate(stored)
 
 
 @router.get(
@@ -71,26 +71,26 @@ async def take(run_id: str, taken: Taken, request: Request, who: Who) -> Kept:
     response_class=Response,
     responses={200: {"content": {"image/jpeg": {}, "image/png": {}}}},
 )
-async def picture(run_id: str, sha256: Sha256, request: Request, who: Who) -> Response:
+async def get_picture(run_id: str, sha256: Sha256, request: Request, who: Who) -> Response:
     """Return one photo, as it was taken in."""
     del who
-    content, media_type = await asyncio.to_thread(_picture, house_of(request).config, run_id, sha256)
+    content, media_type = await asyncio.to_thread(_load_picture, app_context(request).config, run_id, sha256)
     headers = {"content-security-policy": _POLICY, "content-disposition": "inline"}
     return Response(content, media_type=media_type, headers=headers)
 
 
-def _pictures(config: CellConfig, run_id: str) -> list[Kept]:
+def _load_pictures(config: CellConfig, run_id: str) -> list[PhotoInfo]:
     from cellcal.service.runs.photos import pictures_of_run  # noqa: PLC0415  not while the service starts
 
     with open_journal(config) as journal:
-        return [Kept.model_validate(one) for one in pictures_of_run(journal.events(run_id))]
+        return [PhotoInfo.model_validate(one) for one in pictures_of_run(journal.list_events(run_id))]
 
 
-def _picture(config: CellConfig, run_id: str, sha256: str) -> tuple[bytes, str]:
+def _load_picture(config: CellConfig, run_id: str, sha256: str) -> tuple[bytes, str]:
     from cellcal.service.runs.photos import PictureError, pictures_of_run, read_picture  # noqa: PLC0415  as above
 
     with open_journal(config) as journal:
-        kept = [one for one in pictures_of_run(journal.events(run_id)) if one.sha256 == sha256]
-    if not kept:
+        matching = [one for one in pictures_of_run(journal.list_events(run_id)) if one.sha256 == sha256]
+    if not matching:
         raise PictureError("this run has no such picture.")
-    return read_picture(config, run_id, kept[0]), kept[0].media_type
+    return read_picture(config, run_id, matching[0]), matching[0].media_type

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.dependencies import Who, app_context
 
 router = APIRouter()
 RunId = Annotated[str, Path(max_length=128)]
@@ -27,7 +27,7 @@ class PointSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class SeriesSeen:
+class PointSeriesSeen:
     """One plot. ``kind``: ``errors`` that the result leaves, or the ``spread`` of each reading's samples."""
 
     kind: str
@@ -52,14 +52,14 @@ class RunPoints:
     """All points of one run."""
 
     readings: tuple[ReadingSeen, ...]
-    series: tuple[SeriesSeen, ...]
+    series: tuple[PointSeriesSeen, ...]
 
 
 @router.get("/runs/{run_id}/points")
-async def points(run_id: RunId, request: Request, who: Who) -> RunPoints:
+async def get_points(run_id: RunId, request: Request, who: Who) -> RunPoints:
     """Return what a run measured, those readings too that were not used, and the errors that its result leaves."""
     del who
-    return await asyncio.to_thread(points_of, house_of(request).config, run_id)
+    return await asyncio.to_thread(points_of, app_context(request).config, run_id)
 
 
 def points_of(config: CellConfig, run_id: str) -> RunPoints:
@@ -70,19 +70,19 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
     CellError
         There is no such run.
     """
-    from cellcal.service.certificates.points import readings  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.service.certificates.points import list_readings  # noqa: PLC0415  # heavy: not at the start of the service
     from cellcal.service.record.journal_files import open_journal  # noqa: PLC0415  # heavy, as above
-    from cellcal.service.record.run_store import Store  # noqa: PLC0415  # heavy, as above
+    from cellcal.service.record.run_store import RunStore  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
-        view, events = Store(journal).with_events(run_id)
-    taken = readings(events, view.judgement)
-    spreads = tuple(_spread(reading) for reading in taken if len(_samples(reading)) > 1)
-    found = (*_errors(view.result), *((SeriesSeen(SPREAD, "", spreads),) if spreads else ()))
-    return RunPoints(tuple(_reading(each) for each in taken), found)
+        view, events = RunStore(journal).with_events(run_id)
+    taken = list_readings(events, view.judgement)
+    spreads = tuple(_spread_point(reading) for reading in taken if len(_sample_values(reading)) > 1)
+    found = (*_error_series(view.result), *((PointSeriesSeen(SPREAD, "", spreads),) if spreads else ()))
+    return RunPoints(tuple(_reading_of(each) for each in taken), found)
 
 
-def _errors(result: Any) -> Iterator[SeriesSeen]:
+def _error_series(result: Any) -> Iterator[PointSeriesSeen]:
     from cellcal.service.certificates.pictures import errors_in  # noqa: PLC0415  # heavy, as above
 
     for errors in errors_in(result):
@@ -91,24 +91,26 @@ def _errors(result: Any) -> Iterator[SeriesSeen]:
             PointSeen(name, value, used=True, reason="")
             for name, value in zip(names, errors.values_m, strict=True)
         )
-        yield SeriesSeen(ERRORS, errors.what, tuple(dots))
+        yield PointSeriesSeen(ERRORS, errors.what, tuple(dots))
 
 
-def _reading(told: Mapping[str, Any]) -> ReadingSeen:
-    samples = _samples(told)
+def _reading_of(reading: Mapping[str, Any]) -> ReadingSeen:
+    samples = _sample_values(reading)
     mean = sum(samples) / len(samples) if samples else None
-    return ReadingSeen(told["step"], told["at_utc"], told["used"], told["reason"], mean, len(samples))
+    return ReadingSeen(
+        reading["step"], reading["at_utc"], reading["used"], reading["reason"], mean, len(samples)
+    )
 
 
-def _spread(told: Mapping[str, Any]) -> PointSeen:
+def _spread_point(reading: Mapping[str, Any]) -> PointSeen:
     """Return by how much the farthest sample differs from the mean of its reading."""
-    samples = _samples(told)
+    samples = _sample_values(reading)
     mean = sum(samples) / len(samples)
     farthest = max(abs(sample - mean) for sample in samples)
-    return PointSeen(told["step"], farthest, told["used"], told["reason"])
+    return PointSeen(reading["step"], farthest, reading["used"], reading["reason"])
 
 
-def _samples(told: Mapping[str, Any]) -> list[float]:
-    value = told.get("value")
+def _sample_values(reading: Mapping[str, Any]) -> list[float]:
+    value = reading.get("value")
     samples = value.get("readings_m", []) if isinstance(value, dict) else []
     return [float(sample) for sample in samples]

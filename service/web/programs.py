@@ -15,28 +15,28 @@ from starlette.requests import HTTPConnection
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
-from cellcal.service.engineering.programs.jobs.files import kept_projects
+from cellcal.service.engineering.programs.jobs.files import stored_projects
 from cellcal.service.engineering.programs.jobs.jobs import Jobs
 from cellcal.service.engineering.programs.jobs.shapes import (
-    Bench,
-    Here,
-    KeptProject,
-    MadeJob,
-    PointsMade,
+    JobWithPreview,
+    PointsPage,
     ProgramsJob,
-    Wanted,
+    ProgramsOverview,
+    ProgramsRequest,
+    RobotOfCell,
+    StoredProject,
 )
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.error_responses import Refused
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.overlays import frames_of
 
 JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/zip": {}}, "description": "the new programs and their reports"},
-    403: {"model": Refused, "description": "the role does not include it"},
+    403: {"model": RefusalResponse, "description": "the role does not include it"},
 }
 
 
@@ -45,7 +45,7 @@ async def _ended_with_the_service(app: FastAPI) -> AsyncIterator[None]:
     yield
     jobs: Jobs | None = getattr(app.state, "programs", None)
     if jobs is not None:
-        await jobs.leave()
+        await jobs.close_all()
 
 
 router = APIRouter(prefix="/programs", lifespan=_ended_with_the_service)
@@ -55,124 +55,127 @@ def jobs_of(connection: HTTPConnection) -> Jobs:
     """Return the jobs of this service."""
     state = connection.app.state
     if not hasattr(state, "programs"):
-        state.programs = Jobs(house_of(connection).config)
+        state.programs = Jobs(app_context(connection).config)
     found: Jobs = state.programs
     return found
 
 
 @router.get("")
-async def bench(request: Request, who: Who) -> Bench:
+async def get_overview(request: Request, who: Who) -> ProgramsOverview:
     """Return the cells that programs can be made for, and what was made since the service started."""
     del who
-    robots, projects = await asyncio.to_thread(_cells, house_of(request).config)
-    return Bench(robots=robots, projects=projects, jobs=jobs_of(request).newest_first())
+    robots, projects = await asyncio.to_thread(_list_cells, app_context(request).config)
+    return ProgramsOverview(robots=robots, projects=projects, jobs=jobs_of(request).newest_first())
 
 
 @router.post(
     "/jobs",
     status_code=202,
-    responses={403: {"model": Refused, "description": "the role does not include it"}},
+    responses={403: {"model": RefusalResponse, "description": "the role does not include it"}},
 )
-async def begin(wanted: Wanted, request: Request, who: Who) -> ProgramsJob:
+async def begin_job(programs_request: ProgramsRequest, request: Request, who: Who) -> ProgramsJob:
     """Begin to make programs; `/jobs/{id}` tells how far it is, and shows what came of it."""
     _may_make(who)
-    return (await jobs_of(request).begin(wanted, who.name)).told()
+    return (await jobs_of(request).begin_job(programs_request, who.name)).to_response()
 
 
 @router.get("/jobs/{job_id}")
-async def job(job_id: JobId, request: Request, who: Who) -> MadeJob:
+async def get_job(job_id: JobId, request: Request, who: Who) -> JobWithPreview:
     """Return how a job stands, and its preview once it is done."""
     del who
-    work = jobs_of(request).find(job_id)
-    told = work.told()  # first: a job that ends in between has no preview yet, and is still told as running
-    preview = await asyncio.to_thread(work.preview)
-    return MadeJob(**told.model_dump(), preview=preview)
+    work = jobs_of(request).find_job(job_id)
+    status = (
+        work.to_response()
+    )  # first: a job that ends in between has no preview yet, and is still told as running
+    preview = await asyncio.to_thread(work.read_preview)
+    return JobWithPreview(**status.model_dump(), preview=preview)
 
 
 @router.post(
-    "/jobs/{job_id}/stop", responses={403: {"model": Refused, "description": "the role does not include it"}}
+    "/jobs/{job_id}/stop",
+    responses={403: {"model": RefusalResponse, "description": "the role does not include it"}},
 )
-async def stop(job_id: JobId, request: Request, who: Who) -> ProgramsJob:
+async def stop_job(job_id: JobId, request: Request, who: Who) -> ProgramsJob:
     """Stop a job that is not done yet."""
     _may_make(who)
-    work = jobs_of(request).find(job_id)
-    await jobs_of(request).stop(work)
-    return work.told()
+    work = jobs_of(request).find_job(job_id)
+    await jobs_of(request).stop_job(work)
+    return work.to_response()
 
 
 @router.get("/jobs/{job_id}/points")
-async def points(
+async def get_points(
     job_id: JobId,
     request: Request,
     who: Who,
     program: Annotated[int | None, Query(ge=0, le=100_000)] = None,
     page: Annotated[int, Query(ge=1, le=100_000)] = 1,
-) -> PointsMade:
+) -> PointsPage:
     """Return a page of points: all worst first, or those of one program of the preview in the order of its file."""
     del who
-    return await asyncio.to_thread(jobs_of(request).find(job_id).points, program, page)
+    return await asyncio.to_thread(jobs_of(request).find_job(job_id).read_points, program, page)
 
 
 @router.get("/jobs/{job_id}/programs.zip", response_class=Response, responses=_ARCHIVE)
-async def archive(job_id: JobId, request: Request, who: Who) -> Response:
+async def get_archive(job_id: JobId, request: Request, who: Who) -> Response:
     """Return the new programs below a folder of their own, and the reports beside it."""
     _may_make(who)
-    work = jobs_of(request).find(job_id)
-    content = await asyncio.to_thread(work.archive)
-    headers = {"content-disposition": f'attachment; filename="{work.name}.zip"'}
+    work = jobs_of(request).find_job(job_id)
+    content = await asyncio.to_thread(work.read_archive)
+    headers = {"content-disposition": f'attachment; filename="{work.archive_name}.zip"'}
     return Response(content, media_type="application/zip", headers=headers)
 
 
 def _may_make(who: Person) -> None:
     if who.locked:
         raise PinAgainError("this screen was left alone for a while:")
-    if not who.may(Right.MAKE_PROGRAMS):
+    if not who.has_right(Right.MAKE_PROGRAMS):
         raise NotAllowedError(who.name, who.role, Right.MAKE_PROGRAMS.value, "Let an engineer sign in.")
 
 
-def _cells(config: CellConfig) -> tuple[list[Here], list[KeptProject]]:
+def _list_cells(config: CellConfig) -> tuple[list[RobotOfCell], list[StoredProject]]:
     folder = FilePath(config.path).resolve().parent
     sets = ParameterSets(folder / FOLDER)
-    known = set(sets.robots())
+    serials = set(sets.robot_serials())
     robots = []
     for robot in config.robots:
-        seen = frames_of(config, robot.name)
+        frames = frames_of(config, robot.name)
         robots.append(
-            Here(
+            RobotOfCell(
                 robot=robot.name,
                 serial=robot.serial,
                 model=robot.model,
-                version=sets.load(robot.serial).version if robot.serial in known else None,
-                tools=[frame.name for frame in seen if frame.kind == "tool"],
-                frames=[frame.name for frame in seen if frame.kind == "user"],
+                version=sets.load_set(robot.serial).version if robot.serial in serials else None,
+                tools=[frame.name for frame in frames if frame.kind == "tool"],
+                frames=[frame.name for frame in frames if frame.kind == "user"],
             )
         )
-    return robots, _projects(folder)
+    return robots, _list_projects(folder)
 
 
-def _projects(folder: FilePath) -> list[KeptProject]:
+def _list_projects(folder: FilePath) -> list[StoredProject]:
     """Return the projects beside the cell file; what they name is read when something is made."""
-    found = kept_projects(folder)
+    found = stored_projects(folder)
     names = {path.resolve(): name for name, (path, _) in found.items()}
-    told = []
+    projects = []
     for name, (path, table) in found.items():
         master, robot = table.get("master"), table.get("robot")
         named = master.get("project") if isinstance(master, dict) else None
         serial = robot.get("serial") if isinstance(robot, dict) else None
         theirs = names.get((path.parent / str(named)).resolve(), "") if named else ""
-        told.append(
-            KeptProject(
+        projects.append(
+            StoredProject(
                 name=name,
                 serial=serial if isinstance(serial, str) else "",
                 master=theirs,
-                programs=_own(path, table),
+                programs=_count_programs(path, table),
                 readable=bool(table),
             )
         )
-    return told
+    return projects
 
 
-def _own(path: FilePath, table: dict[str, Any]) -> int:
+def _count_programs(path: FilePath, table: dict[str, Any]) -> int:
     """Return how many programs a project names that are there."""
     patterns = table.get("programs")
     named = [each for each in patterns if isinstance(each, str)] if isinstance(patterns, list) else []

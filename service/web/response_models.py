@@ -14,13 +14,13 @@ Free = Annotated[dict[str, Any], Field(description="what is in it, the procedure
 FreeValue = Annotated[Any, Field(description="what it is, the procedure says")]
 
 
-class Shape(BaseModel):
+class ResponseShape(BaseModel):
     """An object with these fields and no others."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Json(JSONResponse):
+class FiniteJsonResponse(JSONResponse):
     """JSON of anything; a number that is not finite is null, as JSON has none."""
 
     def render(self, content: Any) -> bytes:
@@ -28,13 +28,13 @@ class Json(JSONResponse):
         return to_json(content, inf_nan_mode="null")
 
 
-def answering(shape: Any, description: str) -> dict[str, Any]:
+def response_options(shape: Any, description: str) -> dict[str, Any]:
     """Return what a route says of its answer, for `APIRouter.get(path, **answering(...))`; tests check it."""
-    said = {200: {"model": shape, "description": description}}
-    return {"response_model": None, "response_class": Json, "responses": said}
+    responses = {200: {"model": shape, "description": description}}
+    return {"response_model": None, "response_class": FiniteJsonResponse, "responses": responses}
 
 
-class ControlSeen(Shape):
+class ControlSeen(ResponseShape):
     """Who has control of the session, as one seat sees it."""
 
     mine: bool
@@ -46,7 +46,7 @@ class ControlSeen(Shape):
     approved_by: str
 
 
-class PersonSeen(Shape):
+class PersonSeen(ResponseShape):
     """Who sits at the screen."""
 
     name: str
@@ -56,7 +56,7 @@ class PersonSeen(Shape):
     rights: list[str]
 
 
-class RobotSeen(Shape):
+class RobotSeen(ResponseShape):
     """A robot of the cell."""
 
     name: str
@@ -64,7 +64,7 @@ class RobotSeen(Shape):
     serial: str
 
 
-class Connection(Shape):
+class ConnectionSeen(ResponseShape):
     """Whether the cell's devices are connected."""
 
     connected: bool
@@ -72,7 +72,7 @@ class Connection(Shape):
     remedy: str
 
 
-class PhaseSeen(Shape):
+class PhaseSeen(ResponseShape):
     """A step of an outline; ``repeats`` steps are called ``name 1``, ``name 2``."""
 
     name: str
@@ -80,7 +80,7 @@ class PhaseSeen(Shape):
     adaptive: bool
 
 
-class RunEvent(Shape):
+class RunEvent(ResponseShape):
     """Something that a run told."""
 
     n: int
@@ -89,7 +89,7 @@ class RunEvent(Shape):
     message: str
 
 
-class Contribution(Shape):
+class ContributionSeen(ResponseShape):
     """A line of an uncertainty budget."""
 
     name: str
@@ -97,7 +97,7 @@ class Contribution(Shape):
     source: str
 
 
-class CharacteristicSeen(Shape):
+class CharacteristicSeen(ResponseShape):
     """One figure of a verdict; SI units."""
 
     name: str
@@ -109,10 +109,10 @@ class CharacteristicSeen(Shape):
     limit: float | None
     decision: str | None
     rule: str
-    budget: list[Contribution]
+    budget: list[ContributionSeen]
 
 
-class ChangeSeen(Shape):
+class ChangeSeen(ResponseShape):
     """Something as it was before and as it is after."""
 
     name: str
@@ -121,14 +121,14 @@ class ChangeSeen(Shape):
     unit: str
 
 
-class SetAsideSeen(Shape):
+class SetAsideSeen(ResponseShape):
     """A measurement that was taken and not used."""
 
     step: str
     reason: str
 
 
-class JudgementSeen(Shape):
+class JudgementSeen(ResponseShape):
     """All that a finished procedure claims, and what it does not."""
 
     word: Literal["pass", "fail", "undecided"]
@@ -141,14 +141,14 @@ class JudgementSeen(Shape):
     to_sign: list[str]
 
 
-class Signed(Shape):
+class SignedSeen(ResponseShape):
     """Who confirmed a verdict's lines, and when."""
 
     who: str
     at_s: float
 
 
-class OutcomeSeen(Shape):
+class OutcomeSeen(ResponseShape):
     """How a run ended."""
 
     verdict: str
@@ -159,17 +159,17 @@ class OutcomeSeen(Shape):
     result: FreeValue = None
     certificate: str | None = None
     no_certificate: str = ""
-    signed: Signed | None = None
+    signed: SignedSeen | None = None
 
 
-class SeriesPose(Shape):
+class SeriesPose(ResponseShape):
     """A pose of the plan that a run works off."""
 
     name: str
     joints_rad: list[float]
 
 
-class SeriesSeen(Shape):
+class PlanSeen(ResponseShape):
     """Where a run stands in the plan that was approved last."""
 
     poses: list[SeriesPose]
@@ -180,7 +180,7 @@ class SeriesSeen(Shape):
     measured: list[int]
 
 
-class RunSeen(Shape):
+class RunSeen(ResponseShape):
     """The run that is under way, or has just ended."""
 
     id: str
@@ -199,10 +199,10 @@ class RunSeen(Shape):
     does: str
     instrument: str
     left_s: float | None
-    series: SeriesSeen | None
+    series: PlanSeen | None
 
 
-class PromptSeen(Shape):
+class PromptSeen(ResponseShape):
     """What is asked now; ``data`` is what a page of this kind draws."""
 
     id: str
@@ -215,7 +215,7 @@ class PromptSeen(Shape):
     data: Annotated[dict[str, Any], Field(description="what a page of this kind draws beside the words")]
 
 
-class LossSeen(Shape):
+class LossSeen(ResponseShape):
     """A position that was lost or is in doubt, and what is prepared for it."""
 
     robot: str
@@ -229,7 +229,7 @@ class LossSeen(Shape):
     alone_wanted: Annotated[bool, Field(description="whether the cell file wants that (recover_alone)")]
 
 
-class TroubleSeen(Shape):
+class TroubleSeen(ResponseShape):
     """What failed in a task that runs as long as its process."""
 
     task: str
@@ -239,7 +239,7 @@ class TroubleSeen(Shape):
     running: Annotated[bool, Field(description="whether it runs again")]
 
 
-class SessionState(Shape):
+class SessionState(ResponseShape):
     """All that is not a live value."""
 
     rev: int
@@ -247,7 +247,7 @@ class SessionState(Shape):
     robots: list[RobotSeen]
     robot: str
     level: str
-    connection: Connection
+    connection: ConnectionSeen
     run: RunSeen | None
     prompt: PromptSeen | None
     waits_for_hold: bool
@@ -258,7 +258,7 @@ class SessionState(Shape):
     troubles: list[TroubleSeen]
 
 
-class SessionSeen(Shape):
+class SessionSeen(ResponseShape):
     """The session, and who asks for it; null while the desk starts."""
 
     session: SessionState | None
@@ -268,7 +268,7 @@ class SessionSeen(Shape):
     troubles: Annotated[list[TroubleSeen], Field(description="of the service, and of the cell's process")]
 
 
-class ProcedureSeen(Shape):
+class ProcedureSeen(ResponseShape):
     """A procedure of the catalogue."""
 
     name: str
@@ -279,14 +279,14 @@ class ProcedureSeen(Shape):
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 
-class PlannedPoseSeen(Shape):
+class PlannedPoseSeen(ResponseShape):
     """Where a measurement would be taken."""
 
     label: str
     joints_rad: list[float]
 
 
-class PredictionSeen(Shape):
+class PredictionSeen(ResponseShape):
     """How well something would be known, and each class's limit for it."""
 
     name: str
@@ -296,7 +296,7 @@ class PredictionSeen(Shape):
     sentence: str
 
 
-class ForecastSeen(Shape):
+class ForecastSeen(ResponseShape):
     """What a run would bring."""
 
     duration_s: float
@@ -309,7 +309,7 @@ class ForecastSeen(Shape):
     planned: dict[str, int]
 
 
-class DryRunSeen(Shape):
+class DryRunSeen(ResponseShape):
     """A procedure on a cell, before anything happens."""
 
     procedure: str
@@ -325,7 +325,7 @@ class DryRunSeen(Shape):
     problem: str
 
 
-class RunLine(Shape):
+class RunLine(ResponseShape):
     """A run, on one line."""
 
     run_id: str
@@ -339,7 +339,7 @@ class RunLine(Shape):
     begun_as: list[str]
 
 
-class Finding(Shape):
+class FindingSeen(ResponseShape):
     """What a step of a run found."""
 
     step: str
@@ -350,12 +350,12 @@ class RunDetail(RunLine):
     """A run with all that is kept of it."""
 
     spec: Free
-    findings: list[Finding]
+    findings: list[FindingSeen]
     result: FreeValue
     judgement: JudgementSeen | None
 
 
-class SignedDocument(Shape):
+class SignedDocument(ResponseShape):
     """A certificate, or the record of a refusal, as it was signed."""
 
     content: Annotated[dict[str, Any], Field(description="what the certificate says; its format names it")]

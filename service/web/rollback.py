@@ -14,16 +14,16 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.cell_process.messages import AnswerIt, Name
+from cellcal.service.cell_process.messages import AnswerPrompt, Name
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.review.review_models import Displacement
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.error_responses import Refused
-from cellcal.service.web.parameters import Head, Version
-from cellcal.service.web.residuals import solver_of
-from cellcal.service.web.response_models import answering
-from cellcal.service.web.session_control import permitted
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.error_responses import RefusalResponse
+from cellcal.service.web.parameters import SetHead, Version
+from cellcal.service.web.residuals import compute_client_of
+from cellcal.service.web.response_models import response_options
+from cellcal.service.web.session_control import authorize_order
 
 router = APIRouter()
 _KEY = "write_parameter_version"  # for the permits: it writes
@@ -42,7 +42,7 @@ class NewerVersionError(PeopleError):
         )
 
 
-class GoBack(BaseModel):
+class RollbackRequest(BaseModel):
     """Whose values shall hold again, and which version was the newest on the page that showed the difference."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -53,58 +53,62 @@ class GoBack(BaseModel):
     note: Annotated[str, StringConstraints(max_length=500, strip_whitespace=True)] = ""
 
 
-@router.get("/parameters/{robot_serial}/displacement", **answering(Displacement, "in metres at the tip"))
-async def displaced(
+@router.get(
+    "/parameters/{robot_serial}/displacement", **response_options(Displacement, "in metres at the tip")
+)
+async def get_displacement(
     robot_serial: str, request: Request, who: Who, before: Version, after: Version
 ) -> dict[str, Any]:
     """Return by how much the tip is displaced at most when ``after`` holds instead of ``before``."""
     del who
-    sets = ParameterSets(Path(house_of(request).config.path).parent / FOLDER)
+    sets = ParameterSets(Path(app_context(request).config.path).parent / FOLDER)
     await asyncio.to_thread(
-        sets.load, robot_serial, after
+        sets.load_set, robot_serial, after
     )  # what is not there is refused before anything starts
-    given = {"robot_serial": robot_serial, "before": before, "after": after}
-    found: dict[str, Any] = await solver_of(request).ask("displacement", **given)
+    arguments = {"robot_serial": robot_serial, "before": before, "after": after}
+    found: dict[str, Any] = await compute_client_of(request).ask_worker("displacement", **arguments)
     return found
 
 
 @router.post(
     "/parameters/{robot_serial}/rollback",
     responses={
-        401: {"model": Refused, "description": "the PIN is wanted first"},
-        403: {"model": Refused, "description": "the role does not include it"},
-        409: {"model": Refused, "description": "a newer version, or the first of two approvals"},
+        401: {"model": RefusalResponse, "description": "the PIN is wanted first"},
+        403: {"model": RefusalResponse, "description": "the role does not include it"},
+        409: {"model": RefusalResponse, "description": "a newer version, or the first of two approvals"},
     },
 )
-async def go_back(robot_serial: str, wanted: GoBack, request: Request, who: Who) -> Head:
+async def roll_back(robot_serial: str, requested: RollbackRequest, request: Request, who: Who) -> SetHead:
     """Save the values of an old version as the newest; nothing is removed."""
-    house = house_of(request)
-    sets = ParameterSets(Path(house.config.path).parent / FOLDER)
-    done: Head | None = await asyncio.to_thread(_refused_or_done, sets, robot_serial, wanted)
-    asked = f"{robot_serial}: version {wanted.to} after version {wanted.newest}"
-    order = AnswerIt(op="answer", prompt_id=asked)
-    shown = {"rev": wanted.newest, "prompt": {"id": asked, "key": _KEY, "text": asked}}
-    name = await permitted(house, who, f"{wanted.id} {asked}", wanted.newest, order, shown)
+    context = app_context(request)
+    sets = ParameterSets(Path(context.config.path).parent / FOLDER)
+    done: SetHead | None = await asyncio.to_thread(_refused_or_done, sets, robot_serial, requested)
+    question = f"{robot_serial}: version {requested.to} after version {requested.newest}"
+    order = AnswerPrompt(op="answer", prompt_id=question)
+    shown = {"rev": requested.newest, "prompt": {"id": question, "key": _KEY, "text": question}}
+    name = await authorize_order(context, who, f"{requested.id} {question}", requested.newest, order, shown)
     if done is not None:
         return done
-    return await asyncio.to_thread(_saved, sets, robot_serial, wanted, name)
+    return await asyncio.to_thread(_save_rollback, sets, robot_serial, requested, name)
 
 
-def _refused_or_done(sets: ParameterSets, serial: str, wanted: GoBack) -> Head | None:
-    newest = sets.load(serial)
-    if (newest.version, newest.rolls_back_to) == (wanted.newest + 1, wanted.to):
-        return Head.model_validate(newest)  # sent again after a lost link
-    if newest.version != wanted.newest:
+def _refused_or_done(sets: ParameterSets, serial: str, requested: RollbackRequest) -> SetHead | None:
+    newest = sets.load_set(serial)
+    if (newest.version, newest.rolls_back_to) == (requested.newest + 1, requested.to):
+        return SetHead.model_validate(newest)  # sent again after a lost link
+    if newest.version != requested.newest:
         raise NewerVersionError(serial, newest.version)
-    if wanted.to >= newest.version:
+    if requested.to >= newest.version:
         raise CellError(
-            f"version {wanted.to} is not older than the one that holds.",
+            f"version {requested.to} is not older than the one that holds.",
             remedy="Choose an older one.",
             code="usage",
         )
     return None
 
 
-def _saved(sets: ParameterSets, serial: str, wanted: GoBack, name: str) -> Head:
+def _save_rollback(sets: ParameterSets, serial: str, requested: RollbackRequest, name: str) -> SetHead:
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    return Head.model_validate(sets.rollback(serial, wanted.to, made_by=name, made_at=now, note=wanted.note))
+    return SetHead.model_validate(
+        sets.roll_back(serial, requested.to, made_by=name, made_at=now, note=requested.note)
+    )

@@ -12,7 +12,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, start_task
-from cellcal.service.web.connections import Connection, Connections, most_connections
+from cellcal.service.web.connections import ServerConnection, ServerConnections, most_connections
 
 _BACKLOG = 2048
 _LOOK_S = 1.0
@@ -24,34 +24,34 @@ _HANDSHAKES = 64  # under way at once; the oldest gives way
 class _CountedProtocol(H11Protocol):
     """HTTP/1.1 whose connection is known to the register."""
 
-    connections_of_server: Connections
-    entry: Connection
+    connections_of_server: ServerConnections
+    entry: ServerConnection
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)  # type: ignore[arg-type]
         address = self.client[0] if self.client else ""
-        self.entry = self.connections_of_server.made(address, self.transport)
+        self.entry = self.connections_of_server.add_connection(address, self.transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self.connections_of_server.lost(self.entry)
+        self.connections_of_server.remove_connection(self.entry)
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
         super().handle_events()
         busy = self.cycle is not None and not self.cycle.response_complete
         if busy and self.entry.state in ("new", "waiting"):
-            self.connections_of_server.change(self.entry, "busy")
+            self.connections_of_server.set_state(self.entry, "busy")
 
     def on_response_complete(self) -> None:
-        self.connections_of_server.change(self.entry, "waiting")
+        self.connections_of_server.set_state(self.entry, "waiting")
         super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        self.connections_of_server.change(self.entry, "screen")
+        self.connections_of_server.set_state(self.entry, "screen")
         super().handle_websocket_upgrade(event)
 
 
-class _Listening:
+class _ListeningHandle:
     """What uvicorn closes at its end, in the place of asyncio's servers."""
 
     def __init__(self, sockets: Sequence[socket.socket], tasks: Sequence[asyncio.Task[None]]) -> None:
@@ -69,12 +69,12 @@ class _Listening:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
 
-class Server(uvicorn.Server):
+class WebServer(uvicorn.Server):
     """A server that a flood of connections, or a lack of descriptors, does not keep from hearing a stop."""
 
     def __init__(self, config: uvicorn.Config, most: int | None = None) -> None:
         super().__init__(config)
-        self.held = Connections(most_connections() if most is None else most)
+        self.connections = ServerConnections(most_connections() if most is None else most)
         self._arriving: dict[asyncio.Task[None], None] = {}  # the oldest first
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -87,24 +87,26 @@ class Server(uvicorn.Server):
         for each in listening:
             each.setblocking(False)
             each.listen(_BACKLOG)
-        self.held.keep_spares()
-        tasks = [start_task("web server: accepting", partial(self._accept, each)) for each in listening]
-        tasks.append(start_task("web server: idle connections", self._look_after))
-        self.servers = [_Listening(listening, tasks)]  # type: ignore[list-item]
+        self.connections.open_spares()
+        tasks = [
+            start_task("web server: accepting", partial(self._accept_connections, each)) for each in listening
+        ]
+        tasks.append(start_task("web server: idle connections", self._close_stale_forever))
+        self.servers = [_ListeningHandle(listening, tasks)]  # type: ignore[list-item]
         self.started = True
 
-    async def _accept(self, listening: socket.socket) -> None:
+    async def _accept_connections(self, listening: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
                 arrived, _ = await loop.sock_accept(listening)
             except OSError as error:
-                again = self.held.refused(error)
+                again = self.connections.on_accept_error(error)
                 await asyncio.sleep(0.0 if again else _PAUSE_S)
                 continue
             arriving = asyncio.create_task(self._serve_one(arrived))
             self._arriving[arriving] = None
-            arriving.add_done_callback(self._arrived)
+            arriving.add_done_callback(self._on_accepted)
             if len(self._arriving) > _HANDSHAKES:
                 next(iter(self._arriving)).cancel()
             await asyncio.sleep(0.0)  # what is closed to make room is let go before the next one is accepted
@@ -114,28 +116,28 @@ class Server(uvicorn.Server):
         limit_s = None if tls is None else _HANDSHAKE_S
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
-                self._protocol, arrived, ssl=tls, ssl_handshake_timeout=limit_s
+                self._make_protocol, arrived, ssl=tls, ssl_handshake_timeout=limit_s
             )
         except (OSError, TimeoutError):
             arrived.close()  # gone again, or no TLS
 
-    def _arrived(self, task: asyncio.Task[None]) -> None:
+    def _on_accepted(self, task: asyncio.Task[None]) -> None:
         self._arriving.pop(task, None)
         error = None if task.cancelled() else task.exception()
         if error is not None:
-            SUPERVISOR.failed("web server: a connection", error, running=True)
+            SUPERVISOR.note_failure("web server: a connection", error, running=True)
 
-    def _protocol(self) -> asyncio.Protocol:
+    def _make_protocol(self) -> asyncio.Protocol:
         made = _CountedProtocol(
             config=self.config, server_state=self.server_state, app_state=self.lifespan.state
         )
-        made.connections_of_server = self.held
+        made.connections_of_server = self.connections
         return made
 
-    async def _look_after(self) -> None:
+    async def _close_stale_forever(self) -> None:
         while True:
             await asyncio.sleep(_LOOK_S)
-            self.held.look()
+            self.connections.close_stale()
 
 
 def bind_address(host: str, port: int) -> socket.socket:
@@ -161,7 +163,7 @@ def bind_address(host: str, port: int) -> socket.socket:
     return bound
 
 
-def run_server(server: Server, listening: socket.socket) -> None:
+def run_server(server: WebServer, listening: socket.socket) -> None:
     """Serve until interrupted.
 
     Raises

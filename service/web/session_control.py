@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Any, Literal
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict
 
-from cellcal.service.cell_process.messages import Hold, Order
+from cellcal.service.cell_process.messages import HoldOrder, Order
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right, need_of
-from cellcal.service.people.session_control import Control, Seat
-from cellcal.service.web.cell_client import DeskGoneError
-from cellcal.service.web.door import Who, house_of
-from cellcal.service.web.response_models import ControlSeen, answering
-from cellcal.service.web.websocket_hub import Screen, framed
+from cellcal.service.people.session_control import SessionControl, SessionHolder
+from cellcal.service.web.cell_client import CellProcessGoneError
+from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.response_models import ControlSeen, response_options
+from cellcal.service.web.websocket_hub import OpenScreen, encode_message
 
 if TYPE_CHECKING:
-    from cellcal.service.web.context import House
+    from cellcal.service.web.context import AppContext
 
 router = APIRouter()
 
 
-class Wish(BaseModel):
+class ControlRequest(BaseModel):
     """What somebody wants with the control of the session."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -31,30 +31,35 @@ class Wish(BaseModel):
     do: Literal["ask", "withdraw", "give", "refuse"]
 
 
-@router.post("/control", **answering(ControlSeen, "who has control now"))
-async def wish(given: Wish, request: Request, who: Who) -> dict[str, Any]:
+@router.post("/control", **response_options(ControlSeen, "who has control now"))
+async def change_control(requested: ControlRequest, request: Request, who: Who) -> dict[str, Any]:
     """Ask to take over, or answer whoever asks; every screen is shown what came of it."""
-    house = house_of(request)
-    async with told(house) as control:
-        if given.do == "ask":
-            _refuse_whoever_only_looks(who)
-            control.ask(Seat(who.seat, who.name))
-        elif given.do == "withdraw":
-            control.withdraw(who.seat)
+    context = app_context(request)
+    async with control_changes(context) as control:
+        if requested.do == "ask":
+            _refuse_viewers(who)
+            control.request_control(SessionHolder(who.session_id, who.name))
+        elif requested.do == "withdraw":
+            control.withdraw_request(who.session_id)
         else:
-            control.answer(who.seat, give=given.do == "give")
-    return _as_seen(house, who.seat)
+            control.answer_request(who.session_id, give=requested.do == "give")
+    return _control_to_json(context, who.session_id)
 
 
-def _refuse_whoever_only_looks(who: Person) -> None:
+def _refuse_viewers(who: Person) -> None:
     if who.locked:
         raise PinAgainError("this screen was left alone for a while:")
-    if not who.may(Right.RUN):
+    if not who.has_right(Right.RUN):
         raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
 
 
-async def permitted(
-    house: "House", who: Person, press: str, rev: int, order: Order, session: dict[str, Any] | None = None
+async def authorize_order(
+    context: "AppContext",
+    who: Person,
+    press: str,
+    rev: int,
+    order: Order,
+    session: dict[str, Any] | None = None,
 ) -> str:
     """Return the name in which an order may go to the desk: the right, the PIN, the second person, the control.
 
@@ -65,50 +70,54 @@ async def permitted(
     PeopleError
         What is missing, and the cure.
     """
-    session = house.link.session if session is None else session
-    async with told(house) as control:
+    session = context.link.session if session is None else session
+    async with control_changes(context) as control:
         stops = need_of(order, None).right is Right.STOP
         if (
-            who.seat
+            who.session_id
             and not stops
-            and who.may(Right.RUN)
-            and not house.permits.awaits(who, order, rev, session)
+            and who.has_right(Right.RUN)
+            and not context.authorizer.is_second_approval(who, order, rev, session)
         ):
-            control.take(Seat(who.seat, who.name))
-        return house.permits.granted(who, press, rev, order, session)
+            control.take_control(SessionHolder(who.session_id, who.name))
+        return context.authorizer.authorize(who, press, rev, order, session)
 
 
 @contextlib.asynccontextmanager
-async def told(house: "House") -> AsyncIterator[Control]:
+async def control_changes(context: "AppContext") -> AsyncIterator[SessionControl]:
     """Lend the control; afterwards show every screen what has changed, and let go what its last holder held."""
-    control = house.control
-    holder, shown = control.holder, _shown(house)
-    control.settle(house.entrance.is_in_charge)
+    control = context.control
+    holder, shown = control.current_holder, _control_snapshot(context)
+    control.drop_inactive(context.authenticator.is_in_charge)
     try:
         yield control
     finally:
-        if _shown(house) != shown:
-            for screen in house.screens.open:
-                show_control(house, screen)
-        if holder is not None and control.holder != holder:
-            await _let_go(house, holder)
+        if _control_snapshot(context) != shown:
+            for screen in context.screens.open_screens:
+                show_control(context, screen)
+        if holder is not None and control.current_holder != holder:
+            await _let_go(context, holder)
 
 
-def show_control(house: "House", screen: Screen) -> None:
+def show_control(context: "AppContext", screen: OpenScreen) -> None:
     """Put into a screen's slot who has control, as its own seat sees it, and what waits for a second person."""
-    screen.show("control", framed("control", _as_seen(house, screen.seat)))
+    screen.show_message("control", encode_message("control", _control_to_json(context, screen.session_id)))
 
 
-def _as_seen(house: "House", seat: str) -> dict[str, Any]:
-    first = house.permits.first
-    return {**house.control.told(seat), "approved": first.prompt_id, "approved_by": first.name}
+def _control_to_json(context: "AppContext", session_id: str) -> dict[str, Any]:
+    first = context.authorizer.first_approval
+    return {**context.control.to_json(session_id), "approved": first.prompt_id, "approved_by": first.name}
 
 
-def _shown(house: "House") -> tuple[object, ...]:
-    return house.control.holder, house.control.asks, house.permits.first
+def _control_snapshot(context: "AppContext") -> tuple[object, ...]:
+    return (
+        context.control.current_holder,
+        context.control.takeover_requester,
+        context.authorizer.first_approval,
+    )
 
 
-async def _let_go(house: "House", seat: Seat) -> None:
-    order = Hold(op="hold", held=False).model_dump()
-    with contextlib.suppress(DeskGoneError):
-        await house.link.order({"id": "hold", "rev": 0, "who": seat.name, "order": order})
+async def _let_go(context: "AppContext", holder: SessionHolder) -> None:
+    order = HoldOrder(op="hold", held=False).model_dump()
+    with contextlib.suppress(CellProcessGoneError):
+        await context.link.send_order({"id": "hold", "rev": 0, "who": holder.name, "order": order})

@@ -14,26 +14,33 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from cellcal.service.people.sessions import WHOLE_S
-from cellcal.service.web.door import Who, cookie_of, house_of, standing, standing_with, token_of
-from cellcal.service.web.session_control import told
+from cellcal.service.web.dependencies import (
+    Who,
+    app_context,
+    cookie_of,
+    sign_in_state,
+    sign_in_state_of,
+    token_of,
+)
+from cellcal.service.web.session_control import control_changes
 
 router = APIRouter()
 Token = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Secret = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_SECRET)]
 
 
-class _Given(BaseModel):
+class _SignInModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class NewDevice(_Given):
+class DeviceEnrolment(_SignInModel):
     """A browser that an administrator invited; its public key as SPKI in base64url."""
 
     token: Token
     public_key: Annotated[str, StringConstraints(max_length=400)]
 
 
-class Proof(_Given):
+class DeviceProof(_SignInModel):
     """A device's signature of a challenge (r and s, 64 bytes, base64url)."""
 
     device: Token
@@ -41,20 +48,20 @@ class Proof(_Given):
     signature: Token
 
 
-class NameAndPin(_Given):
+class NameAndPin(_SignInModel):
     """Who wants in."""
 
     name: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_NAME)]
     secret: Secret
 
 
-class PinAgain(_Given):
+class PinAgain(_SignInModel):
     """The PIN of whoever is signed in."""
 
     secret: Secret
 
 
-class Somebody(BaseModel):
+class SignedInPerson(BaseModel):
     """Who is signed in; ``alone``: nobody was set up yet, the console is the technician."""
 
     name: str
@@ -64,11 +71,11 @@ class Somebody(BaseModel):
     rights: list[str]
 
 
-class Standing(BaseModel):
+class SignInState(BaseModel):
     """What is wanted next, and who asks."""
 
     wanted: Literal["device", "person", "pin", "nothing"]
-    person: Somebody | None
+    person: SignedInPerson | None
 
 
 class Done(BaseModel):
@@ -77,95 +84,100 @@ class Done(BaseModel):
     ok: Literal[True]
 
 
-class StandingNow(Done, Standing):
+class SignInDone(Done, SignInState):
     """It is done, and this is wanted next."""
 
 
-@router.get("/sign-in", response_model=Standing)
-async def state(request: Request) -> Any:
+@router.get("/sign-in", response_model=SignInState)
+async def get_state(request: Request) -> Any:
     """Return what is wanted next: a device's proof, a person, the PIN again, or nothing."""
-    told_now = standing(request)
-    seat = house_of(request).entrance.seat(token_of(request))
-    return told_now if seat is None else _with_session(JSONResponse(told_now), request, seat)
+    told_now = sign_in_state(request)
+    session_id = app_context(request).authenticator.open_local_session(token_of(request))
+    return told_now if session_id is None else _with_session(JSONResponse(told_now), request, session_id)
 
 
 @router.get("/sign-in/console", response_class=RedirectResponse, include_in_schema=False)
-async def console(request: Request, token: Token) -> Response:
+async def open_console(request: Request, token: Token) -> Response:
     """Open a session with the address that the console showed; it works once."""
-    session = house_of(request).entrance.from_console(token)
+    session = app_context(request).authenticator.from_console(token)
     return _with_session(RedirectResponse("/", status_code=303), request, session)
 
 
 @router.get("/sign-in/people")
-async def people(request: Request, who: Who) -> list[dict[str, str]]:
+async def list_people(request: Request, who: Who) -> list[dict[str, str]]:
     """Return who may sign in here, for a list to pick from."""
     del who
-    return [{"name": each.name, "role": each.role} for each in house_of(request).entrance.register.people()]
+    return [
+        {"name": each.name, "role": each.role}
+        for each in app_context(request).authenticator.accounts.list_people()
+    ]
 
 
 @router.post("/sign-in/devices")
-async def enrol(given: NewDevice, request: Request) -> dict[str, str]:
+async def enrol_device(enrolment: DeviceEnrolment, request: Request) -> dict[str, str]:
     """Enrol this browser; the token of the address works once."""
-    device = house_of(request).entrance.enrol(given.token, given.public_key)
+    device = app_context(request).authenticator.enrol_device(enrolment.token, enrolment.public_key)
     return {"device": device.id, "name": device.name}
 
 
 @router.post("/sign-in/challenges")
-async def challenge(request: Request) -> dict[str, str]:
+async def create_challenge(request: Request) -> dict[str, str]:
     """Return what a device has to sign within a minute, and the address that it has to name."""
-    return {"challenge": house_of(request).entrance.challenge()}
+    return {"challenge": app_context(request).authenticator.create_challenge()}
 
 
-@router.post("/sign-in/device", response_model=StandingNow)
-async def device(given: Proof, request: Request) -> Response:
+@router.post("/sign-in/device", response_model=SignInDone)
+async def sign_in_device(proof: DeviceProof, request: Request) -> Response:
     """Open a session for an enrolled device, which may look on and ask for a stop; say what is wanted next."""
     origin = f"{request.url.scheme}://{request.headers['host']}"
-    session = house_of(request).entrance.from_device(given.device, given.challenge, given.signature, origin)
-    return _with_session(JSONResponse({"ok": True, **standing_with(request, session)}), request, session)
+    session = app_context(request).authenticator.from_device(
+        proof.device, proof.challenge, proof.signature, origin
+    )
+    return _with_session(JSONResponse({"ok": True, **sign_in_state_of(request, session)}), request, session)
 
 
 @router.post("/sign-in/person", response_model=Done)
-async def person(given: NameAndPin, request: Request) -> Response:
+async def sign_in_person(credentials: NameAndPin, request: Request) -> Response:
     """Let a person in on this device."""
-    entrance, old = house_of(request).entrance, token_of(request)
-    seat = _seat(request)
-    session = await asyncio.to_thread(entrance.sign_in, old, given.name, given.secret)
-    await _left(request, seat)
+    authenticator, old = app_context(request).authenticator, token_of(request)
+    session_id = _session_id(request)
+    session = await asyncio.to_thread(authenticator.sign_in, old, credentials.name, credentials.secret)
+    await _end_session(request, session_id)
     return _with_session(JSONResponse({"ok": True}), request, session)
 
 
 @router.post("/sign-in/confirm")
-async def confirm(given: PinAgain, request: Request) -> dict[str, bool]:
+async def confirm_pin(pin: PinAgain, request: Request) -> dict[str, bool]:
     """Take the PIN again: it unlocks the screen, and counts two minutes for an approval."""
-    await asyncio.to_thread(house_of(request).entrance.confirm, token_of(request), given.secret)
+    await asyncio.to_thread(app_context(request).authenticator.confirm_pin, token_of(request), pin.secret)
     return {"ok": True}
 
 
 @router.post("/sign-in/leave", response_model=Done)
-async def leave(request: Request) -> Response:
+async def sign_out(request: Request) -> Response:
     """Sign the person out; the device goes on looking on, and the run goes on."""
-    seat = _seat(request)
-    session = house_of(request).entrance.leave(token_of(request))
-    await _left(request, seat)
+    session_id = _session_id(request)
+    session = app_context(request).authenticator.sign_out(token_of(request))
+    await _end_session(request, session_id)
     return _with_session(JSONResponse({"ok": True}), request, session)
 
 
-def _seat(request: Request) -> str:
-    session = house_of(request).entrance.sessions.find(token_of(request))
-    return "" if session is None else session.seat
+def _session_id(request: Request) -> str:
+    session = app_context(request).authenticator.sessions.find_session(token_of(request))
+    return "" if session is None else session.session_id
 
 
-async def _left(request: Request, seat: str) -> None:
+async def _end_session(request: Request, session_id: str) -> None:
     """Close the screens of a session that has ended, and give up its control."""
-    house = house_of(request)
-    async with told(house) as control:
-        control.release(seat)
-    house.screens.close(seat)
+    context = app_context(request)
+    async with control_changes(context) as control:
+        control.release_control(session_id)
+    context.screens.close_session(session_id)
 
 
 def _with_session(response: Response, request: Request, token: str) -> Response:
     response.set_cookie(
         cookie_of(request), token, max_age=int(WHOLE_S), path="/", httponly=True, samesite="strict",
-        secure=house_of(request).settings.tls,
+        secure=app_context(request).settings.tls,
     )  # fmt: skip
     return response

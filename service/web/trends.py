@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, ConfigDict
 
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import FreeValue
 from cellcal.service.web.worker import open_journal, store_of
 
@@ -21,11 +21,11 @@ RunId = Annotated[str, Path(max_length=128)]
 COVERAGE = 2.0
 
 
-class _Told(BaseModel):
+class _TrendModel(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-class RunHead(_Told):
+class RunHead(_TrendModel):
     """Which run."""
 
     run_id: str
@@ -36,7 +36,7 @@ class RunHead(_Told):
     robot_serial: str
 
 
-class Setting(_Told):
+class SettingChange(_TrendModel):
     """One setting that is not the same in both."""
 
     name: str
@@ -44,7 +44,7 @@ class Setting(_Told):
     after: FreeValue
 
 
-class FigureChange(_Told):
+class FigureChange(_TrendModel):
     """One figure in both runs; None where a run does not have it.
 
     ``expanded_uncertainty`` is that of the difference (k = 2), as if the runs had nothing in common; None where
@@ -60,23 +60,23 @@ class FigureChange(_Told):
     changed: bool | None  # more than that; None where nobody can say
 
 
-class RunsCompared(_Told):
+class RunsCompared(_TrendModel):
     """One run against another."""
 
     before: RunHead
     after: RunHead
-    settings: list[Setting]
+    settings: list[SettingChange]
     figures: list[FigureChange]
 
 
 @router.get("/runs/{run_id}/against/{other_id}")
-async def against(run_id: RunId, other_id: RunId, request: Request, who: Who) -> RunsCompared:
+async def compare_with(run_id: RunId, other_id: RunId, request: Request, who: Who) -> RunsCompared:
     """Return what differs between two runs; the one that was begun first is ``before``."""
     del who
-    return await asyncio.to_thread(compared, house_of(request).config, run_id, other_id)
+    return await asyncio.to_thread(compare_runs, app_context(request).config, run_id, other_id)
 
 
-def compared(config: CellConfig, run_id: str, other_id: str) -> RunsCompared:
+def compare_runs(config: CellConfig, run_id: str, other_id: str) -> RunsCompared:
     """Compare two runs of a cell.
 
     Raises
@@ -86,17 +86,17 @@ def compared(config: CellConfig, run_id: str, other_id: str) -> RunsCompared:
     """
     with open_journal(config) as journal:
         store = store_of(journal)
-        views = [store.run(store.newest(name)) for name in (run_id, other_id)]
+        views = [store.find_run(store.resolve_run_id(name)) for name in (run_id, other_id)]
     before, after = sorted(views, key=lambda view: view.started_utc)
     return RunsCompared(
-        before=_head(before),
-        after=_head(after),
-        settings=_settings(before.spec, after.spec),
-        figures=_figures(before, after),
+        before=_run_head(before),
+        after=_run_head(after),
+        settings=_changed_settings(before.spec, after.spec),
+        figures=_figure_changes(before, after),
     )
 
 
-def _head(view: "RunView") -> RunHead:
+def _run_head(view: "RunView") -> RunHead:
     devices = view.cell["devices"]
     return RunHead(
         run_id=view.run_id,
@@ -108,28 +108,31 @@ def _head(view: "RunView") -> RunHead:
     )
 
 
-def _settings(before: Any, after: Any, name: str = "") -> list[Setting]:
+def _changed_settings(before: Any, after: Any, name: str = "") -> list[SettingChange]:
     """Return the leaves that differ, named by their path."""
     if isinstance(before, Mapping) and isinstance(after, Mapping):
         keys = [*before, *(key for key in after if key not in before)]
-        inner = [_settings(before.get(k), after.get(k), f"{name}.{k}" if name else str(k)) for k in keys]
+        inner = [
+            _changed_settings(before.get(k), after.get(k), f"{name}.{k}" if name else str(k)) for k in keys
+        ]
         return [setting for each in inner for setting in each]
-    return [] if before == after else [Setting(name=name, before=before, after=after)]
+    return [] if before == after else [SettingChange(name=name, before=before, after=after)]
 
 
-def _figures(before: "RunView", after: "RunView") -> list[FigureChange]:
+def _figure_changes(before: "RunView", after: "RunView") -> list[FigureChange]:
     old, new = _by_name(before), _by_name(after)
     return [
-        _change(key, old.get(key), new.get(key)) for key in [*new, *(key for key in old if key not in new)]
+        _figure_change(key, old.get(key), new.get(key))
+        for key in [*new, *(key for key in old if key not in new)]
     ]
 
 
 def _by_name(view: "RunView") -> dict[tuple[str, str], Mapping[str, Any]]:
-    told = (view.judgement or {}).get("characteristics", [])
-    return {(figure["name"], figure["unit"]): figure for figure in told}
+    characteristics = (view.judgement or {}).get("characteristics", [])
+    return {(figure["name"], figure["unit"]): figure for figure in characteristics}
 
 
-def _change(
+def _figure_change(
     key: tuple[str, str], old: Mapping[str, Any] | None, new: Mapping[str, Any] | None
 ) -> FigureChange:
     name, unit = key
@@ -140,7 +143,7 @@ def _change(
             difference=None, expanded_uncertainty=None, changed=None,
         )  # fmt: skip
     difference = float(new["value"]) - float(old["value"])
-    spreads = [_standard(old), _standard(new)]
+    spreads = [_standard_uncertainty(old), _standard_uncertainty(new)]
     doubt = None if None in spreads else COVERAGE * math.hypot(*(s for s in spreads if s is not None))
     return FigureChange(
         name=name, unit=unit, before=old["value"], after=new["value"], difference=difference,
@@ -148,7 +151,7 @@ def _change(
     )  # fmt: skip
 
 
-def _standard(figure: Mapping[str, Any]) -> float | None:
+def _standard_uncertainty(figure: Mapping[str, Any]) -> float | None:
     """Return a figure's standard uncertainty; None of one that is an uncertainty itself, or has none."""
     u, k = float(figure["standard_uncertainty"]), float(figure["coverage"])
     return None if u == 0.0 or math.isclose(float(figure["value"]), k * u, rel_tol=1e-9) else u

@@ -16,7 +16,7 @@ SLOW_S = 1.0
 TICK_S = 1.0  # a screen hears something at least this often, so that silence means a lost link
 
 
-class Socket(Protocol):
+class ScreenSocket(Protocol):
     """What a screen is reached by."""
 
     async def send_text(self, data: str) -> None: ...
@@ -24,71 +24,71 @@ class Socket(Protocol):
 
 
 @dataclass(eq=False)
-class Screen:
+class OpenScreen:
     """One open page."""
 
-    socket: Socket
+    socket: ScreenSocket
     who: str
-    seat: str = ""
-    left: bool = False
+    session_id: str = ""
+    is_closed: bool = False
     newest: dict[str, str] = field(default_factory=dict)
     ready: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def show(self, kind: str, text: str) -> None:
+    def show_message(self, kind: str, text: str) -> None:
         """Put a message into its slot; what was there and not yet sent is dropped."""
         self.newest[kind] = text
         self.ready.set()
 
-    async def feed(self) -> None:
+    async def send_newest(self) -> None:
         """Send what is newest until the screen has to leave; TimeoutError when it takes nothing."""
-        while not self.left:
+        while not self.is_closed:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(TICK_S):
                     await self.ready.wait()
             self.ready.clear()
-            waiting, self.newest = self.newest or {"tick": framed("tick", None)}, {}
+            waiting, self.newest = self.newest or {"tick": encode_message("tick", None)}, {}
             for text in waiting.values():
                 async with asyncio.timeout(SLOW_S):
                     await self.socket.send_text(text)
 
 
-def framed(kind: str, content: object) -> str:
+def encode_message(kind: str, content: object) -> str:
     """Return a message as it goes over the wire."""
     return orjson.dumps({"kind": kind, "content": content}).decode()
 
 
-class Screens:
+class OpenScreens:
     """All of them."""
 
     def __init__(self) -> None:
-        self._open: set[Screen] = set()
+        self._open: set[OpenScreen] = set()
 
     def __len__(self) -> int:
         """Return how many are open."""
         return len(self._open)
 
-    def show(self, kind: str, content: object) -> None:
+    def broadcast(self, kind: str, content: object) -> None:
         """Show something to all."""
-        text = framed(kind, content)
+        text = encode_message(kind, content)
         for screen in self._open:
-            screen.show(kind, text)
+            screen.show_message(kind, text)
 
     @property
-    def open(self) -> tuple[Screen, ...]:
+    def open_screens(self) -> tuple[OpenScreen, ...]:
         """All that are open."""
         return tuple(self._open)
 
-    def close(self, seat: str) -> None:
+    def close_session(self, session_id: str) -> None:
         """Let the screens of one session go: it has ended, and another may begin in the same browser."""
         for screen in self._open:
-            if seat and screen.seat == seat:
-                screen.left = True
+            if session_id and screen.session_id == session_id:
+                screen.is_closed = True
                 screen.ready.set()
 
-    async def attend(self, screen: Screen, receive: Callable[[], Awaitable[None]]) -> None:
+    async def serve_screen(self, screen: OpenScreen, receive: Callable[[], Awaitable[None]]) -> None:
         """Feed a screen until it leaves or is too slow; ``receive`` ends when the screen closes."""
         self._open.add(screen)
-        tasks = {asyncio.ensure_future(screen.feed()), asyncio.ensure_future(receive())}
+        tasks = {asyncio.ensure_future(screen.send_newest()), asyncio.ensure_future(receive())}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -99,7 +99,7 @@ class Screens:
             await let_go(screen.socket)
 
 
-async def let_go(socket: Socket) -> None:
+async def let_go(socket: ScreenSocket) -> None:
     """Close a socket; one that takes nothing takes no goodbye either, and is not waited for."""
     with contextlib.suppress(RuntimeError, ConnectionError, WebSocketDisconnect, TimeoutError):
         async with asyncio.timeout(SLOW_S):

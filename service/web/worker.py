@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from cellcal.service.configuration.cell_file import CellConfig
 
 if TYPE_CHECKING:
-    from cellcal.service.certificates.certificate import Issued
+    from cellcal.service.certificates.certificate import IssuedCertificate
     from cellcal.service.record.journal import Journal
-    from cellcal.service.record.run_store import Store
+    from cellcal.service.record.run_store import RunStore
 
 
 def open_journal(config: CellConfig) -> "Journal":
@@ -17,15 +17,15 @@ def open_journal(config: CellConfig) -> "Journal":
     return journal_files.open_journal(config)
 
 
-def store_of(journal: "Journal") -> "Store":
+def store_of(journal: "Journal") -> "RunStore":
     """Return what a journal says."""
-    from cellcal.service.record.run_store import Store  # noqa: PLC0415  heavy
+    from cellcal.service.record.run_store import RunStore  # noqa: PLC0415  heavy
 
-    return Store(journal)
+    return RunStore(journal)
 
 
-def issue(config: CellConfig, run_id: str) -> "Issued":
+def issue_certificate(config: CellConfig, run_id: str) -> "IssuedCertificate":
     """Return the signed certificate of a run, written where it was missing."""
     from cellcal.service.certificates import certificate  # noqa: PLC0415  heavy
 
-    return certificate.issue(config, run_id)
+    return certificate.issue_certificate(config, run_id)

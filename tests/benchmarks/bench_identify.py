@@ -32,16 +32,22 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import (
-    Fit,
-    Problem,
+    ArmFit,
+    FitProblem,
     errors_m,
-    estimate,
+    estimate_arm,
+    is_settled,
     place_columns,
-    settled,
 )
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, Priors, make_layout
+from cellcal.calibration.identification.parameters import (
+    GEOMETRY,
+    ArmState,
+    ParameterLayout,
+    Priors,
+    make_layout,
+)
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # the bound knows no prior
@@ -50,7 +56,7 @@ _CHECK_ROWS = 1000
 _UNMOVED = 1e-6  # m, rad
 
 Ended: TypeAlias = Callable[[Array, Array, Array], bool]
-Equations: TypeAlias = Callable[[ArmState, Layout, PointObservations], tuple[Array, Array]]
+Equations: TypeAlias = Callable[[ArmState, ParameterLayout, PointObservations], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +84,7 @@ def measure(rows: int, *, repeats: int, seeds: int) -> Figures:
         [
             lambda: _identify(model, layout, observations),
             lambda: _loop(model, layout, observations, _plain_equations, _unmoved),
-            lambda: _loop(model, layout, observations, _lean_equations, settled),
+            lambda: _loop(model, layout, observations, _lean_equations, is_settled),
         ],
         repeats,
     )
@@ -98,27 +104,27 @@ def measure(rows: int, *, repeats: int, seeds: int) -> Figures:
     )
 
 
-def base_layout(model: RobotModel) -> Layout:
+def base_layout(model: RobotModel) -> ParameterLayout:
     """Return the 27 parameters that positions can tell apart."""
     probe = tracker_points("ur10", 200, seed=5).observations
     layout = make_layout(model, "point", 1, level=GEOMETRY, priors=_LOOSE)
     return base_subset(layout, first_guess(model, probe)[0], probe)
 
 
-def _identify(model: RobotModel, layout: Layout, observations: PointObservations) -> Fit:
+def _identify(model: RobotModel, layout: ParameterLayout, observations: PointObservations) -> ArmFit:
     """Everything from joints and positions to parameters and covariance, the first guess included."""
     start = first_guess(model, observations)[0]
-    return estimate(layout, start, Problem.of(start, observations), from_afar=True)
+    return estimate_arm(layout, start, FitProblem.from_observations(start, observations), from_afar=True)
 
 
-def squared_errors(rows: int, seed: int, layout: Layout) -> tuple[float, float]:
+def squared_errors(rows: int, seed: int, layout: ParameterLayout) -> tuple[float, float]:
     """Return the mean squared tip error of one arm's fit at the check postures, and its Cramer-Rao bound [m^2]."""
     simulated = tracker_points("ur10", rows, seed=100 + seed, sigma_m=_SIGMA_M)
     fit = _identify(simulated.model, layout, simulated.observations)
     joints = random_joints(simulated.model, np.random.default_rng(7), _CHECK_ROWS)
     truth = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3]
     check = PointObservations(joints, truth, np.ones(len(joints)), np.zeros(len(joints), dtype=np.intp))
-    problem = Problem.of(fit.state, check)
+    problem = FitProblem.from_observations(fit.state, check)
     columns, _ = place_columns(fit.layout, fit.state, problem)
     bound = np.einsum("pmn,pq,qmn->n", columns, fit.covariance, columns, optimize=True)
     return float(np.mean(errors_m(fit.state, problem) ** 2)), float(np.mean(bound))
@@ -142,26 +148,36 @@ def _unmoved(step: Array, spread: Array, prior: Array) -> bool:
 
 
 def _loop(
-    model: RobotModel, layout: Layout, observations: PointObservations, equations: Equations, ended: Ended
+    model: RobotModel,
+    layout: ParameterLayout,
+    observations: PointObservations,
+    equations: Equations,
+    ended: Ended,
 ) -> ArmState:
     """Solve the same problem from the same start to the same end, by full passes over the postures."""
     state = first_guess(model, observations)[0]
-    inverse_prior = layout.prior**-2.0
+    inverse_prior = layout.prior_sigmas**-2.0
     for _ in range(10):
         information, gradient = equations(state, layout, observations)
-        gradient = gradient - inverse_prior * layout.deviations(state)
+        gradient = gradient - inverse_prior * layout.prior_deviations(state)
         covariance = np.linalg.inv(information + np.diag(inverse_prior))
         step = covariance @ gradient
-        state = layout.step(state, step)
-        if ended(step / layout.prior, np.sqrt(np.diag(covariance)) / layout.prior, layout.prior):
+        state = layout.apply_step(state, step)
+        if ended(
+            step / layout.prior_sigmas,
+            np.sqrt(np.diag(covariance)) / layout.prior_sigmas,
+            layout.prior_sigmas,
+        ):
             break
     return state
 
 
-def _plain_equations(state: ArmState, layout: Layout, observations: PointObservations) -> tuple[Array, Array]:
+def _plain_equations(
+    state: ArmState, layout: ParameterLayout, observations: PointObservations
+) -> tuple[Array, Array]:
     """Go through the postures as Pinocchio's own examples do: frames, regressor, rows onto a list."""
     _, twin, frame, angles = _twin(state, observations)
-    data, tangent = twin.createData(), layout.tangent(state, 0).T
+    data, tangent = twin.createData(), layout.tangent_rows(state, 0).T
     rows, residuals = [], []
     for angle, measured in zip(angles, observations.positions_m, strict=True):
         pin.forwardKinematics(twin, data, angle)
@@ -175,10 +191,12 @@ def _plain_equations(state: ArmState, layout: Layout, observations: PointObserva
     return design.T @ design, design.T @ residual
 
 
-def _lean_equations(state: ArmState, layout: Layout, observations: PointObservations) -> tuple[Array, Array]:
+def _lean_equations(
+    state: ArmState, layout: ParameterLayout, observations: PointObservations
+) -> tuple[Array, Array]:
     """Do nothing in the loop but call Pinocchio and copy what it says."""
     chain, twin, frame, angles = _twin(state, observations)
-    data, count, joints = twin.createData(), len(observations), 6 * chain.axes
+    data, count, joints = twin.createData(), len(observations), 6 * chain.axis_count
     design, residual = np.zeros((count, 3, joints + 6)), np.empty((count, 3))
     for i in range(count):
         pin.forwardKinematics(twin, data, angles[i])
@@ -189,7 +207,7 @@ def _lean_equations(state: ArmState, layout: Layout, observations: PointObservat
         design[i, :, joints : joints + 3] = tip.rotation
         residual[i] = tip.translation
     residual = (observations.positions_m - residual).reshape(-1) / _SIGMA_M
-    flat = design.reshape(3 * count, -1) @ layout.tangent(state, 0).T / _SIGMA_M
+    flat = design.reshape(3 * count, -1) @ layout.tangent_rows(state, 0).T / _SIGMA_M
     return flat.T @ flat, flat.T @ residual
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.drivers.fanuc.program_files.programs import BRAND
-from cellcal.drivers.programs.positions import Change, Frames, Positions
-from cellcal.service.engineering.programs.clone import cloning
+from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames
+from cellcal.service.engineering.programs.clone import clone_transfer
 from tests.unit.helpers.cloned_cells import MODEL, FakeCell, work_postures
 
 _DRAWN = 20_000  # different postures
@@ -25,12 +25,12 @@ class Kept:
     brand: str = "fanuc"
     name: str = "KEPT"
     remarks: tuple = ()
-    frames: Frames = Frames()  # noqa: RUF009  frozen and empty
+    frames: ProgramFrames = ProgramFrames()  # noqa: RUF009  frozen and empty
 
     def to_bytes(self) -> bytes:
         return b""
 
-    def changed(self, change: Change) -> "Kept":
+    def with_changes(self, change: PositionChange) -> "Kept":
         poses = self.positions.frame_tip.copy()
         poses[change.rows] = change.frame_tip
         return Kept(replace(self.positions, frame_tip=poses))
@@ -54,18 +54,18 @@ def main() -> None:
     count, each = (int(word) for word in (*sys.argv[1:], "1200", "40")[:2])
     with tempfile.TemporaryDirectory() as folder:
         master, clone = FakeCell("master", 1), FakeCell("clone", 1001)
-        carrier = cloning(
+        carrier = clone_transfer(
             master.project(Path(folder) / "m"), clone.project(Path(folder) / "c"), BRAND.configurations
         )
     joints = work_postures(master, min(count, _DRAWN), 1)
-    texts = BRAND.configurations.spelled(MODEL, joints, ["N U T, 0, 0, 0"] * len(joints))
+    texts = BRAND.configurations.write_configurations(MODEL, joints, ["N U T, 0, 0, 0"] * len(joints))
     times = -(-count // len(joints))
     poses, words = np.tile(master.taught(joints), (times, 1, 1))[:count], (texts * times)[:count]
     programs = [kept(poses[i : i + each], words[i : i + each]) for i in range(0, count, each)]
     began, used = time.perf_counter(), time.process_time()
-    results = carrier.carry(programs)
+    results = carrier.transfer_programs(programs)
     wall, cpu = time.perf_counter() - began, time.process_time() - used
-    left = sum(result.counts["left"] for result in results)
+    left = sum(result.status_counts["left"] for result in results)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     sys.stdout.write(
         f"{len(programs)} programs, {count} points: {wall:.2f} s, {cpu:.2f} s of the processor, at most "

@@ -9,7 +9,7 @@ import pytest
 from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.runs.open_cell import on_paper
+from cellcal.service.runs.open_cell import offline_cell
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "deploy/example_cells").glob("*.toml"))
 
@@ -35,7 +35,7 @@ def test_an_example_is_read_and_a_cell_is_made_of_it_on_paper(path: Path) -> Non
     config = read_cell_file(path)
     assert config.cell.data_dir.is_relative_to("/var/lib/cellcal")
     for robot in config.robots:
-        cell = on_paper(config, robot.name)
+        cell = offline_cell(config, robot.name)
         assert cell.model.name == robot.model
         assert cell.limits.speed_rad_s == robot.speed_limit_rad_s
     for device in devices(config):
@@ -82,6 +82,6 @@ def test_every_instrument_has_an_example_of_its_certificate(path: Path, tmp_path
         text,
     )
     (tmp_path / path.name).write_text(told, encoding="utf-8")
-    instruments = read_cell_file(tmp_path / path.name).instruments
+    instruments = read_cell_file(tmp_path / path.name).instrument_entries
     missing = [entry.device.name for entry in instruments if entry.setup.certificate is None]
     assert not missing, missing

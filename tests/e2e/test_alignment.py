@@ -12,12 +12,12 @@ from cellcal.service.cli.alignments import export as export_alignments
 from cellcal.service.cli.alignments import show as show_alignments
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from cellcal.service.demo.technician import DemoTechnician
+from cellcal.service.demo.simulated_technician import SimulatedTechnician
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Outcome, Verdict
-from cellcal.service.record.run_store import Store
-from cellcal.service.runs.open_cell import lend_record, open_cell
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.runs.open_cell import open_cell, with_robot_history
 from cellcal.service.runs.run_procedure import run_procedure
 from cellcal.service.runs.settings import build_spec
 
@@ -47,15 +47,15 @@ TOOL: dict[str, Any] = {
 
 async def _run(
     config: CellConfig, cell: Any, journal: Journal, name: str, settings: dict[str, Any]
-) -> Outcome:
+) -> RunOutcome:
     # a technician with the pendant: the last pose of a record may lie where the assumed arm touches itself
     await cell.robot.move_joints((0.0,) * 6, speed_rad_s=0.4)
-    lent = await lend_record(cell, journal)
+    lent = await with_robot_history(cell, journal)
     return await run_procedure(lent, name, build_spec(config, "fanuc", name, settings), journal)
 
 
 def _errors(found: Pose, truth: list[list[float]]) -> tuple[float, float]:
-    twist = log_transform(np.linalg.inv(found.matrix()) @ np.array(truth))
+    twist = log_transform(np.linalg.inv(found.to_matrix()) @ np.array(truth))
     return float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
 
 
@@ -66,16 +66,16 @@ async def test_a_fixture_and_a_tool_are_found_within_their_uncertainty_over_sock
     config = read_cell_file(path)
     async with running_fakes(path) as door:
         with open_journal(config) as journal:
-            async with open_cell(config, DemoTechnician(door, lambda _: None), "fanuc") as cell:
+            async with open_cell(config, SimulatedTechnician(door, lambda _: None), "fanuc") as cell:
                 record = await _run(config, cell, journal, "mastering_record", {})
                 aligned = await _run(config, cell, journal, "fixture_alignment", ALIGNMENT)
-                await door.fault("wire_home")
+                await door.inject_fault("wire_home")
                 tool = await _run(config, cell, journal, "end_effector_points", TOOL)
-                truth = (await door.truth())["gauges"]["wire"]
-            stored = Store(journal).alignments()
+                truth = (await door.read_truth())["gauges"]["wire"]
+            stored = RunStore(journal).list_alignments()
     assert (show_alignments(cell=path), export_alignments(cell=path, out=tmp_path / "table.aln")) == (0, 0)
     assert read_alignments((tmp_path / "table.aln").read_text(encoding="utf-8")) == stored
-    assert [outcome.verdict for outcome in (record, aligned, tool)] == [Verdict.PASSED] * 3
+    assert [outcome.verdict for outcome in (record, aligned, tool)] == [RunVerdict.PASSED] * 3
     assert [alignment.fixture for alignment in stored] == ["table"]
     placed = aligned.result.placed
     origin_m, angle_rad = _errors(placed.outer_inner, truth["fixture_in_base"])

@@ -15,8 +15,8 @@ import pytest
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.exit_codes import ExitCode, exit_code_named
 from cellcal.service.record.journal import Journal
 from tests.machine_speed import stretched_s
@@ -139,7 +139,7 @@ def test_a_journal_with_flipped_bytes_is_told_by_every_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = cell_file(tmp_path)
-    with Journal.open(tmp_path / "data" / "journal.db") as journal:
+    with Journal.open_file(tmp_path / "data" / "journal.db") as journal:
         for k in range(3):
             journal.append("run-1", "finding", {"k": k})
     with sqlite3.connect(tmp_path / "data" / "journal.db") as raw:
@@ -211,7 +211,7 @@ class Command:
 @asynccontextmanager
 async def fake_cell(
     folder: Path, *, time_factor: float = 600.0
-) -> AsyncIterator[tuple[Path, Door, tuple[str, ...]]]:
+) -> AsyncIterator[tuple[Path, FakeCellClient, tuple[str, ...]]]:
     """Play a cell; lend its file, its control door and what every run is told."""
     with free_address() as address:
         path = write_cell_file(folder, address, seed=1, time_factor=time_factor)
@@ -234,15 +234,15 @@ async def test_an_emergency_stop_and_a_second_program_in_the_middle_of_a_run(tmp
         code, words = await check.end()
         assert (code, "in use" in words) == (ExitCode.BUSY, True), words
 
-        await door.fault("emergency_stop", device="fanuc")
+        await door.inject_fault("emergency_stop", device="fanuc")
         code, words = await run.end()
         assert code == ExitCode.STOPPED, words  # and not the gauge taken away by the two others
         assert "fanuc: " in words  # in a move it stopped, between two it is not ready: both say why
         assert "the emergency stop is pressed" in words
         assert "release the emergency stop" in words
 
-        await door.fault("release_emergency_stop", device="fanuc")
-        await door.fault("press_reset")
+        await door.inject_fault("release_emergency_stop", device="fanuc")
+        await door.inject_fault("press_reset")
         code, words = await (await Command.start("resume", "last", *told)).end()
         assert (code, "passed mastering_record" in words) == (ExitCode.PASS, True), words
 
@@ -259,7 +259,7 @@ async def test_a_run_that_is_cancelled_says_so_and_leaves_the_arm_at_rest(
         assert code == ExitCode.CANCELLED, words
         assert "Cancelled." in words
         assert "resume last" in words
-        assert not (await door.truth())["robots"]["fanuc"]["moving"]
+        assert not (await door.read_truth())["robots"]["fanuc"]["moving"]
 
 
 def children_of(pid: int) -> list[str]:

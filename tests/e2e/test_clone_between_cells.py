@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
-from cellcal.service.cli.program import Outputs, clone
+from cellcal.service.cli.program import ProgramOutputs, clone
 from tests.unit.helpers.cloned_cells import listing
 from tests.unit.helpers.cloned_program import Cells
 
@@ -33,7 +33,7 @@ def test_a_line_is_cloned_by_one_command(cells: tuple[Cells, Path]) -> None:
     code = clone(
         folder / "master" / "project.toml",
         folder / "clone" / "project.toml",
-        outputs=Outputs(folder / "clone" / "programs"),
+        outputs=ProgramOutputs(folder / "clone" / "programs"),
     )
 
     assert code == 0

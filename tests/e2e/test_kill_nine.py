@@ -9,9 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import Journal
-from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.record.run_store import RunStore, RunView
 from tests.e2e.kill_nine.world import Served, child, parts_of
 from tests.machine_speed import stretched_s
 from tests.procedures.cells import Scene, recovering
@@ -40,16 +40,16 @@ def _one_life(made: Scene, journal: Path, run_id: str | None, kill: dict[str, An
 
 
 def _the_run(path: Path) -> RunView | None:
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         assert journal.damage is None
-        runs = Store(journal).runs()
+        runs = RunStore(journal).list_runs()
     return runs[-1] if runs else None
 
 
 def _steps_stored(path: Path) -> list[tuple[str, Any]]:
-    with Journal.open(path) as journal:
-        events = [(event.kind, json.loads(event.body)) for event in journal.events()]
-    return [(body["step"], body["value"]) for kind, body in events if kind == Kind.FINDING]
+    with Journal.open_file(path) as journal:
+        events = [(event.kind, json.loads(event.body)) for event in journal.list_events()]
+    return [(body["step"], body["value"]) for kind, body in events if kind == EventKind.FINDING]
 
 
 def kill_and_resume(kills: int, seed: int) -> list[str]:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.record.journal import Journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 
 KEYS = (
     "saved_counts",
@@ -47,19 +47,19 @@ async def cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tup
     return process.returncode, out.decode(), err.decode()
 
 
-async def act_when_asked(door: Door, path: Path) -> None:
+async def act_when_asked(door: FakeCellClient, path: Path) -> None:
     """Be the hands at the cabinet: exchange the battery at once, turn the switch when the alarms ask for it."""
-    await door.fault("new_battery")
+    await door.inject_fault("new_battery")
     while "power cycle 1" not in [step for step, _ in findings_of(path)]:
         await asyncio.sleep(0.2)
-    await door.fault("power_cycle")
+    await door.inject_fault("power_cycle")
 
 
 def findings_of(path: Path) -> list[Any]:
     """Return what the journal holds of the recovery."""
-    with Journal.open(read_cell_file(path).cell.data_dir / "journal.db") as journal:
-        assert journal.verify() is None
-        newest = Store(journal).runs()[-1]
+    with Journal.open_file(read_cell_file(path).cell.data_dir / "journal.db") as journal:
+        assert journal.verify_chain() is None
+        newest = RunStore(journal).list_runs()[-1]
     if newest.procedure != "mastering_recovery":
         return []
     return [(finding.step, finding.value) for finding in newest.past.findings]
@@ -75,7 +75,7 @@ async def test_a_killed_recovery_is_resumed_to_the_exact_turns(tmp_path: Path) -
     async with running_fakes(path) as door:
         code, _, said = await cellcal("run", "mastering_record", *common)
         assert code == 0, said
-        await door.fault("battery_loss", axes="all")
+        await door.inject_fault("battery_loss", axes="all")
         hands = asyncio.create_task(act_when_asked(door, path))
         words: tuple[str, ...] = ("run", "mastering_recovery")
         before: list[Any] = []
@@ -92,7 +92,7 @@ async def test_a_killed_recovery_is_resumed_to_the_exact_turns(tmp_path: Path) -
         assert json.loads(out)["result"]["mode"] == "turns"
         steps = [step for step, _ in findings_of(path)]
         assert len(steps) == len(set(steps))  # none doubled
-        truth = (await door.truth())["robots"]["fanuc"]
+        truth = (await door.read_truth())["robots"]["fanuc"]
         assert truth["counts_at_zero"] == truth["true_counts_at_zero"]
-        error = await door.ask("tcp_error", robot="fanuc")
+        error = await door.send_command("tcp_error", robot="fanuc")
         assert error["max"] < 1e-9

@@ -83,7 +83,7 @@ def _survives(disk: Disk, name: str, acknowledged: list[tuple[str, int]]) -> boo
     database = ApswDatabase(disk, name, synchronous=None)
     try:
         journal = Journal(Path("journal.db"), connect=lambda _: database)
-        found = [(event.run_id, json.loads(event.body)["n"]) for event in journal.events()]
+        found = [(event.run_id, json.loads(event.body)["n"]) for event in journal.list_events()]
         return journal.damage is None and found[: len(acknowledged)] == acknowledged
     except Exception:
         return False

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous, inverse_transform
+from cellcal.calibration.geometry import homogeneous_matrix, inverse_transform
 from cellcal.calibration.orientation import rotation_from
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -148,7 +148,7 @@ def test_status_says_which_cell_runs_what(line: Path, capsys) -> None:
 
 def test_a_move_and_its_opposite_give_the_points_back(line: Path, tmp_path: Path, capsys) -> None:
     master, _ = projects(line)
-    there = homogeneous(
+    there = homogeneous_matrix(
         rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 1.5])), np.array([0.012, 0.0, -0.0035])
     )
     x, y, z = inverse_transform(there)[:3, 3] * 1e3

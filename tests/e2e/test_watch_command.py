@@ -10,9 +10,9 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.record.run_store import Store
-from cellcal.service.runs.launch import Where, start
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.runs.launch import RunTarget, start_run
 from cellcal.service.watching.loss_response import WATCH
 from tests.machine_speed import stretched_s
 
@@ -30,10 +30,10 @@ async def until_said(process: asyncio.subprocess.Process, words: str, heard: lis
 
 async def first_seen(memory: LastHealthyCounts) -> HealthyCounts:
     async with asyncio.timeout(PATIENCE_S):
-        seen = memory.load("fanuc")
+        seen = memory.load_counts("fanuc")
         while seen is None:
             await asyncio.sleep(0.05)
-            seen = memory.load("fanuc")
+            seen = memory.load_counts("fanuc")
         return seen
 
 
@@ -50,16 +50,18 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
             heard: list[str] = []
             await until_said(process, "fanuc: watched", heard)
             healthy = await first_seen(memory)
-            truth = (await door.truth())["robots"]["fanuc"]
+            truth = (await door.read_truth())["robots"]["fanuc"]
             assert list(healthy.counts) == truth["counts_read"]
-            await door.fault("battery_low")
+            await door.inject_fault("battery_low")
             await until_said(process, "Exchange it with the controller switched ON", heard)
-            await door.fault("battery_loss", axes="all")
+            await door.inject_fault("battery_loss", axes="all")
             await until_said(process, "lost its position", heard)
             await until_said(process, "Most likely M1", heard)
             await until_said(process, "recover_alone is not set", heard)
             await until_said(process, "cellcal run mastering_recovery", heard)
-            assert memory.load("fanuc") == healthy  # what was healthy is not overwritten by what was lost
+            assert (
+                memory.load_counts("fanuc") == healthy
+            )  # what was healthy is not overwritten by what was lost
         finally:
             process.terminate()
             await process.communicate()
@@ -75,8 +77,8 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
     config = read_cell_file(path)
     async with running_fakes(path) as door:
         hands = ScriptedOperator({"wire_is_hooked": "yes", "accept_plan": "yes"})
-        record = await start(Where(config, hands, "fanuc"), "mastering_record", {})
-        assert record.verdict is Verdict.PASSED
+        record = await start_run(RunTarget(config, hands, "fanuc"), "mastering_record", {})
+        assert record.verdict is RunVerdict.PASSED
         (config.cell.data_dir / "last_healthy_fanuc.json").unlink(
             missing_ok=True
         )  # so that its look can be seen
@@ -88,21 +90,21 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
             heard: list[str] = []
             await until_said(process, "fanuc: watched", heard)
             await first_seen(LastHealthyCounts(config.cell.data_dir))
-            await door.fault("memory_loss")
+            await door.inject_fault("memory_loss")
             await until_said(process, "The cell file allows it", heard)
             await until_said(process, "nobody is at this terminal", heard)
             await until_said(process, "Write the mastering data to the controller?", heard)
             await until_said(process, "cellcal resume", heard)
-            await door.fault("protective_stop", device="ur")  # and it goes on watching
+            await door.inject_fault("protective_stop", device="ur")  # and it goes on watching
             await until_said(process, "ur: protective stop", heard)
         finally:
             process.terminate()
             await process.communicate()
     with open_journal(config) as journal:
-        store = Store(journal)
-        run = store.run(store.newest("last"))
-        assert {event.actor for event in journal.events(run.run_id)} == {WATCH}
-    assert (run.procedure, run.state) == ("mastering_recovery", Verdict.CELL_FAILED)
+        store = RunStore(journal)
+        run = store.find_run(store.resolve_run_id("last"))
+        assert {event.actor for event in journal.list_events(run.run_id)} == {WATCH}
+    assert (run.procedure, run.state) == ("mastering_recovery", RunVerdict.CELL_FAILED)
     last = run.past.findings[-1].step
     assert last == "compare with drawn poses"  # it moved and measured; nothing was written
 
@@ -121,9 +123,9 @@ async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen
             heard: list[str] = []
             await until_said(process, "ur: watched every 0.2 s: its stops and faults only", heard)
             await until_said(process, "a lost position is NOT seen", heard)
-            await door.fault("protective_stop", device="ur")
+            await door.inject_fault("protective_stop", device="ur")
             await until_said(process, "ur: protective stop. Find out what the arm met", heard)
-            await door.fault("unlock_protective_stop", device="ur")
+            await door.inject_fault("unlock_protective_stop", device="ur")
             await until_said(process, "ur: neither stopped nor out of reach any more", heard)
         finally:
             process.terminate()

@@ -8,23 +8,23 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.drift.reference import DriftReference
-from cellcal.calibration.geometry import Pose, homogeneous, quaternion_from_rotation
+from cellcal.calibration.geometry import Pose, homogeneous_matrix, quaternion_from_rotation
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.points.three_two_one import Corner
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.procedures.accuracy_check import AccuracyCheck, CheckRules
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.arm.arm_bench import Method
-from cellcal.procedures.arm.calibration_order import RobotCalibration
+from cellcal.procedures.arm.calibration_spec import RobotCalibration
 from cellcal.procedures.arm.drift_plan import DriftRules
 from cellcal.procedures.arm.series_rules import SeriesRules
 from cellcal.procedures.base_to_base import BaseToBaseSpec
-from cellcal.procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
+from cellcal.procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionCaps, MotionLevel, TrackerSetup
 from cellcal.procedures.drift_check import DriftCheck, drift_check
 from cellcal.procedures.end_effector_points import EndEffectorPoints
 from cellcal.procedures.fixture_alignment import FixtureAlignment, fixture_alignment
 from cellcal.procedures.frame_offset import FrameOffset
-from cellcal.procedures.limits import FrameLimits
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec
 from cellcal.procedures.mastering_undo import MasteringUndo, mastering_sha256
@@ -77,7 +77,7 @@ def scene(spec: Any = None) -> Scene:
         tracker_setup=TrackerSetup(TARGET),
         gauge_setup=GaugeSetup((0.9, -0.7, -0.45), (0.06, 0.05, 0.12)),
         model=arm.model,
-        limits=MotionLimits(settle_s=0.0),
+        limits=MotionCaps(settle_s=0.0),
         level=MotionLevel.COMMANDED,
         config_sha256="c0ffee",
     )
@@ -104,7 +104,7 @@ async def recovering(lost: tuple[int, ...] = LOST) -> Scene:
     """Return a cell that lost its encoders after its record was taken, and was seen healthy just before."""
     record = await record_of(scene())
     made = scene()
-    made.arm.put(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
+    made.arm.write_program(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
     last = await made.arm.encoder_counts()
     made.arm.lose_encoders(lost)
     made.cell = replace(made.cell, record=record)
@@ -141,7 +141,7 @@ def touching(**more: Any) -> Scene:
     }
 
     def place(rotation: np.ndarray, point: np.ndarray) -> Callable[[], None]:
-        pose = Pose.from_matrix(homogeneous(rotation, point - rotation @ np.array(TIP)))
+        pose = Pose.from_matrix(homogeneous_matrix(rotation, point - rotation @ np.array(TIP)))
         return lambda: setattr(made.arm, "taught", pose)
 
     for key, rotation in attitudes.items():
@@ -163,7 +163,7 @@ def tool_pose() -> Pose:
     return Pose(TIP, (w, x, y, z))
 
 
-FRAME = Pose.from_matrix(homogeneous(_turned(2, 0.7) @ _turned(1, 0.1), np.array([0.6, -0.2, 0.1])))
+FRAME = Pose.from_matrix(homogeneous_matrix(_turned(2, 0.7) @ _turned(1, 0.1), np.array([0.6, -0.2, 0.1])))
 
 
 def pointing(**more: Any) -> Scene:
@@ -180,8 +180,8 @@ def pointing(**more: Any) -> Scene:
         "touch_above": (0.1, 0.1, 0.05),
     }
     for key, point in points.items():
-        tip = FRAME.rotation() @ np.array(point) + np.array(FRAME.position_m)
-        pose = Pose.from_matrix(homogeneous(attitude, tip - attitude @ np.array(TIP)))
+        tip = FRAME.rotation_matrix() @ np.array(point) + np.array(FRAME.position_m)
+        pose = Pose.from_matrix(homogeneous_matrix(attitude, tip - attitude @ np.array(TIP)))
         made.hands.does[key] = lambda pose=pose: setattr(made.arm, "taught", pose)
     return made
 
@@ -196,7 +196,7 @@ OFFSET_POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.4, 0.0), (0.3, 0.2, 0
 
 def at(pose: Pose, point: Triple) -> Triple:
     """Return a point of a frame seen from outside."""
-    x, y, z = pose.rotation() @ np.array(point) + np.array(pose.position_m)
+    x, y, z = pose.rotation_matrix() @ np.array(point) + np.array(pose.position_m)
     return (float(x), float(y), float(z))
 
 
@@ -256,7 +256,9 @@ def hanging(points: tuple[Triple, ...] = TARGETS, **more: Any) -> Scene:
 
 def moved_workpiece(old: Pose = FRAME, old_new: Pose | None = None) -> Scene:
     """Return a cell whose workpiece moved, and whose technician touches four of its points again."""
-    old_new = old_new or Pose.from_matrix(homogeneous(_turned(2, 0.02), np.array([0.03, -0.02, 0.004])))
+    old_new = old_new or Pose.from_matrix(
+        homogeneous_matrix(_turned(2, 0.02), np.array([0.03, -0.02, 0.004]))
+    )
     spec = FrameOffset(2, TIP, points_in_frame_m=OFFSET_POINTS, check_above=True)
     made = scene(spec)
     made.arm.frames[2] = old
@@ -266,7 +268,7 @@ def moved_workpiece(old: Pose = FRAME, old_new: Pose | None = None) -> Scene:
     }
     for key, point in places.items():
         tip = np.array(at(old @ old_new, point))
-        pose = Pose.from_matrix(homogeneous(attitude, tip - attitude @ np.array(TIP)))
+        pose = Pose.from_matrix(homogeneous_matrix(attitude, tip - attitude @ np.array(TIP)))
         made.hands.does[key] = lambda pose=pose: setattr(made.arm, "taught", pose)
     return made
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Outcome
-from cellcal.service.runs.run_procedure import Conditions, run_procedure
+from cellcal.service.record.run_outcome import RunOutcome
+from cellcal.service.runs.run_procedure import RunConditions, run_procedure
 from tests.procedures.cells import Scene
 
-HOW = Conditions(free_bytes=0, actor="anna")
+HOW = RunConditions(free_bytes=0, actor="anna")
 
 
 def cell_config(folder: Path, *, serial: str = "F-1", more: str = "") -> CellConfig:
@@ -22,7 +22,7 @@ def cell_config(folder: Path, *, serial: str = "F-1", more: str = "") -> CellCon
     return read_cell_file(path)
 
 
-async def run_in(config: CellConfig, made: Scene, name: str) -> Outcome:
+async def run_in(config: CellConfig, made: Scene, name: str) -> RunOutcome:
     """Run a procedure in a scene, with the journal of that cell file."""
     cell = replace(made.cell, config_sha256=config.sha256)
     with open_journal(config) as journal:

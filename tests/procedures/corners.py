@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous_matrix
 from cellcal.calibration.points.three_two_one import FACES, Corner, outward_in_frame
 from cellcal.drivers.interfaces import (
     Condition,
@@ -70,8 +70,8 @@ class FeelingArm(IdealArm):
         tip = self.model.tip_positions(self.true_joints[None], np.array(self.feeler.tip_in_flange_m))[0]
         return self.feeler.clearance_m(tip)
 
-    async def joints(self) -> JointReading:
-        found = await super().joints()
+    async def read_joints(self) -> JointReading:
+        found = await super().read_joints()
         self.looks += 1
         return found
 
@@ -80,11 +80,11 @@ class FeelingArm(IdealArm):
         share = self._free_share(start, delta)
         try:
             await asyncio.sleep(0)
-            self.put(start + delta * share / 2)
+            self.write_program(start + delta * share / 2)
             if self.midway is not None:
                 self.midway(len(self.moves))
             await asyncio.sleep(0)
-            self.put(start + delta * share)
+            self.write_program(start + delta * share)
             if share < 1.0:
                 await self._stand_at_the_contact()
         finally:
@@ -143,16 +143,16 @@ class IdealProbe:
         await asyncio.sleep(0)
         return Identity("ideal", "probe", self.serial, "1.0")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         await asyncio.sleep(0)
         return Condition(Readiness.READY)
 
-    async def contact(self) -> ContactReading:
+    async def read_contact(self) -> ContactReading:
         await asyncio.sleep(0)
         closed = self.stuck_closed or self.arm.clearance_m() < 0.0
         return ContactReading(closed, asyncio.get_running_loop().time(), int(closed))
 
-    async def touched(self) -> ContactEdge:
+    async def wait_for_touch(self) -> ContactEdge:
         await self.arm.pressed.wait()
         assert self.arm.touched_at_s is not None
         return ContactEdge(self.arm.touched_at_s, self.arm.touched_at_s, 0, True, (0, 1))
@@ -173,15 +173,15 @@ def corner_below(
     x = x / np.linalg.norm(x)
     tip = flange[:3, :3] @ np.array(tip_m) + flange[:3, 3]
     corner = tip - height_m * z - 0.05 * x - 0.05 * np.cross(z, x)
-    return homogeneous(np.column_stack([x, np.cross(z, x), z]), corner)
+    return homogeneous_matrix(np.column_stack([x, np.cross(z, x), z]), corner)
 
 
 def off_by(frame: Array, shift_m: Sequence[float], turn_rad: Sequence[float]) -> Pose:
     """Return a frame as somebody drew it, a little off."""
-    return Pose.from_matrix(frame @ homogeneous(exp_rotation(np.array(turn_rad)), np.array(shift_m)))
+    return Pose.from_matrix(frame @ homogeneous_matrix(exp_rotation(np.array(turn_rad)), np.array(shift_m)))
 
 
 def home_at(arm: IdealArm, frame: Array, local_m: Sequence[float]) -> None:
     """Bring the tip to a place of the frame, in the attitude of home."""
     place = frame[:3, :3] @ np.array(local_m) + frame[:3, 3]
-    arm.put(np.array(joints_for_tip(arm.model, TIP, HOME, place)))
+    arm.write_program(np.array(joints_for_tip(arm.model, TIP, HOME, place)))

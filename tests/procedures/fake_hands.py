@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 from cellcal.drivers.interfaces import Answer, Instruction, Question
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 
 _VISIT = re.compile(r"visit_(point|seat|target|nest)_(\d+)")
 _NEAR = re.compile(r"at about (.*?) deg")
@@ -17,7 +17,7 @@ _SETTLE_S = 0.15  # of real time: the probe's electronics look again
 class FakeHands:
     """Operator. Does what a person does; ``kit`` is what is answered where a kit is chosen."""
 
-    door: Door
+    door: FakeCellClient
     kit: str = ""
     asked: list[str] = field(default_factory=list)
     text: dict[str, str] = field(default_factory=dict)
@@ -28,24 +28,24 @@ class FakeHands:
         if visit := _VISIT.fullmatch(instruction.key):
             await self._go(visit[1], int(visit[2]), instruction.text)
         elif instruction.key in ("new_battery", "power_cycle"):
-            await self.door.fault(instruction.key)
+            await self.door.inject_fault(instruction.key)
         return Answer("anna")
 
-    async def enter(self, question: Question) -> Answer:
+    async def ask_question(self, question: Question) -> Answer:
         self.asked.append(question.key)
         self.text[question.key] = question.text
         return Answer("anna", self.kit)
 
     async def _go(self, what: str, number: int, text: str) -> None:
         if what == "nest":
-            await self.door.fault("reflector_to_nest", nest=number)
+            await self.door.inject_fault("reflector_to_nest", nest=number)
             return
         if what == "target":
-            await self.door.fault("reflector_to_flange")
+            await self.door.inject_fault("reflector_to_flange")
         near = _NEAR.search(text)
         told = {} if near is None else {"joints": [_radians(word) for word in near[1].split(",")]}
         hand = "bring_to_seat" if what == "seat" else "bring_tip"
-        await self.door.fault(hand, place=number, **told)
+        await self.door.inject_fault(hand, place=number, **told)
         await asyncio.sleep(_SETTLE_S)
 
 

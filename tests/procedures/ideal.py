@@ -27,11 +27,11 @@ from cellcal.drivers.interfaces import (
     Instruction,
     JointReading,
     Joints,
+    LengthReading,
     MasteringData,
     PointReading,
     Question,
     Readiness,
-    Reading,
     RobotCapabilities,
     TrackerCapabilities,
 )
@@ -105,9 +105,9 @@ class IdealArm:
 
     @property
     def true_joints(self) -> np.ndarray:
-        return self.drive.joints(np.array(self.true_counts), np.array(self.true_zero))
+        return self.drive.to_joints(np.array(self.true_counts), np.array(self.true_zero))
 
-    def put(self, joints_rad: np.ndarray) -> None:
+    def write_program(self, joints_rad: np.ndarray) -> None:
         """Place the arm, as a technician would with the pendant."""
         turns = np.linalg.solve(np.array(self.drive.radians_per_count), joints_rad)
         self.true_counts = tuple(int(c) for c in np.rint(turns) + np.array(self.true_zero))
@@ -116,7 +116,7 @@ class IdealArm:
         await asyncio.sleep(0)
         return Identity("ideal", self.model.name, self.serial, "1.0")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         await asyncio.sleep(0)
         if self.battery_flat:
             alarms = tuple(
@@ -133,8 +133,8 @@ class IdealArm:
             return Condition(Readiness.POSITION_LOST, "not mastered", "master it")
         return Condition(Readiness.READY)
 
-    async def joints(self) -> JointReading:
-        believed = self.drive.joints(
+    async def read_joints(self) -> JointReading:
+        believed = self.drive.to_joints(
             np.array(await self.encoder_counts()), np.array(self.data.counts_at_zero)
         )
         now_s = asyncio.get_running_loop().time()
@@ -143,13 +143,13 @@ class IdealArm:
     async def flange_pose(self) -> Pose:
         if self.taught is not None:
             return self.taught
-        joints = np.array((await self.joints()).joints_rad)
+        joints = np.array((await self.read_joints()).joints_rad)
         return Pose.from_matrix(self.model.base_flange(joints[None])[0])
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         if not self.data.mastered:
             raise RefusedError(self.name, "not mastered")
-        believed = np.array((await self.joints()).joints_rad)
+        believed = np.array((await self.read_joints()).joints_rad)
         await self._travel(np.array(target_rad) - believed, "move")
 
     async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
@@ -168,11 +168,11 @@ class IdealArm:
         self.moving = True
         try:
             await asyncio.sleep(0)
-            self.put(start + delta / 2)
+            self.write_program(start + delta / 2)
             if self.midway is not None:
                 self.midway(len(self.moves))
             await asyncio.sleep(0)
-            self.put(start + delta)
+            self.write_program(start + delta)
         finally:
             self.moving = False
 
@@ -185,7 +185,7 @@ class IdealArm:
         lost = zip(self.true_counts, self.lost_turns, self.drive.counts_per_turn, strict=True)
         return tuple(count - turns * per_turn for count, turns, per_turn in lost)
 
-    async def mastering(self) -> MasteringData:
+    async def read_mastering(self) -> MasteringData:
         await asyncio.sleep(0)
         return self.data
 
@@ -266,11 +266,11 @@ class IdealWire:
         await asyncio.sleep(0)
         return Identity("ideal", "wire", self.serial, "1.0")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         await asyncio.sleep(0)
         return Condition(Readiness.READY)
 
-    async def distance(self) -> Reading:
+    async def read_distance(self) -> LengthReading:
         await asyncio.sleep(0)
         joints = self.arm.true_joints
         tip = self.arm.model.tip_positions(joints[None], np.array(self.hook_in_flange_m))[0]
@@ -281,7 +281,7 @@ class IdealWire:
         if self.kink_at is not None and np.allclose(joints, self.kink_at[0], atol=1e-3):
             value += self.kink_at[1]
         self.readings += 1
-        return Reading(value, 2e-4, 0.0, round(value * 1e5))
+        return LengthReading(value, 2e-4, 0.0, round(value * 1e5))
 
 
 @dataclass
@@ -305,18 +305,18 @@ class IdealTracker:
         await asyncio.sleep(0)
         return Identity("ideal", "tracker", self.serial, "1.0")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         await asyncio.sleep(0)
         return Condition(Readiness.READY)
 
-    async def point(self) -> PointReading:
+    async def measure_point(self) -> PointReading:
         await asyncio.sleep(0)
         joints = self.arm.true_joints
         target = self.arm.model.tip_positions(joints[None], np.array(self.target_in_flange_m))[0]
         digest = hashlib.sha256(repr([round(float(q), 4) for q in joints]).encode()).digest()
         noise = (np.frombuffer(digest[:12], dtype=np.uint8).reshape(3, 4).sum(axis=1) - 510.0) / 148.0
         there = target + noise * self.noise_m - np.array(self.base_tracker.position_m)
-        x, y, z = (float(v) for v in self.base_tracker.rotation().T @ there)
+        x, y, z = (float(v) for v in self.base_tracker.rotation_matrix().T @ there)
         self.readings += 1
         return PointReading((x, y, z), (2e-5, 2e-5, 2e-5), 0.0, self.station)
 
@@ -340,7 +340,7 @@ class Hands:
         self.does.get(instruction.key, lambda: None)()
         return Answer("anna")
 
-    async def enter(self, question: Question) -> Answer:
+    async def ask_question(self, question: Question) -> Answer:
         self.asked.append(question.key)
         self.read[question.key] = question.text
         return Answer("anna", self.knows[question.key])

@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from cellcal.procedures.canonical import canonical_json
-from cellcal.procedures.past import Kind, Past, fold
+from cellcal.procedures.canonical_json import canonical_json
+from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
 
 
 class CrashError(BaseException):
@@ -19,13 +19,13 @@ class MemoryLedger:
         self.facts = facts if facts is not None else []
         self._keys: set[str] = set()
 
-    def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None:
+    def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None:
         assert not key or key not in self._keys
         self._keys.add(key)
         self.facts.append((kind.value, json.loads(canonical_json(body))))
 
-    def past(self) -> Past:
-        return fold([(Kind.STARTED.value, {}), *self.facts])
+    def past(self) -> RunHistory:
+        return fold_events([(EventKind.STARTED.value, {}), *self.facts])
 
     def kinds(self, step: str) -> list[str]:
         return [kind for kind, body in self.facts if body.get("step") == step]
@@ -38,7 +38,7 @@ class MortalLedger(MemoryLedger):
         super().__init__(facts)
         self._left, self._stored = dies_at, stored
 
-    def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None:
+    def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None:
         if self._left < 0:
             raise CrashError
         self._left -= 1

@@ -27,7 +27,7 @@ class Pendant(Hands):
         assert self.arm is not None
         self.texts += (instruction.text,)
         if instruction.key == "move_by_hand":
-            self.arm.put(self._target(instruction.text) + self.beside_rad)
+            self.arm.write_program(self._target(instruction.text) + self.beside_rad)
         elif turn := _TURN.search(instruction.text):
             await self._turn(int(turn[1]) - 1, np.deg2rad(float(turn[2])))
         return await super().confirm(instruction)

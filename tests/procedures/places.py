@@ -8,7 +8,7 @@ import numpy as np
 from cellcal.calibration.geometry import log_rotation
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.drivers.interfaces import Condition, Identity, PointReading, Readiness, TrackerCapabilities
-from cellcal.procedures.mastering_record import fit_wire, sealed
+from cellcal.procedures.mastering_record import fit_wire, sealed_record
 from cellcal.procedures.steps.mastering import read_motors
 from tests.procedures.cells import Scene
 from tests.procedures.ideal import IdealArm
@@ -30,16 +30,16 @@ async def record_at_once(made: Scene) -> MasteringRecord:
     here, captures = arm.true_joints, []
     spread = np.random.default_rng(5).uniform(-1, 1, (30, 6)) * np.array([1.2, 0.6, 0.6, 1.5, 1.2, 2.0])
     for k, joints in enumerate(spread + np.array([0.0, 0.2, -0.1, 0.0, -0.4, 0.0])):
-        arm.put(joints)
-        reading = await wire.distance()
+        arm.write_program(joints)
+        reading = await wire.read_distance()
         captures.append(
             WireCapture(
                 await arm.encoder_counts(), reading.value_m, reading.sigma_m, "record", f"pose {k + 1}"
             )
         )
-    arm.put(here)
+    arm.write_program(here)
     state = await read_motors(made.cell)
-    return sealed(state, tuple(captures), fit_wire(state, tuple(captures)))
+    return sealed_record(state, tuple(captures), fit_wire(state, tuple(captures)))
 
 
 @dataclass
@@ -59,10 +59,10 @@ class IdealTracker:
     async def identify(self) -> Identity:
         return Identity("ideal", "tracker", "T-1", "1.0")
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         return Condition(Readiness.READY)
 
-    async def point(self) -> PointReading:
+    async def measure_point(self) -> PointReading:
         tip = self.arm.model.tip_positions(self.arm.true_joints[None], np.array(self.tip_m))[0]
         place = tip if self.nest_m is None else self.nest_m
         rotation, at = self.station
@@ -111,7 +111,7 @@ class Technician:
             return
         home = self.homes[number]
         if what == "target":
-            arm.put(home + self._dice(number).uniform(-0.05, 0.05, 6))
+            arm.write_program(home + self._dice(number).uniform(-0.05, 0.05, 6))
             return
         frame = model.base_flange(home[None])[0]
         goal = frame[:3, :3] @ np.array(TIP) + frame[:3, 3]
@@ -125,4 +125,4 @@ class Technician:
         for _ in range(8):
             by = np.array([(found(joints + 1e-6 * e) - found(joints - 1e-6 * e)) / 2e-6 for e in np.eye(6)]).T
             joints = joints - np.linalg.lstsq(by, found(joints), rcond=None)[0]
-        arm.put(joints)
+        arm.write_program(joints)

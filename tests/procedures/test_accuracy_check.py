@@ -10,9 +10,9 @@ from cellcal.calibration.accuracy import REDUCED_TITLE, AccuracyTest
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.line_accuracy import LineTest
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
-from cellcal.procedures.accuracy_check import ENTRY, AccuracyResult, accuracy_check
+from cellcal.procedures.accuracy_check import DEFINITION, AccuracyResult, accuracy_check
+from cellcal.procedures.accuracy_limits import PoseLimits
 from cellcal.procedures.forecast import Knowledge
-from cellcal.procedures.limits import PoseLimits
 from cellcal.procedures.run import Run
 from tests.procedures.cells import QUICK_ROUND, ZERO, Scene, going_round
 from tests.procedures.ledgers import MemoryLedger
@@ -45,8 +45,8 @@ async def test_a_perfect_robot_is_as_accurate_as_its_device_can_tell(method: Any
     assert result.nominal.ap_m < 3e-4
     assert all(pose.ap_m < 3 * pose.ap_sigma_m for pose in result.nominal.poses)
     assert result.nominal.rp_m < 1e-4
-    assert ENTRY.verdict is not None
-    assert ENTRY.verdict(made.spec, result).word == "pass"
+    assert DEFINITION.verdict is not None
+    assert DEFINITION.verdict(made.spec, result).overall_decision == "pass"
 
 
 async def test_a_reduced_test_is_titled_so_and_says_what_it_departs_in() -> None:
@@ -54,8 +54,8 @@ async def test_a_reduced_test_is_titled_so_and_says_what_it_departs_in() -> None
     result = await _check(made)
     assert isinstance(result.nominal, AccuracyTest)
     assert result.title == REDUCED_TITLE
-    assert ENTRY.verdict is not None
-    told = " ".join(ENTRY.verdict(made.spec, result).not_verified)
+    assert DEFINITION.verdict is not None
+    told = " ".join(DEFINITION.verdict(made.spec, result).not_verified)
     assert "2 cycles instead of 30" in told
     assert "rated load" in told
 
@@ -73,12 +73,12 @@ async def test_the_identified_model_is_judged_from_the_same_readings() -> None:
     result = await _check(made)
     assert result.identified is not None
     assert result.nominal.ap_m > 3 * result.identified.ap_m
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
-    assert verdict.word == "pass"
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
+    assert verdict.overall_decision == "pass"
     assert verdict.changes[0].before == result.nominal.ap_m
     made.cell = replace(made.cell, calibrated=None)
-    assert ENTRY.verdict(made.spec, await _check(made)).word != "pass"
+    assert DEFINITION.verdict(made.spec, await _check(made)).overall_decision != "pass"
 
 
 async def test_parameters_of_another_mastering_are_not_used() -> None:
@@ -97,7 +97,13 @@ async def test_a_cube_out_of_reach_is_refused_before_anything_moves() -> None:
 
 def test_a_dry_run_knows_the_five_poses() -> None:
     made = going_round("wire")
-    assert ENTRY.forecast is not None
+    assert DEFINITION.forecast is not None
     known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
-    assert [pose.label for pose in ENTRY.forecast(made.spec, known).poses] == ["P1", "P2", "P3", "P4", "P5"]
-    assert ENTRY.forecast(made.spec, Knowledge()).lacks
+    assert [pose.label for pose in DEFINITION.forecast(made.spec, known).poses] == [
+        "P1",
+        "P2",
+        "P3",
+        "P4",
+        "P5",
+    ]
+    assert DEFINITION.forecast(made.spec, Knowledge()).lacks

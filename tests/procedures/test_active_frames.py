@@ -11,39 +11,45 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import ActiveFrames, Instruction
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.mastering_record import MasteringRecordSpec
-from cellcal.procedures.motion.active_frames import FramesChangedError, changes, cure, told, untold
-from cellcal.procedures.motion.motion_gate import Jog, jog_axis, move_along
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.motion.active_frames import (
+    FramesChangedError,
+    changes_text,
+    cure_text,
+    frame_changes,
+    unread_frames,
+)
+from cellcal.procedures.motion.motion_gate import JogMove, jog_axis, move_along
+from cellcal.procedures.progress import StepProgress
 from cellcal.procedures.run import ReplayMismatchError
-from cellcal.procedures.steps.capture import capture
+from cellcal.procedures.steps.capture import capture_still
 from cellcal.procedures.steps.length import capture_length
 from cellcal.procedures.steps.measure_point import measure_point
 from cellcal.procedures.steps.place import visit_place
-from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.steps.teach import teach_pose
 from cellcal.procedures.steps.write import write_and_read_back
 from cellcal.service.configuration.motion_config import read_motion
 from cellcal.service.record.journal import Journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.record.run_store import Store
-from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
 from tests.procedures.cells import Scene, pointing, scene, touching
 from tests.procedures.ideal import IdealArm
 
 HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
 TOOL = Pose((0.01, 0.0, 0.12))
-QUICK = Conditions(free_bytes=0, actor="anna")
+QUICK = RunConditions(free_bytes=0, actor="anna")
 
 
 @pytest.fixture
 def journal(tmp_path: Path) -> Iterator[Journal]:
-    with Journal.open(tmp_path / "journal.db") as opened:
+    with Journal.open_file(tmp_path / "journal.db") as opened:
         yield opened
 
 
 def standing() -> Scene:
     made = scene()
-    made.arm.put(np.array(HERE))
+    made.arm.write_program(np.array(HERE))
     return made
 
 
@@ -92,7 +98,7 @@ async def test_no_move_with_a_foreign_tool(happens: Callable[[IdealArm], None], 
         await move_along(made.cell, [HERE], 0.1)
     assert refused.value.remedy.startswith(undo)
     with pytest.raises(FramesChangedError, match=says):
-        await jog_axis(made.cell, Jog(2, 0.05, 0.03))
+        await jog_axis(made.cell, JogMove(2, 0.05, 0.03))
     assert made.arm.moves == ["move"]
 
 
@@ -113,10 +119,10 @@ async def test_a_switch_between_two_corners_stops_before_the_second() -> None:
 @pytest.mark.parametrize(
     "captured",
     [
-        lambda cell: capture(cell, "here", 1, 4),
+        lambda cell: capture_still(cell, "here", 1, 4),
         lambda cell: capture_length(cell, "here", 1),
         lambda cell: measure_point(cell, "here"),
-        lambda cell: teach(cell, Instruction("touch", "Touch.")),
+        lambda cell: teach_pose(cell, Instruction("touch", "Touch.")),
         lambda cell: visit_place(cell, ("seat", 0, "seat"), 1e-4, 1e-4, 4),
     ],
     ids=["wire", "length", "point", "taught", "seat"],
@@ -159,7 +165,7 @@ class SwitchedDuring:
     step: str
     done: bool = False
 
-    def __call__(self, progress: Progress) -> None:
+    def __call__(self, progress: StepProgress) -> None:
         if not self.done and progress.kind == "started" and progress.step == self.step:
             self.done, self.arm.active_tool = True, 3
 
@@ -168,27 +174,27 @@ async def test_a_switch_in_a_run_is_refused_and_the_points_are_kept(journal: Jou
     made = scene(MasteringRecordSpec(poses=16, samples=2))
     how = replace(QUICK, on_event=SwitchedDuring(made.arm, "capture 5"))
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=how)
-    assert outcome.verdict is Verdict.CELL_FAILED
+    assert outcome.verdict is RunVerdict.CELL_FAILED
     assert (outcome.code, outcome.remedy) == (
         "procedure.frames_changed",
         "Select tool 1 on the pendant again, then resume.",
     )
-    kept = Store(journal).run(outcome.run_id).past.findings
+    kept = RunStore(journal).find_run(outcome.run_id).past.findings
     assert "capture 4" in [finding.step for finding in kept]
     with pytest.raises(ReplayMismatchError, match="tool 3 is active, and not tool 1") as refused:
-        await resume(made.cell, outcome.run_id, journal, how=QUICK)
+        await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
     assert refused.value.remedy == "Select tool 1 on the pendant again, then resume."
     made.arm.active_tool = 1
-    passed = await resume(made.cell, outcome.run_id, journal, how=QUICK)
-    assert passed.verdict is Verdict.PASSED
-    assert Store(journal).run(outcome.run_id).past.findings[: len(kept)] == kept
+    passed = await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
+    assert passed.verdict is RunVerdict.PASSED
+    assert RunStore(journal).find_run(outcome.run_id).past.findings[: len(kept)] == kept
 
 
 async def test_what_was_active_is_taken_when_the_run_begins_not_at_its_first_move(journal: Journal) -> None:
     made = pointing()
     made.hands.does["pointer_is_mounted"] = lambda: switch(made.arm)
     outcome = await run_procedure(made.cell, "three_point_frame", made.spec, journal, how=QUICK)
-    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "procedure.frames_changed")
+    assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "procedure.frames_changed")
 
 
 async def test_a_procedure_may_teach_the_active_tool_and_be_resumed_afterwards(journal: Journal) -> None:
@@ -204,7 +210,9 @@ async def test_a_procedure_may_teach_the_active_tool_and_be_resumed_afterwards(j
     made.arm.write_tool_frame = cut  # type: ignore[method-assign]
     outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=QUICK)
     assert outcome.reason == "the cable was cut after the write"
-    assert (await resume(made.cell, outcome.run_id, journal, how=QUICK)).verdict is Verdict.PASSED
+    assert (
+        await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
+    ).verdict is RunVerdict.PASSED
 
 
 async def test_a_run_from_before_the_robot_could_be_asked_goes_on(journal: Journal) -> None:
@@ -213,8 +221,8 @@ async def test_a_run_from_before_the_robot_could_be_asked_goes_on(journal: Journ
     blind = replace(made.cell, frames=None)
     outcome = await run_procedure(blind, "three_point_frame", made.spec, journal, how=QUICK)
     made.hands.refuses = set()
-    resumed = await resume(made.cell, outcome.run_id, journal, how=QUICK)
-    assert resumed.verdict is Verdict.PASSED
+    resumed = await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
+    assert resumed.verdict is RunVerdict.PASSED
 
 
 @pytest.mark.parametrize("blind", [False, True])
@@ -230,17 +238,24 @@ async def test_a_certificate_says_what_the_robot_does_not_tell(journal: Journal,
 
 def test_only_what_both_tell_is_compared() -> None:
     known = ActiveFrames(3, TOOL, 0, 1.5)
-    assert changes(known, known) == changes(known, ActiveFrames()) == changes(ActiveFrames(), known) == ()
-    assert changes(known, replace(known, payload_kg=1.5004)) == ()
-    both = changes(known, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
-    assert told(both) == "tool 5 is active, and not tool 3; user frame 2 is active, and not user frame 0"
-    assert cure(both) == (
+    assert (
+        frame_changes(known, known)
+        == frame_changes(known, ActiveFrames())
+        == frame_changes(ActiveFrames(), known)
+        == ()
+    )
+    assert frame_changes(known, replace(known, payload_kg=1.5004)) == ()
+    both = frame_changes(known, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
+    assert (
+        changes_text(both) == "tool 5 is active, and not tool 3; user frame 2 is active, and not user frame 0"
+    )
+    assert cure_text(both) == (
         "Select tool 3 on the pendant again, select user frame 0 on the pendant again, then resume."
     )
-    nameless = changes(replace(known, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1))))
-    assert told(nameless).startswith("the active tool is at x 0.000, y 0.000, z 100.000 mm")
-    assert untold(known) == ()
-    assert untold(replace(known, tool_number=None)) == ()
+    nameless = frame_changes(replace(known, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1))))
+    assert changes_text(nameless).startswith("the active tool is at x 0.000, y 0.000, z 100.000 mm")
+    assert unread_frames(known) == ()
+    assert unread_frames(replace(known, tool_number=None)) == ()
 
 
 async def test_no_run_begins_with_another_tool_than_the_cell_file_names(journal: Journal) -> None:
@@ -251,10 +266,10 @@ async def test_no_run_begins_with_another_tool_than_the_cell_file_names(journal:
     ) as refused:
         await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
     assert refused.value.remedy == "Select tool 3 on the pendant again, then start again."
-    assert journal.events() == []
+    assert journal.list_events() == []
     made.arm.active_tool = 3
     outcome = await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RunVerdict.PASSED
 
 
 async def test_what_the_cell_file_names_must_be_told_by_the_robot(journal: Journal) -> None:

@@ -12,29 +12,29 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import Pose
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.arm.arm_bench import Method
-from cellcal.procedures.catalogue import CATALOGUE, ENTRIES
-from cellcal.procedures.cell import HeldCertificate
+from cellcal.procedures.catalogue import CATALOGUE, DEFINITIONS
+from cellcal.procedures.cell import DeviceCertificate
 from cellcal.procedures.forecast import Knowledge
-from cellcal.procedures.limits import FrameLimits
 from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
-from cellcal.procedures.recovery.recovery_verdict import saving, verdict_on_recovery
+from cellcal.procedures.recovery.recovery_verdict import saving_texts, verdict_on_recovery
 from cellcal.service.certificates.certificate import (
     NO_TRACEABILITY,
     SAFETY,
     CertificateError,
     content_of,
-    issue,
+    issue_certificate,
 )
 from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
 from cellcal.service.record.journal_end import missing_end
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_outcome import Outcome, Verdict
-from cellcal.service.record.run_store import Store
-from cellcal.service.record.signing import Finding, check
-from cellcal.service.runs.open_cell import on_paper
-from cellcal.service.runs.run_procedure import forget_from, resume
-from cellcal.service.site.standing import DueDates
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.signing import CheckFinding, check_document
+from cellcal.service.runs.open_cell import offline_cell
+from cellcal.service.runs.run_procedure import forget_from, resume_procedure
+from cellcal.service.site.cell_state import DueDates
 from tests.procedures.cells import (
     TARGETS,
     Scene,
@@ -50,7 +50,7 @@ from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.test_record_by_places import without_wire
 from tests.service.printed import verify_paper
 
-NAMES = [entry.name for entry in ENTRIES]
+NAMES = [entry.name for entry in DEFINITIONS]
 TROUBLED = ("mastering_record", "mastering_recovery")  # certified below, with a wire that kinked once
 GAUGE_CERTIFICATE = """
 [gauge.certificate]
@@ -64,7 +64,7 @@ expanded_uncertainty_mm = 0.05
 
 def certified(config: CellConfig, run_id: str = "last") -> dict[str, Any]:
     with open_journal(config) as journal:
-        return content_of(config, journal, Store(journal).newest(run_id))
+        return content_of(config, journal, RunStore(journal).resolve_run_id(run_id))
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in TROUBLED])
@@ -73,13 +73,13 @@ async def test_every_procedure_ends_in_a_certificate_that_verifies(name: str, tm
     verify_certificate(config, await run_in(config, await scene_for(name), name))
 
 
-def verify_certificate(config: CellConfig, outcome: Outcome) -> None:
+def verify_certificate(config: CellConfig, outcome: RunOutcome) -> None:
     """Issue a run's certificate and see that it is whole, signed, and says what the run found."""
-    assert outcome.verdict is Verdict.PASSED
-    issued = issue(config, outcome.run_id)
+    assert outcome.verdict is RunVerdict.PASSED
+    issued = issue_certificate(config, outcome.run_id)
     raw = issued.json_path.read_bytes()
-    checked = check(raw, expected_key=issued.key.public)
-    assert checked.finding is Finding.INTACT
+    checked = check_document(raw, expected_key=issued.key.public_key)
+    assert checked.finding is CheckFinding.INTACT
     content = checked.content
     assert content["verdict"]["word"] == outcome.judgement["word"] == issued.word
     assert content["verdict"]["characteristics"]
@@ -100,32 +100,32 @@ def verify_certificate(config: CellConfig, outcome: Outcome) -> None:
 
 def result_of(config: CellConfig, run_id: str) -> Any:
     with open_journal(config) as journal:
-        return Store(journal).run(run_id).result
+        return RunStore(journal).find_run(run_id).result
 
 
 async def test_the_same_run_gives_the_same_bytes_and_a_spoilt_copy_is_put_right(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     raw = issued.json_path.read_bytes()
-    assert issue(config, "last", tmp_path / "other").json_path.read_bytes() == raw
+    assert issue_certificate(config, "last", tmp_path / "other").json_path.read_bytes() == raw
     issued.json_path.write_bytes(raw.replace(b'"pass"', b'"fail"'))
     issued.json_path.write_bytes(raw[:-2])
-    assert issue(config, outcome.run_id).json_path.read_bytes() == raw
+    assert issue_certificate(config, outcome.run_id).json_path.read_bytes() == raw
 
 
 async def test_a_lost_key_leaves_earlier_certificates_as_they_are(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    first = issue(config, outcome.run_id)
+    first = issue_certificate(config, outcome.run_id)
     raw = first.json_path.read_bytes()
     first.key.path.unlink()
-    again = issue(config, outcome.run_id)
+    again = issue_certificate(config, outcome.run_id)
     assert again.key.created
     assert again.json_path.read_bytes() == raw
-    assert first.key.public in again.text_path.read_text()
-    elsewhere = issue(config, outcome.run_id, tmp_path / "other").json_path.read_bytes()
-    assert check(elsewhere, expected_key=again.key.public).finding is Finding.INTACT
+    assert first.key.public_key in again.text_path.read_text()
+    elsewhere = issue_certificate(config, outcome.run_id, tmp_path / "other").json_path.read_bytes()
+    assert check_document(elsewhere, expected_key=again.key.public_key).finding is CheckFinding.INTACT
 
 
 async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_p
     assert points["capture again 1"]["used"]
     assert points["capture 7"]["used"]
     assert points["capture 7"]["value"]["raw"]
-    assert "capture 8: contradicted" in issue(config, "last").text_path.read_text()
+    assert "capture 8: contradicted" in issue_certificate(config, "last").text_path.read_text()
 
 
 async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     unused = [point["step"] for point in content["points"] if not point["used"]]
     assert unused == list(outcome.result.set_aside) == ["capture 5"]
     assert any("safety" in line.lower() for line in content["verdict"]["to_sign"])
-    text = issue(config, "last").text_path.read_text()
+    text = issue_certificate(config, "last").text_path.read_text()
     assert "Signature ____" in text
     assert "this is no calibration" in text
     taken, checked = outcome.result.captures, outcome.result.check_captures
@@ -163,12 +163,12 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     )
     assert f"needs {drawn.drawn_captures} captures and {longer:.1f} minutes" in saved
     assert 0.0 < took < longer
-    (none,) = saving(MasteringRecoverySpec(evidence="places"), outcome.result)
+    (none,) = saving_texts(MasteringRecoverySpec(evidence="places"), outcome.result)
     assert none.startswith("no saving: every place")
     worse = replace(outcome.result, drawn=replace(drawn, drawn_travel_rad=drawn.travel_rad))
-    assert saving(made.spec, worse)[0].startswith("no saving: evenly drawn poses need")
+    assert saving_texts(made.spec, worse)[0].startswith("no saving: evenly drawn poses need")
     never = replace(outcome.result, drawn=replace(drawn, drawn_captures=None))
-    assert saving(made.spec, never)[0].endswith("do not tell the motors as surely at all")
+    assert saving_texts(made.spec, never)[0].endswith("do not tell the motors as surely at all")
     before = {change["name"]: change["before"] for change in content["verdict"]["changes"]}
     assert before["J1: counts at zero"] == made.arm.true_zero[0] - 0  # as it was mastered
     large = [point for point in content["points"] if "value_sha256" in point]
@@ -178,9 +178,9 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     exchanged = replace(outcome.result, joints=tuple(joints))
     for chosen, word in (("A", "undecided"), ("B", "undecided"), ("C", "pass")):
         verdict = verdict_on_recovery(chosen, None, exchanged)  # type: ignore[arg-type]
-        assert verdict.word == word
+        assert verdict.overall_decision == word
         (figure,) = [figure for figure in verdict.characteristics if figure.name == "J3: new zero"]
-        assert figure.expanded == pytest.approx(np.deg2rad(0.03))
+        assert figure.expanded_uncertainty == pytest.approx(np.deg2rad(0.03))
 
 
 async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) ->
     with open_journal(config) as journal:
         forget_from(journal, outcome.run_id, "touch a point on x", actor="bert")
         cell = replace(made.cell, config_sha256=config.sha256)
-        assert (await resume(cell, outcome.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+        assert (await resume_procedure(cell, outcome.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
     content = certified(config)
     steps = [(point["step"], point["used"]) for point in content["points"]]
     assert steps == [
@@ -212,7 +212,7 @@ async def test_touches_that_scatter_leave_it_undecided(tmp_path: Path) -> None:
     made = touching(max_touches=3)
     shaken(made, 0.0003)
     outcome = await run_in(cell_config(tmp_path), made, "six_point_tcp")
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RunVerdict.PASSED
     assert outcome.judgement["word"] == "undecided"
     tip = outcome.judgement["characteristics"][0]
     # three degrees of freedom: Student's factor at most, all directions at once
@@ -277,7 +277,7 @@ async def test_a_gauge_whose_calibration_has_lapsed_gives_no_pass(
     tmp_path: Path, due: str, word: str
 ) -> None:
     made = hanging(TARGETS[:1])
-    made.cell = replace(made.cell, certificates={"gauge": HeldCertificate("C-77", "2000-02-03", due)})
+    made.cell = replace(made.cell, certificates={"gauge": DeviceCertificate("C-77", "2000-02-03", due)})
     outcome = await run_in(cell_config(tmp_path), made, "end_effector_points")
     told = {figure["name"]: figure for figure in outcome.judgement["characteristics"]}
     assert outcome.judgement["word"] == word
@@ -337,7 +337,7 @@ async def test_the_instrument_that_was_read_decides_and_not_one_that_is_there(
     )
     made = await drifting(method)
     held = {
-        role: HeldCertificate(role, "2000-01-01", due)
+        role: DeviceCertificate(role, "2000-01-01", due)
         for role, due in (("gauge", gauge_due), ("tracker", tracker_due))
     }
     made.cell = replace(made.cell, certificates=held)
@@ -366,7 +366,7 @@ async def test_a_probe_whose_calibration_has_lapsed_gives_no_pass(tmp_path: Path
     words = {}
     for due in (LAPSED, HOLDS):
         made = without_wire(probe=True)
-        made.cell = replace(made.cell, certificates={"probe": HeldCertificate("P-1", "2000-01-01", due)})
+        made.cell = replace(made.cell, certificates={"probe": DeviceCertificate("P-1", "2000-01-01", due)})
         outcome = await run_in(cell_config(tmp_path / due), made, "mastering_record")
         words[due] = outcome.judgement["word"]
         named = {figure["name"] for figure in outcome.judgement["characteristics"]}
@@ -379,13 +379,13 @@ async def test_a_reading_that_a_redo_discarded_is_behind_nothing(tmp_path: Path)
     config = cell_config(tmp_path)
     outcome = await run_in(config, await drifting("tracker"), "drift_check")
     with open_journal(config) as journal:
-        past = Store(journal).run(outcome.run_id).past
-        assert past.instruments == ("tracker",)
+        past = RunStore(journal).find_run(outcome.run_id).past
+        assert past.instrument_roles == ("tracker",)
         read = [finding.step for finding in past.findings if finding.instruments]
         assert read
         assert all(step.startswith("capture") for step in read)
         forget_from(journal, outcome.run_id, read[0])
-        assert Store(journal).run(outcome.run_id).past.instruments == ()
+        assert RunStore(journal).find_run(outcome.run_id).past.instrument_roles == ()
 
 
 def test_every_instrument_of_a_cell_becomes_due(tmp_path: Path) -> None:
@@ -402,11 +402,11 @@ def test_every_instrument_of_a_cell_becomes_due(tmp_path: Path) -> None:
         )
     )
     config = cell_config(tmp_path, more=GAUGE_CERTIFICATE + TRACKER.format(due=HOLDS) + probes)
-    due = {told["what"]: told["due"] for told in DueDates(config).at(0.0)}
+    due = {told["what"]: told["due"] for told in DueDates(config).due_items(0.0)}
     assert due["calibration of wire"] == "2100-01-01"
     assert due["calibration of at"] == HOLDS
     assert due["calibration of probe"] == due["calibration of dial"] == "2050-06-07"
-    assert on_paper(config).certificates.keys() == {"gauge", "tracker", "probe", "dial"}
+    assert offline_cell(config).certificates.keys() == {"gauge", "tracker", "probe", "dial"}
 
 
 async def test_a_run_without_the_gauge_claims_nothing_of_its_certificate(tmp_path: Path) -> None:
@@ -421,7 +421,7 @@ async def test_what_did_not_end_with_a_result_is_not_certified(tmp_path: Path) -
     made.hands.refuses = {"accept_frame"}
     outcome = await run_in(config, made, "three_point_frame")
     with pytest.raises(CertificateError, match="no result to certify"):
-        issue(config, outcome.run_id)
+        issue_certificate(config, outcome.run_id)
     assert not (config.cell.data_dir / "signing_key.pem").exists()
 
 
@@ -431,7 +431,7 @@ async def test_nothing_is_certified_from_a_damaged_journal(tmp_path: Path) -> No
     with open_journal(config) as journal:
         journal._database.execute("UPDATE event SET actor = 'mallory' WHERE seq = 3").fetchall()
     with pytest.raises(CertificateError, match="damaged") as told:
-        issue(config, outcome.run_id)
+        issue_certificate(config, outcome.run_id)
     assert told.value.code == "store.damaged"
 
 
@@ -445,9 +445,9 @@ async def test_a_verdict_that_cannot_be_given_does_not_lose_the_result(
     monkeypatch.setitem(CATALOGUE, "three_point_frame", replace(entry, verdict=broken))
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    assert (outcome.verdict, outcome.judgement) == (Verdict.PASSED, None)
+    assert (outcome.verdict, outcome.judgement) == (RunVerdict.PASSED, None)
     assert "could not be given" in caplog.text
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     assert issued.word == "undecided"
     assert "states no verdict" in issued.text_path.read_text()
 
@@ -483,10 +483,10 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
 async def test_a_journal_that_lost_its_end_is_betrayed_by_a_certificate(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, touching(), "six_point_tcp")
-    issue(config, outcome.run_id)
+    issue_certificate(config, outcome.run_id)
     with open_journal(config) as journal:
         assert missing_end(config, journal) == ""
-        last = journal.events()[-1].seq
+        last = journal.list_events()[-1].seq
     with closing(sqlite3.connect(journal_path(config))) as database, database:
         database.execute("DELETE FROM event WHERE seq = ?", (last,))
     with open_journal(config) as journal:

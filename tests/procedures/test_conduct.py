@@ -8,24 +8,24 @@ from pathlib import Path
 import pytest
 
 from cellcal.drivers.errors import MotionStoppedError
-from cellcal.procedures.past import Kind
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.progress import StepProgress
 from cellcal.procedures.run import NeedsUnmetError, ReplayMismatchError
+from cellcal.procedures.run_history import EventKind
 from cellcal.procedures.three_point_frame import FrameSetup
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.record.robot_lock import LeaseHeldError, lease
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.record.run_store import Store
-from cellcal.service.runs.run_procedure import Conditions, forget_from, resume, run_procedure
+from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.runs.run_procedure import RunConditions, forget_from, resume_procedure, run_procedure
 from tests.procedures.cells import Scene, pointing, recording, recovering, touching
 
 NAME = "three_point_frame"
-HOW = Conditions(free_bytes=0, actor="anna")
+HOW = RunConditions(free_bytes=0, actor="anna")
 
 
 @pytest.fixture
 def journal(tmp_path: Path):
-    with Journal.open(tmp_path / "journal.db") as opened:
+    with Journal.open_file(tmp_path / "journal.db") as opened:
         yield opened
 
 
@@ -33,7 +33,7 @@ async def _interrupted(made: Scene, journal: Journal) -> str:
     """Start a run that the technician declines to finish."""
     made.hands.refuses = {"accept_frame"}
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    assert outcome.verdict is Verdict.DECLINED
+    assert outcome.verdict is RunVerdict.DECLINED
     made.hands.refuses = set()
     return outcome.run_id
 
@@ -41,32 +41,32 @@ async def _interrupted(made: Scene, journal: Journal) -> str:
 async def test_a_passed_run_returns_its_result_and_keeps_it(journal: Journal) -> None:
     made = pointing()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RunVerdict.PASSED
     assert isinstance(outcome.result, FrameSetup)
-    view = Store(journal).run(outcome.run_id)
+    view = RunStore(journal).find_run(outcome.run_id)
     assert (view.state, view.procedure, view.version) == ("passed", NAME, 3)
-    kept = Store(journal).kept("user_frame", "F-1")
+    kept = RunStore(journal).list_stored("user_frame", "F-1")
     assert [fact["subject"] for fact in kept] == ["2"]
-    assert {event.actor for event in journal.events()} == {"anna"}
+    assert {event.actor for event in journal.list_events()} == {"anna"}
 
 
 async def test_a_passed_run_is_answered_from_the_journal(journal: Journal) -> None:
     made = pointing()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    asked, events = len(made.hands.asked), len(journal.events())
-    again = await resume(made.cell, outcome.run_id, journal, how=HOW)
+    asked, events = len(made.hands.asked), len(journal.list_events())
+    again = await resume_procedure(made.cell, outcome.run_id, journal, how=HOW)
     assert again == outcome
-    assert (len(made.hands.asked), len(journal.events())) == (asked, events)
+    assert (len(made.hands.asked), len(journal.list_events())) == (asked, events)
 
 
 async def test_a_declined_run_is_resumed_without_touching_again(journal: Journal) -> None:
     made = pointing()
     run_id = await _interrupted(made, journal)
     made.hands.asked.clear()
-    outcome = await resume(made.cell, run_id, journal, how=HOW)
-    assert outcome.verdict is Verdict.PASSED
+    outcome = await resume_procedure(made.cell, run_id, journal, how=HOW)
+    assert outcome.verdict is RunVerdict.PASSED
     assert made.hands.asked == ["pointer_is_mounted", "accept_frame", "may_move"]
-    assert Store(journal).run(run_id).state == "passed"
+    assert RunStore(journal).find_run(run_id).state == "passed"
 
 
 async def test_a_redo_touches_again_from_that_step(journal: Journal) -> None:
@@ -74,8 +74,8 @@ async def test_a_redo_touches_again_from_that_step(journal: Journal) -> None:
     run_id = await _interrupted(made, journal)
     forget_from(journal, run_id, "touch a point on the y side")
     made.hands.asked.clear()
-    outcome = await resume(made.cell, run_id, journal, how=HOW)
-    assert outcome.verdict is Verdict.PASSED
+    outcome = await resume_procedure(made.cell, run_id, journal, how=HOW)
+    assert outcome.verdict is RunVerdict.PASSED
     assert made.hands.asked[1:3] == ["touch_on_xy", "touch_above"]
     with pytest.raises(StoreError, match="no finding"):
         forget_from(journal, run_id, "touch the moon")
@@ -95,25 +95,25 @@ async def test_a_run_is_not_continued_on_another_cell(journal: Journal, differen
         made.arm.epoch += 1
     if difference == "gauge":
         made.wire.serial = "W-2"
-    events = len(journal.events())
+    events = len(journal.list_events())
     with pytest.raises(ReplayMismatchError, match="cannot be continued"):
-        await resume(made.cell, run_id, journal, how=HOW)
-    assert len(journal.events()) == events
+        await resume_procedure(made.cell, run_id, journal, how=HOW)
+    assert len(journal.list_events()) == events
 
 
 async def test_a_recovery_may_go_on_after_the_power_cycle_it_asked_for(journal: Journal) -> None:
     made = await recovering()
     made.hands.refuses = {"accept_plan"}
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
-    assert outcome.verdict is Verdict.DECLINED  # two power cycles after its header was written
+    assert outcome.verdict is RunVerdict.DECLINED  # two power cycles after its header was written
     made.hands.refuses = set()
-    assert (await resume(made.cell, outcome.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+    assert (await resume_procedure(made.cell, outcome.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
 
 
 async def test_a_stored_record_serves_the_next_run(journal: Journal) -> None:
     made = recording()
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
-    store = Store(journal)
+    store = RunStore(journal)
     record = store.mastering_record("F-1")
     assert record == outcome.result.record
     assert store.mastering_record("F-2") is None
@@ -127,12 +127,12 @@ async def test_the_ends_have_their_names(journal: Journal) -> None:
     made = touching()
     made.spec = replace(made.spec, rms_limit_m=-1.0)
     outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=HOW)
-    assert (outcome.verdict, outcome.code) == (Verdict.OUT_OF_TOLERANCE, "procedure.out_of_tolerance")
+    assert (outcome.verdict, outcome.code) == (RunVerdict.OUT_OF_TOLERANCE, "procedure.out_of_tolerance")
 
     made = await recovering()
     made.cell = replace(made.cell, record=None)
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
-    assert (outcome.verdict, outcome.code) == (Verdict.REFUSED, "procedure.no_record")
+    assert (outcome.verdict, outcome.code) == (RunVerdict.REFUSED, "procedure.no_record")
     assert outcome.remedy
 
     made = recording()
@@ -142,22 +142,26 @@ async def test_the_ends_have_their_names(journal: Journal) -> None:
 
     made.arm.move_joints = stopped  # type: ignore[method-assign]
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
-    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "device.stopped")
-    assert [view.state for view in Store(journal).runs()] == ["out_of_tolerance", "refused", "cell_failed"]
+    assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "device.stopped")
+    assert [view.state for view in RunStore(journal).list_runs()] == [
+        "out_of_tolerance",
+        "refused",
+        "cell_failed",
+    ]
 
 
 async def test_a_refusal_carries_its_evidence_into_the_journal(journal: Journal) -> None:
     made = await recovering()
     made.wire.anchor_in_base_m = (0.93, -0.69, -0.44)
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
-    assert (outcome.verdict, outcome.result.mode) == (Verdict.REFUSED, "geometry")
-    assert Store(journal).run(outcome.run_id).result["mode"] == "geometry"
+    assert (outcome.verdict, outcome.result.mode) == (RunVerdict.REFUSED, "geometry")
+    assert RunStore(journal).find_run(outcome.run_id).result["mode"] == "geometry"
 
 
 async def test_a_cancelled_run_says_so_and_can_be_resumed(journal: Journal) -> None:
     made = pointing()
 
-    def watch(progress: Progress) -> None:
+    def watch(progress: StepProgress) -> None:
         if progress.kind == "asked" and progress.step == "touch a point on x":
             task.cancel()
 
@@ -165,25 +169,28 @@ async def test_a_cancelled_run_says_so_and_can_be_resumed(journal: Journal) -> N
     task = asyncio.create_task(run_procedure(made.cell, NAME, made.spec, journal, how=how))
     with pytest.raises(asyncio.CancelledError):
         await task
-    (view,) = Store(journal).runs()
+    (view,) = RunStore(journal).list_runs()
     assert view.state == "cancelled"
     assert made.arm.stops == 1
-    assert (await resume(made.cell, view.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+    assert (await resume_procedure(made.cell, view.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
 
 
 async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
     made = pointing()
-    with lease(journal.path.parent / "leases", "F-1", "bert"), pytest.raises(LeaseHeldError, match="bert"):
+    with (
+        acquire_lease(journal.path.parent / "leases", "F-1", "bert"),
+        pytest.raises(LeaseHeldError, match="bert"),
+    ):
         await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    assert journal.events() == []
-    assert (await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)).verdict is Verdict.PASSED
+    assert journal.list_events() == []
+    assert (await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)).verdict is RunVerdict.PASSED
 
 
 async def test_a_cell_that_lacks_something_starts_nothing(journal: Journal) -> None:
     made = pointing()
     with pytest.raises(NeedsUnmetError):
         await run_procedure(replace(made.cell, user_frames=None), NAME, made.spec, journal, how=HOW)
-    assert journal.events() == []
+    assert journal.list_events() == []
 
 
 async def test_a_listener_that_fails_stops_nothing(
@@ -191,12 +198,12 @@ async def test_a_listener_that_fails_stops_nothing(
 ) -> None:
     made = pointing()
 
-    def broken(_: Progress) -> None:
+    def broken(_: StepProgress) -> None:
         raise ValueError("screen")
 
     how = replace(HOW, on_event=broken)
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=how)
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RunVerdict.PASSED
     assert "a listener failed" in caplog.text
 
 
@@ -210,30 +217,30 @@ async def test_a_disk_that_fills_up_ends_the_run_with_the_points_safe(journal: J
     touch = made.hands.does["touch_on_xy"]
     made.hands.does["touch_on_xy"] = lambda: (touch(), fill())
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "store.full")
+    assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "store.full")
     assert "points are safe" in outcome.reason
     journal.close()
     made.hands.does["touch_on_xy"] = touch
-    with Journal.open(journal.path) as reopened:
-        (view,) = Store(reopened).runs()
+    with Journal.open_file(journal.path) as reopened:
+        (view,) = RunStore(reopened).list_runs()
         assert view.state == "interrupted"
-        finished = await resume(made.cell, view.run_id, reopened, how=HOW)
-    assert finished.verdict is Verdict.PASSED
+        finished = await resume_procedure(made.cell, view.run_id, reopened, how=HOW)
+    assert finished.verdict is RunVerdict.PASSED
 
 
 async def test_a_disk_without_room_starts_nothing(journal: Journal) -> None:
     made = pointing()
     with pytest.raises(StoreError, match="MB"):
         await run_procedure(made.cell, NAME, made.spec, journal, how=replace(HOW, free_bytes=10**18))
-    assert journal.events() == []
+    assert journal.list_events() == []
 
 
 async def test_the_header_says_what_was_run_where(journal: Journal) -> None:
     made = pointing()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    first = journal.events(outcome.run_id)[0]
+    first = journal.list_events(outcome.run_id)[0]
     header = json.loads(first.body)
-    assert first.kind == Kind.STARTED
+    assert first.kind == EventKind.STARTED
     assert header["cell"]["encoder_epoch"] == 3
     assert [mark["identity"]["serial"] for mark in header["cell"]["devices"]] == ["F-1", "W-1", "T-1"]
     assert header["cell"]["config_sha256"] == "c0ffee"

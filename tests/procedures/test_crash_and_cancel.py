@@ -11,18 +11,18 @@ from typing import Any
 import pytest
 from pydantic_core import to_jsonable_python
 
-from cellcal.procedures.catalogue import CATALOGUE, ENTRIES
-from cellcal.procedures.past import Kind
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.catalogue import CATALOGUE, DEFINITIONS
+from cellcal.procedures.progress import StepProgress
 from cellcal.procedures.refit import LEFT_OUT
 from cellcal.procedures.run import Run
+from cellcal.procedures.run_history import EventKind
 from tests.procedures.cells import Scene, pointing, scene_for, with_a_length_to_leave_out
 from tests.procedures.conclusions import same_end
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 from tests.procedures.test_record_by_places import recording_places
 from tests.procedures.test_recovery_by_places import lost_places
 
-NAMES = [entry.name for entry in ENTRIES]
+NAMES = [entry.name for entry in DEFINITIONS]
 FURTHER: dict[str, Callable[[], Awaitable[Scene]]] = {
     f"{procedure} by {what}": made
     for what, record, recovery in (
@@ -125,12 +125,12 @@ async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored:
 @pytest.mark.parametrize("case", CASES)
 async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_result(case: str) -> None:
     result, whole, _ = await _whole(case)
-    started = [body["step"] for kind, body in whole.facts if kind in (Kind.ENTERED, Kind.INTENT)]
+    started = [body["step"] for kind, body in whole.facts if kind in (EventKind.ENTERED, EventKind.INTENT)]
     for index in _spread(case, len(started)):
         made, ledger = await _scene(case), MemoryLedger()
         await _cancelled_in(started[index], case, made, ledger)
         assert made.arm.stops == 1, started[index]
-        assert ledger.facts[-1][0] == Kind.FAILED
+        assert ledger.facts[-1][0] == EventKind.FAILED
         assert ledger.facts[-1][1]["stopped"] is True
         again = MemoryLedger(ledger.facts)
         resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
@@ -140,7 +140,7 @@ async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_r
 
 
 async def _cancelled_in(step: str, case: str, made: Scene, ledger: MemoryLedger) -> None:
-    def announce(progress: Progress) -> None:
+    def announce(progress: StepProgress) -> None:
         if progress.kind == "started" and progress.step == step:
             task.cancel()
 
@@ -164,7 +164,7 @@ async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_
         assert made.arm.true_joints.tolist() == stood.tolist()
         assert made.arm.stops == 1
         kind, last = ledger.facts[-1]
-        assert (kind, last["stopped"]) == (Kind.FAILED, True)
+        assert (kind, last["stopped"]) == (EventKind.FAILED, True)
         again = MemoryLedger(ledger.facts)
         resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
         assert made.arm.data == undisturbed.arm.data

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cellcal.calibration.geometry import Pose
-from cellcal.procedures.drift_check import ENTRY, DriftCheck, DriftResult, drift_check
+from cellcal.procedures.drift_check import DEFINITION, DriftCheck, DriftResult, drift_check
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.run import Run
 from tests.procedures.cells import LITTLE, Scene, drifting, knocked, scene
@@ -88,8 +88,8 @@ async def test_what_happened_to_the_robot_is_named(
     result = await _check(made)
     assert result.look is not None
     assert result.look.decided
-    assert result.look.finding.likeliest.name == cause
-    assert result.look.finding.likeliest.probability >= 0.9
+    assert result.look.finding.likeliest_cause.name == cause
+    assert result.look.finding.likeliest_cause.probability >= 0.9
     assert 4 <= len(result.measured) <= 6
 
 
@@ -97,16 +97,16 @@ async def test_what_happened_to_the_robot_is_named(
 async def test_a_robot_to_which_nothing_happened_passes_after_four_poses(method: Any) -> None:
     result = await _check(await drifting(method))
     assert result.look is not None
-    assert not result.look.finding.seen
+    assert not result.look.finding.has_changed
     assert len(result.measured) == 4
     assert result.recommended.startswith("nothing")
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(DriftCheck(method), result)
-    assert verdict.word == "pass"
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(DriftCheck(method), result)
+    assert verdict.overall_decision == "pass"
     every = len(result.reference.poses_rad)
     assert every > 4
     assert f"4 poses; a fixed plan goes to all {every} of the reference" in verdict.remarks[-1]
-    assert ENTRY.keeps(DriftCheck(method), result) is None
+    assert DEFINITION.results_to_store(DriftCheck(method), result) is None
 
 
 async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open() -> None:
@@ -118,18 +118,18 @@ async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open(
     assert not result.look.decided
     assert {one.name for one in result.look.finding.suspects[:3]} >= {"J6", "tool"}
     assert "J6" in result.recommended
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
-    assert verdict.word in ("fail", "undecided")
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
+    assert verdict.overall_decision in ("fail", "undecided")
     assert verdict.remarks[-1] == "no saving: all 6 poses of the reference were needed"
 
 
 async def test_a_knocked_tool_fails_and_says_what_to_run_next() -> None:
     made = await knocked()
     result = await _check(made)
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
-    assert verdict.word == "fail"
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
+    assert verdict.overall_decision == "fail"
     assert any("six_point_tcp" in words or "drift" in words or "Next" in words for words in verdict.remarks)
 
 
@@ -138,7 +138,7 @@ async def test_the_first_run_takes_the_reference_twice_and_keeps_it() -> None:
     result = await _check(made)
     assert result.taken_now
     assert len(result.reference.first_m) == len(result.reference.again_m) == LITTLE.poses
-    kept = ENTRY.keeps(made.spec, result)
+    kept = DEFINITION.results_to_store(made.spec, result)
     assert kept is not None
     assert kept.what == "drift_reference"
 
@@ -165,9 +165,9 @@ async def test_a_reference_of_another_mastering_is_refused_and_renewed_on_demand
 
 def test_a_dry_run_names_poses_and_minutes() -> None:
     made = scene(DriftCheck(rules=LITTLE))
-    assert ENTRY.forecast is not None
+    assert DEFINITION.forecast is not None
     known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
-    told = ENTRY.forecast(made.spec, known)
+    told = DEFINITION.forecast(made.spec, known)
     assert len(told.poses) == LITTLE.poses
     assert 0 < told.duration_s < 3600
-    assert ENTRY.forecast(DriftCheck("tracker"), known).lacks
+    assert DEFINITION.forecast(DriftCheck("tracker"), known).lacks

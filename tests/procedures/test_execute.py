@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.procedures.past import Kind
 from cellcal.procedures.run import DeclinedError
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.runs.launch import go_on_with, start_on
-from cellcal.service.runs.old import agree_if_old
-from cellcal.service.runs.run_procedure import Conditions
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.runs.launch import resume_run_on, start_run_on
+from cellcal.service.runs.run_procedure import RunConditions
+from cellcal.service.runs.stale_run import agree_if_old
 from tests.procedures.cells import LOST, recording
 
 
@@ -26,18 +26,18 @@ def config(tmp_path: Path) -> CellConfig:
 
 async def test_resuming_a_run_that_has_passed_forgets_nothing_after_a_loss(config: CellConfig) -> None:
     made, memory = recording(), LastHealthyCounts(config.cell.data_dir)
-    first = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
-    healthy = memory.load(made.arm.name)
+    first = await start_run_on(config, made.cell, "mastering_record", made.spec, RunConditions())
+    healthy = memory.load_counts(made.arm.name)
     assert healthy is not None
     assert healthy.counts == await made.arm.encoder_counts()
     made.arm.lose_encoders(LOST)
     made.arm.battery_flat, made.arm.unestablished = False, set()  # and nothing tells of it any more
 
-    again = await go_on_with(config, made.cell, "last", Conditions())
+    again = await resume_run_on(config, made.cell, "last", RunConditions())
 
-    assert (again.run_id, again.verdict) == (first.run_id, Verdict.PASSED)
+    assert (again.run_id, again.verdict) == (first.run_id, RunVerdict.PASSED)
     assert await made.arm.encoder_counts() != healthy.counts
-    assert memory.load(made.arm.name) == healthy
+    assert memory.load_counts(made.arm.name) == healthy
 
 
 async def test_a_disk_that_takes_nothing_takes_nothing_from_a_run_that_has_passed(
@@ -47,8 +47,8 @@ async def test_a_disk_that_takes_nothing_takes_nothing_from_a_run_that_has_passe
     config.cell.data_dir.mkdir(parents=True, exist_ok=True)
     (config.cell.data_dir / f"last_healthy_{made.arm.name}.json").mkdir()  # no file can take its place
     with caplog.at_level(logging.WARNING):
-        outcome = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
-    assert outcome.verdict is Verdict.PASSED
+        outcome = await start_run_on(config, made.cell, "mastering_record", made.spec, RunConditions())
+    assert outcome.verdict is RunVerdict.PASSED
     assert "were not kept as healthy" in caplog.text
 
 
@@ -62,7 +62,9 @@ async def test_a_run_that_stood_still_for_a_shift_goes_on_only_if_a_person_agree
     made = recording()
     with open_journal(config) as journal:
         event = journal.append(
-            "run-1", Kind.STARTED, {"procedure": "mastering_record", "version": 1, "spec": {}, "cell": {}}
+            "run-1",
+            EventKind.STARTED,
+            {"procedure": "mastering_record", "version": 1, "spec": {}, "cell": {}},
         )
         now = datetime.fromisoformat(event.wall_utc) + timedelta(hours=hours)
         await agree_if_old(made.hands, journal, "run-1", now_utc=now)

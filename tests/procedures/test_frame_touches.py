@@ -7,9 +7,9 @@ import pytest
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.frames import PointsDisagreeError
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.run import Run
-from cellcal.procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
+from cellcal.procedures.three_point_frame import DEFINITION, FrameSetup, ThreePointFrame, three_point_frame
 from cellcal.procedures.verdict import UNDECIDED
 from tests.procedures.cells import FRAME, Scene, pointing
 from tests.procedures.ledgers import MemoryLedger
@@ -24,14 +24,14 @@ async def _taught(made: Scene) -> tuple[FrameSetup, list[str]]:
 async def test_touches_go_on_until_the_frame_is_known_within_its_limits() -> None:
     made = pointing(accuracy_class="C", sigma_m=0.0007)
     setup, steps = await _taught(made)
-    assert same_pose(setup.taught.base_frame, FRAME)
+    assert is_same_pose(setup.taught.base_frame, FRAME)
     assert "touch the origin again 1" in steps
     assert setup.effort is not None
     assert setup.effort.touches == len(steps) - 1 < setup.effort.in_turn  # one was the point above
     assert 2.0 * max(setup.taught.origin_sigma_m) <= 0.001
-    verdict = ENTRY.verdict(made.spec, setup)  # type: ignore[misc]
-    assert verdict.word.value == "pass"
-    assert verdict.remarks == (setup.effort.saving,)
+    verdict = DEFINITION.verdict(made.spec, setup)  # type: ignore[misc]
+    assert verdict.overall_decision.value == "pass"
+    assert verdict.remarks == (setup.effort.saving_text,)
     assert f"would take {setup.effort.in_turn}" in verdict.remarks[0]
 
 
@@ -47,7 +47,7 @@ async def test_one_is_to_spare_where_three_are_enough_and_none_where_the_limits_
         setup, steps = await _taught(replace(made, spec=replace(made.spec, write_anyway="a test")))
         assert len(steps) == count
         assert setup.effort is not None
-        assert says in setup.effort.saving
+        assert says in setup.effort.saving_text
 
 
 async def test_three_touches_alone_never_pass_however_good_somebody_says_they_are() -> None:
@@ -55,8 +55,8 @@ async def test_three_touches_alone_never_pass_however_good_somebody_says_they_ar
     made.spec = replace(made.spec, write_anyway="a test")
     setup, steps = await _taught(made)
     assert len(steps) == 4
-    verdict = ENTRY.verdict(made.spec, setup)  # type: ignore[misc]
-    assert verdict.word is UNDECIDED
+    verdict = DEFINITION.verdict(made.spec, setup)  # type: ignore[misc]
+    assert verdict.overall_decision is UNDECIDED
     assert [one.name for one in verdict.characteristics if one.decision is UNDECIDED] == [
         "coordinates beyond those that fix the frame"
     ]
@@ -104,7 +104,7 @@ async def test_a_contradicted_touch_is_made_anew_and_what_contradicts_again_is_r
     once = [1]
     made.hands.does["touch_origin_again"] = lambda: slip(once)
     setup, steps = await _taught(made)
-    assert same_pose(setup.taught.base_frame, FRAME)
+    assert is_same_pose(setup.taught.base_frame, FRAME)
     assert "touch anew 1" in steps
     assert [one.step for one in setup.set_aside] == ["touch the origin again 1"]
 
@@ -120,12 +120,14 @@ def test_the_dry_run_tells_how_many_touches_it_takes() -> None:
     spec = ThreePointFrame(
         frame_number=1, tip_in_flange_m=(0.0, 0.0, 0.1), accuracy_class="C", sigma_m=0.0007
     )
-    told = ENTRY.forecast(spec, None)  # type: ignore[misc,arg-type]
-    steps = [step for phase in ENTRY.outline(spec) for step in phase.steps if step.startswith("touch")]
+    told = DEFINITION.forecast(spec, None)  # type: ignore[misc,arg-type]
+    steps = [
+        step for phase in DEFINITION.outline(spec) for step in phase.step_names if step.startswith("touch")
+    ]
     assert told.assumed[0].startswith(f"{len(steps)} points")
     assert len(steps) > 3
-    assert all(np.isfinite(one.expanded) for one in told.predictions)
-    named = {one.name: one.expanded for one in told.predictions}
+    assert all(np.isfinite(one.expanded_uncertainty) for one in told.predictions)
+    named = {one.name: one.expanded_uncertainty for one in told.predictions}
     assert named[f"origin of the frame, after {len(steps)} touches"] <= 0.001  # the run ends there
     assert "origin of the frame, after 12 touches at most" in named
 
@@ -133,6 +135,6 @@ def test_the_dry_run_tells_how_many_touches_it_takes() -> None:
 async def test_the_dry_run_foretells_what_the_run_states_also_where_the_limits_are_out_of_reach() -> None:
     made = pointing(accuracy_class="A", write_anyway="a test")
     setup, _ = await _taught(made)
-    told = ENTRY.forecast(made.spec, None)  # type: ignore[misc,arg-type]
+    told = DEFINITION.forecast(made.spec, None)  # type: ignore[misc,arg-type]
     origin = next(one for one in told.predictions if one.name == "origin of the frame, after 3 touches")
-    assert origin.expanded == pytest.approx(2.0 * max(setup.taught.origin_sigma_m), rel=0.05)
+    assert origin.expanded_uncertainty == pytest.approx(2.0 * max(setup.taught.origin_sigma_m), rel=0.05)

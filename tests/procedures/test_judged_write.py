@@ -9,13 +9,13 @@ import pytest
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Answer, Instruction
+from cellcal.procedures.accuracy_limits import ToolLimits
 from cellcal.procedures.catalogue import CATALOGUE
-from cellcal.procedures.limits import ToolLimits
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.runs.run_procedure import forget_from, resume
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.runs.run_procedure import forget_from, resume_procedure
 from tests.procedures.cells import Scene, moved_workpiece, pointing, tool_pose, touching
 from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.ledgers import MemoryLedger
@@ -98,7 +98,7 @@ async def test_an_engineer_may_order_it_and_that_is_said_twice(name: str) -> Non
     judge = CATALOGUE[name].verdict
     assert judge is not None
     verdict = judge(made.spec, result)
-    assert verdict.word == "fail"
+    assert verdict.overall_decision == "fail"
     assert any(REASON in remark for remark in verdict.remarks)
 
 
@@ -141,7 +141,7 @@ async def test_the_frame_that_was_there_stands_in_the_certificate(
     config, made = cell_config(tmp_path), scene()
     put(made)
     outcome = await run_in(config, made, name)
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RunVerdict.PASSED
     content = certified(config)
     before = {change["name"]: change["before"] for change in content["verdict"]["changes"]}
     assert [before[f"origin {axis}"] for axis in "xyz"] == list(OLD_TOOL.position_m)
@@ -155,15 +155,15 @@ async def test_the_frame_that_was_there_stands_in_the_certificate(
 async def test_a_failed_run_goes_on_from_the_doubtful_step(tmp_path: Path) -> None:
     config, made = cell_config(tmp_path), scattering_touches()
     outcome = await run_in(config, made, "six_point_tcp")
-    assert outcome.verdict is not Verdict.PASSED
+    assert outcome.verdict is not RunVerdict.PASSED
     assert "--from" in outcome.remedy
     assert made.arm.writes == 0
     made.hands.does = {key: steady(made, key) for key in touching().hands.does}
     with open_journal(config) as journal:
         forget_from(journal, outcome.run_id, "touch the pin", actor="bert")
         cell = replace(made.cell, config_sha256=config.sha256)
-        assert (await resume(cell, outcome.run_id, journal, how=HOW)).verdict is Verdict.PASSED
-    assert same_pose(made.arm.tools[3], tool_pose())
+        assert (await resume_procedure(cell, outcome.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
+    assert is_same_pose(made.arm.tools[3], tool_pose())
     assert certified(config)["verdict"]["changes"][0]["before"] == OLD_TOOL.position_m[0]
 
 

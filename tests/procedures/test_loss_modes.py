@@ -7,7 +7,7 @@ import pytest
 
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
-from cellcal.procedures.recovery.record_seal import seal
+from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.motion import CountsToJoints
@@ -22,7 +22,7 @@ HERE = np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6])
 async def _healthy() -> Scene:
     record = await record_at_once(scene())
     made = scene()
-    made.arm.put(HERE)
+    made.arm.write_program(HERE)
     made.cell = replace(made.cell, record=record)
     made.spec = MasteringRecoverySpec(last_counts=await made.arm.encoder_counts(), samples=2)
     return made
@@ -40,7 +40,7 @@ def _shift(made: Scene, fractions: tuple[float, ...]) -> None:
     made.arm.true_zero = tuple(
         zero - round(COUNTS * part) for zero, part in zip(made.arm.true_zero, fractions, strict=True)
     )
-    made.arm.put(HERE)
+    made.arm.write_program(HERE)
 
 
 async def test_a_controller_that_forgot_gets_its_record_back_after_a_few_checks() -> None:
@@ -57,7 +57,7 @@ async def test_a_controller_that_forgot_gets_its_record_back_after_a_few_checks(
 
 async def test_a_robot_that_forgot_and_was_moved_meanwhile_is_known_all_the_same() -> None:
     made = await _healthy()
-    made.arm.put(HERE + np.array([0.4, -0.2, 0.1, 0.9, -0.3, 1.2]))
+    made.arm.write_program(HERE + np.array([0.4, -0.2, 0.1, 0.9, -0.3, 1.2]))
     made.arm.data = MasteringData((0,) * 6, mastered=False)
     result, _ = await _recover(made)
     assert (result.verdict, result.mode) == ("restored", "memory")
@@ -131,7 +131,7 @@ async def test_an_arm_with_every_zero_elsewhere_has_its_plate_looked_at() -> Non
 async def test_a_record_of_another_robot_and_a_clone_of_the_controller_are_refused() -> None:
     made = await _healthy()
     assert made.cell.record is not None
-    other = seal(replace(made.cell.record, robot_serial="F-2"))
+    other = seal_record(replace(made.cell.record, robot_serial="F-2"))
     made.cell = replace(made.cell, record=other)
     with pytest.raises(RefusalError, match="record is of robot F-2") as refused:
         await _recover(made)
@@ -141,4 +141,4 @@ async def test_a_record_of_another_robot_and_a_clone_of_the_controller_are_refus
 async def test_counts_mean_joints_by_the_record_s_zero() -> None:
     made = await _healthy()
     mapping = CountsToJoints(made.arm.drive, ZERO, (0,) * 6)
-    assert np.allclose(mapping.joints(await made.arm.encoder_counts()), HERE, atol=1e-5)
+    assert np.allclose(mapping.joints_at(await made.arm.encoder_counts()), HERE, atol=1e-5)

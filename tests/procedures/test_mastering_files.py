@@ -9,22 +9,22 @@ import pytest
 from pydantic import TypeAdapter
 
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.procedures.recovery.record_seal import seal
+from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.mastering_files import (
     FORMAT,
     RecordFileError,
-    export,
+    export_record,
     import_record,
     in_force,
 )
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import Store
-from cellcal.service.record.signing import check, station_key
-from cellcal.service.runs.open_cell import on_paper
-from cellcal.service.runs.outline import remembered
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.signing import check_document, station_key
+from cellcal.service.runs.open_cell import offline_cell
+from cellcal.service.runs.run_preview import offline_cell_with_history
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 
@@ -36,14 +36,14 @@ async def exported(tmp_path: Path) -> tuple[CellConfig, Path, MasteringRecord]:
     """A cell with a record, and that record as a signed file."""
     config, record = cell_config(tmp_path / "first"), await record_of(scene())
     with open_journal(config) as journal:
-        Store(journal).put_mastering_record(record, actor="anna")
-    signed, _ = export(config, None, tmp_path / "stick")
+        RunStore(journal).put_mastering_record(record, actor="anna")
+    signed, _ = export_record(config, None, tmp_path / "stick")
     return config, signed, record
 
 
 def signed_by(config: CellConfig, record: MasteringRecord, path: Path) -> Path:
     content = {"cell": "x", "robot": "y", "record": _RECORDS.dump_python(record, mode="json")}
-    path.write_text(station_key(config.cell.data_dir).sign(FORMAT, content))
+    path.write_text(station_key(config.cell.data_dir).sign_document(FORMAT, content))
     return path
 
 
@@ -52,21 +52,21 @@ async def test_a_record_goes_to_another_computer_whole(exported, tmp_path: Path)
     other = cell_config(tmp_path / "second")
     with pytest.raises(RecordFileError, match="no mastering record"):
         in_force(other)
-    public = station_key(config.cell.data_dir).public
+    public = station_key(config.cell.data_dir).public_key
     done = import_record(other, signed, who="bert", expected_key=public)
     assert (done.record, done.was_known, done.public_key) == (record, False, public)
     assert in_force(other).record == record
-    assert remembered(other).record == record
-    assert on_paper(other).record is None
+    assert offline_cell_with_history(other).record == record
+    assert offline_cell(other).record is None
     assert import_record(other, signed, who="bert").was_known
     with open_journal(other) as journal:
-        assert len(journal.events()) == 1
-        assert journal.events()[0].actor == "bert"
+        assert len(journal.list_events()) == 1
+        assert journal.list_events()[0].actor == "bert"
 
 
 async def test_the_same_record_is_exported_to_the_same_bytes(exported, tmp_path: Path) -> None:
     config, signed, _ = exported
-    again, _ = export(config, "fanuc", tmp_path / "again")
+    again, _ = export_record(config, "fanuc", tmp_path / "again")
     assert (again.name, again.read_bytes()) == (signed.name, signed.read_bytes())
 
 
@@ -91,21 +91,23 @@ async def test_another_robot_another_model_another_key_another_document(exported
         import_record(read_cell_file(path), signed, who="bert")
     other = cell_config(tmp_path / "c")
     with pytest.raises(RecordFileError, match="another key"):
-        import_record(other, signed, who="bert", expected_key=station_key(tmp_path / "c" / "data").public)
-    signed.write_text(station_key(config.cell.data_dir).sign("cellcal certificate 1", {"record": {}}))
+        import_record(other, signed, who="bert", expected_key=station_key(tmp_path / "c" / "data").public_key)
+    signed.write_text(
+        station_key(config.cell.data_dir).sign_document("cellcal certificate 1", {"record": {}})
+    )
     with pytest.raises(RecordFileError, match="no mastering record"):
         import_record(other, signed, who="bert")
     for unsealed in (replace(record, epoch=99), replace(record, sha256="0" * 64)):
         with pytest.raises(RecordFileError, match="its own hash"):
             import_record(other, signed_by(config, unsealed, tmp_path / "x.json"), who="bert")
-    signed.write_text(station_key(config.cell.data_dir).sign(FORMAT, {"record": {"model": 3}}))
+    signed.write_text(station_key(config.cell.data_dir).sign_document(FORMAT, {"record": {"model": 3}}))
     with pytest.raises(RecordFileError, match="understands"):
         import_record(other, signed, who="bert")
 
 
 async def test_a_record_in_force_is_not_replaced_by_mistake(exported, tmp_path: Path) -> None:
     config, signed, record = exported
-    older = seal(replace(record, counts_at_zero=tuple(c + 7 for c in record.counts_at_zero)))
+    older = seal_record(replace(record, counts_at_zero=tuple(c + 7 for c in record.counts_at_zero)))
     path = signed_by(config, older, tmp_path / "older.json")
     with pytest.raises(RecordFileError, match="zero positions differ") as told:
         import_record(config, path, who="bert")
@@ -124,10 +126,10 @@ async def test_the_sheet_fits_the_door(exported) -> None:
         record.sha256,
         "F-1",
         *map(str, record.counts_at_zero),
-        station_key(config.cell.data_dir).public,
+        station_key(config.cell.data_dir).public_key,
     ):
         assert told in text
-    assert check(signed.read_bytes()).content["record"]["sha256"] == record.sha256
+    assert check_document(signed.read_bytes()).content["record"]["sha256"] == record.sha256
     assert json.loads(signed.read_text())["format"] == FORMAT
 
 
@@ -140,12 +142,15 @@ async def test_a_damaged_journal_gives_out_no_record_for_the_one_in_force(export
         database.execute("UPDATE event SET hash = zeroblob(32) WHERE seq = 2")
     for told in (
         lambda: in_force(config),
-        lambda: remembered(config),
-        lambda: export(config, None, config.cell.data_dir / "again"),
+        lambda: offline_cell_with_history(config),
+        lambda: export_record(config, None, config.cell.data_dir / "again"),
     ):
         with pytest.raises(StoreError, match="damaged after event 1"):
             told()
     with open_journal(config) as journal:
-        for read in (lambda: Store(journal).newest("last"), lambda: Store(journal).alignments()):
+        for read in (
+            lambda: RunStore(journal).resolve_run_id("last"),
+            lambda: RunStore(journal).list_alignments(),
+        ):
             with pytest.raises(StoreError, match="damaged after event 1"):
                 read()

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from cellcal.drivers.interfaces import MasteringData
-from cellcal.procedures.canonical import canonical_json
+from cellcal.procedures.canonical_json import canonical_json
 from cellcal.procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering_undo
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Outcome, Verdict
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
+from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.run_procedure import run_procedure
 from tests.procedures.cells import WRITTEN, Scene, calibrating, recovering, undoing
 from tests.procedures.certified import HOW, cell_config, run_in
@@ -26,9 +26,9 @@ def stored(data: MasteringData) -> bytes:
     return canonical_json({"counts_at_zero": list(data.counts_at_zero), "mastered": data.mastered}).encode()
 
 
-async def undo(config: CellConfig, made: Scene, of_run: str = "") -> Outcome:
+async def undo(config: CellConfig, made: Scene, of_run: str = "") -> RunOutcome:
     with open_journal(config) as journal:
-        cell = Store(journal).lend(replace(made.cell, config_sha256=config.sha256), SERIAL)
+        cell = RunStore(journal).with_history(replace(made.cell, config_sha256=config.sha256), SERIAL)
         return await run_procedure(cell, "mastering_undo", MasteringUndo(of_run), journal, how=HOW)
 
 
@@ -37,10 +37,10 @@ async def test_zeros_that_were_written_are_undone_to_the_last_byte_and_done_agai
     before = made.arm.data
     calibrated = await run_in(config, made, "robot_calibration")
     after = made.arm.data
-    assert calibrated.verdict is Verdict.PASSED
+    assert calibrated.verdict is RunVerdict.PASSED
     assert stored(after) != stored(before)
     undone = await undo(config, made)
-    assert (undone.verdict, undone.judgement["word"]) == (Verdict.PASSED, "pass")
+    assert (undone.verdict, undone.judgement["word"]) == (RunVerdict.PASSED, "pass")
     assert stored(made.arm.data) == stored(before)
     assert undone.result.of_run == calibrated.run_id
     assert undone.result.restored_sha256 == undone.result.backup_sha256 == mastering_sha256(before)
@@ -49,7 +49,7 @@ async def test_zeros_that_were_written_are_undone_to_the_last_byte_and_done_agai
     assert again.result.of_run == undone.run_id
     assert stored(made.arm.data) == stored(after)
     chosen = await undo(config, made, calibrated.run_id)
-    assert chosen.verdict is Verdict.PASSED
+    assert chosen.verdict is RunVerdict.PASSED
     assert stored(made.arm.data) == stored(before)
 
 
@@ -57,10 +57,10 @@ async def test_a_recovery_undone_leaves_the_robot_as_unmastered_as_it_was(tmp_pa
     config, made = cell_config(tmp_path), await recovering()
     before = made.arm.data
     assert not before.mastered
-    assert (await run_in(config, made, "mastering_recovery")).verdict is Verdict.PASSED
+    assert (await run_in(config, made, "mastering_recovery")).verdict is RunVerdict.PASSED
     assert made.arm.data.mastered
     undone = await undo(config, made)
-    assert undone.verdict is Verdict.PASSED
+    assert undone.verdict is RunVerdict.PASSED
     assert stored(made.arm.data) == stored(before)
 
 
@@ -69,7 +69,7 @@ async def test_nothing_is_written_before_the_yes(tmp_path: Path) -> None:
     await run_in(config, made, "robot_calibration")
     held, writes = made.arm.data, made.arm.writes
     made.hands.refuses = {"accept_mastering"}
-    assert (await undo(config, made)).verdict is Verdict.DECLINED
+    assert (await undo(config, made)).verdict is RunVerdict.DECLINED
     assert (made.arm.data, made.arm.writes) == (held, writes)
 
 
@@ -78,13 +78,13 @@ async def test_counts_of_another_epoch_are_not_put_back(tmp_path: Path) -> None:
     await run_in(config, made, "robot_calibration")
     made.arm.epoch += 1
     refused = await undo(config, made)
-    assert (refused.verdict, refused.code) == (Verdict.REFUSED, "procedure.wrong_backup")
+    assert (refused.verdict, refused.code) == (RunVerdict.REFUSED, "procedure.wrong_backup")
 
 
 async def test_without_a_write_there_is_nothing_to_undo(tmp_path: Path) -> None:
     config, made = cell_config(tmp_path), undoing()
     refused = await undo(config, made)
-    assert (refused.verdict, refused.code) == (Verdict.REFUSED, "procedure.no_backup")
+    assert (refused.verdict, refused.code) == (RunVerdict.REFUSED, "procedure.no_backup")
     assert made.arm.data == MasteringData(WRITTEN, mastered=True)
 
 

@@ -19,16 +19,16 @@ from cellcal.drivers.interfaces import (
     Tracker,
     TrackerCapabilities,
 )
-from cellcal.procedures.cell import Cell, MotionLimits, fingerprint
+from cellcal.procedures.cell import Cell, MotionCaps, read_fingerprint
 from cellcal.procedures.run import NeedsUnmetError
 from cellcal.procedures.steps.capture import TRIES, NotAtRestError
 from cellcal.procedures.steps.measure_point import (
     PointCapture,
     StationMovedError,
-    hold_station,
+    check_one_station,
+    check_station,
     measure_point,
     measure_pose,
-    one_station,
 )
 
 SIGMA_M = 3e-5
@@ -80,7 +80,7 @@ def cell(robot: StillRobot, tracker: Instrument | None) -> Cell:
         robot=cast(Robot, robot),
         operator=cast(Operator, None),
         tracker=cast(Tracker, tracker),
-        limits=MotionLimits(settle_s=0.0),
+        limits=MotionCaps(settle_s=0.0),
     )
 
 
@@ -136,19 +136,19 @@ async def test_another_station_is_refused() -> None:
         await measure_point(moved, "pose 1", station=1)
     with pytest.raises(StationMovedError):
         await measure_pose(moved, "pose 1", station=1)
-    one_station([4, 4, 4], 4)
+    check_one_station([4, 4, 4], 4)
     with pytest.raises(StationMovedError):
-        one_station([4, 5])
+        check_one_station([4, 5])
 
 
 async def test_a_tripod_that_was_pushed_shows_at_the_first_pose_measured_again() -> None:
     first = await measure_point(cell(StillRobot(), Instrument([HERE])), "pose 1")
     again = replace(first, label="pose 1 again", position_m=(1.0, 2.00006, 0.5))
-    assert hold_station(first, again, arm_sigma_m=2e-5) == pytest.approx(6e-5)
+    assert check_station(first, again, arm_sigma_m=2e-5) == pytest.approx(6e-5)
     with pytest.raises(StationMovedError, match=r"0\.400 mm"):
-        hold_station(first, replace(again, position_m=(1.0, 2.0004, 0.5)), arm_sigma_m=2e-5)
+        check_station(first, replace(again, position_m=(1.0, 2.0004, 0.5)), arm_sigma_m=2e-5)
     with pytest.raises(StationMovedError):
-        hold_station(first, replace(again, station=2), arm_sigma_m=2e-5)
+        check_station(first, replace(again, station=2), arm_sigma_m=2e-5)
 
 
 async def test_a_pose_is_measured_where_the_instrument_can() -> None:
@@ -167,7 +167,7 @@ async def test_a_cell_without_a_tracker_says_what_it_lacks() -> None:
 
 
 async def test_the_tracker_is_part_of_what_must_be_the_same_on_resume() -> None:
-    found = await fingerprint(cell(StillRobot(), Instrument([HERE])))
+    found = await read_fingerprint(cell(StillRobot(), Instrument([HERE])))
     assert [(mark.role, mark.identity.serial) for mark in found.devices] == [
         ("robot", "R1"),
         ("tracker", "T1"),

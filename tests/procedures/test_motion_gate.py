@@ -11,30 +11,30 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.motion.collision import Plane, Sphere
-from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.collision import PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Condition, JointReading, Readiness
 from cellcal.drivers.registry import PROGRAM_WRITERS
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD
-from cellcal.procedures.motion.by_hand import NotThereError
+from cellcal.procedures.motion.manual_moves import NotThereError
 from cellcal.procedures.motion.motion_gate import (
-    Care,
-    Jog,
+    JogMove,
+    MotionCare,
     MotionRefusedError,
     jog_axis,
     move_along,
     refuse_off_target,
 )
-from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.run import DeclinedError, Run
 from cellcal.procedures.steps.motion import IndexTurn, come_from_below, pass_index
 from cellcal.procedures.surroundings import Surroundings
-from cellcal.service.record.robot_lock import LeaseLostError, lease
-from cellcal.service.runs.pendant_programs import Programs
+from cellcal.service.record.robot_lock import LeaseLostError, acquire_lease
+from cellcal.service.runs.pendant_programs import PendantPrograms
 from tests.procedures.cells import Scene, recovering, scene
 from tests.procedures.ideal import IdealArm
 from tests.procedures.ledgers import MemoryLedger
@@ -42,7 +42,7 @@ from tests.procedures.pendants import Pendant
 
 HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
-FLOOR = Surroundings(planes=(Plane("floor", (0.0, 0.0, -0.9), (0.0, 0.0, 1.0)),))
+FLOOR = Surroundings(planes=(PlaneObstacle("floor", (0.0, 0.0, -0.9), (0.0, 0.0, 1.0)),))
 ROOT = Path(__file__).parents[2]
 
 
@@ -51,7 +51,7 @@ def standing(arm: IdealArm | None = None) -> Scene:
     if arm is not None:
         made.arm = arm
         made.cell = replace(made.cell, robot=arm, jogs=arm, mastering=arm)
-    made.arm.put(np.array(HERE))
+    made.arm.write_program(np.array(HERE))
     made.cell = replace(made.cell, surroundings=FLOOR)
     return made
 
@@ -96,7 +96,7 @@ async def test_what_is_no_number_moves_nothing(bad: float) -> None:
         with pytest.raises(CellError):
             await move_along(made.cell, way, speed)
     with pytest.raises(CellError):
-        await jog_axis(made.cell, Jog(0, math.nan, 0.03, HERE))
+        await jog_axis(made.cell, JogMove(0, math.nan, 0.03, HERE))
     assert made.arm.moves == []
 
 
@@ -105,14 +105,14 @@ async def test_limits_obstacles_and_the_wire_stop_a_move_before_it_begins() -> N
     beyond = (*THERE[:3], 9.0, *THERE[4:])
     tip = made.arm.model.base_flange(np.array([THERE]))[0, :3, 3]
     x, y, z = (float(v) for v in tip)
-    blocked = replace(made.cell, surroundings=replace(FLOOR, balls=(Sphere("post", (x, y, z), 0.1),)))
+    blocked = replace(made.cell, surroundings=replace(FLOOR, balls=(SphereObstacle("post", (x, y, z), 0.1),)))
     with pytest.raises(MotionRefusedError, match="joint limits"):
         await move_along(made.cell, [beyond], 0.1)
     with pytest.raises(MotionRefusedError, match=r"clearance of .* and post"):
         await move_along(blocked, [THERE], 0.1)
     far = replace(made.cell, gauge_setup=replace(made.cell.gauge_setup, anchor_in_base_m=(5.0, 0.0, 0.0)))  # type: ignore[type-var]
     with pytest.raises(MotionRefusedError, match="wire too long"):
-        await move_along(far, [THERE], 0.1, care=Care.WIRED)
+        await move_along(far, [THERE], 0.1, care=MotionCare.WIRED)
     assert made.arm.moves == []
 
 
@@ -124,12 +124,12 @@ class Moody(IdealArm):
     age_s: float = 0.0
     drifts: bool = False
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         await asyncio.sleep(0)
         return Condition(self.readiness, "it is so", "mend it")
 
-    async def joints(self) -> JointReading:
-        reading = await super().joints()
+    async def read_joints(self) -> JointReading:
+        reading = await super().read_joints()
         return replace(reading, taken_at_s=reading.taken_at_s - self.age_s, moving=self.drifts)
 
 
@@ -156,7 +156,7 @@ async def test_a_robot_that_is_not_ready_fresh_and_still_is_not_moved(
 async def test_a_lost_robot_jogs_one_axis_and_takes_no_target() -> None:
     made = standing()
     made.arm.data = replace(made.arm.data, mastered=False)
-    await jog_axis(made.cell, Jog(2, 0.05, 0.03, HERE))
+    await jog_axis(made.cell, JogMove(2, 0.05, 0.03, HERE))
     with pytest.raises(RefusedError):
         await move_along(made.cell, [THERE], 0.1)
     assert made.arm.moves == ["jog 2"]
@@ -173,14 +173,14 @@ async def test_encoders_that_changed_since_the_first_move_end_the_motion() -> No
 
 async def test_a_lease_that_went_to_somebody_else_stops_between_two_corners(tmp_path: Path) -> None:
     made = standing()
-    with lease(tmp_path, "arm", "anna") as held:
+    with acquire_lease(tmp_path, "arm", "anna") as held:
         made.cell = replace(made.cell, permit=held)
         move = made.arm.move_joints
 
         async def robbed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
             await move(target, speed_rad_s=speed_rad_s)
             held.path.unlink()  # somebody tidied up, and another run takes the place
-            with lease(tmp_path, "arm", "ben") as other:
+            with acquire_lease(tmp_path, "arm", "ben") as other:
                 assert other.token >= 1
 
         made.arm.move_joints = robbed  # type: ignore[assignment,method-assign]
@@ -192,8 +192,8 @@ async def test_a_lease_that_went_to_somebody_else_stops_between_two_corners(tmp_
 def test_every_holder_of_a_lease_has_a_higher_token(tmp_path: Path) -> None:
     tokens = []
     for holder in ("anna", "ben", "anna"):
-        with lease(tmp_path, "arm", holder) as held:
-            held.hold()
+        with acquire_lease(tmp_path, "arm", holder) as held:
+            held.check_held()
             tokens.append(held.token)
     assert tokens == [1, 2, 3]
 
@@ -217,14 +217,14 @@ async def test_what_was_agreed_to_a_shift_ago_is_asked_again_and_holds_for_anoth
     made = standing()
     now_s = asyncio.get_running_loop().time()
     await move_along(made.cell, [THERE], 0.1)
-    made.cell.motion.agree(now_s - 7.9 * 3600)
+    made.cell.motion.note_approval(now_s - 7.9 * 3600)
     await move_along(made.cell, [HERE], 0.1)
     assert made.hands.asked == []
-    made.cell.motion.agree(now_s - 8.1 * 3600)
+    made.cell.motion.note_approval(now_s - 8.1 * 3600)
     await move_along(made.cell, [THERE], 0.1)
     await move_along(made.cell, [HERE], 0.1)
     assert made.hands.asked == ["may_still_move"]
-    made.cell.motion.agree(now_s - 8.1 * 3600)
+    made.cell.motion.note_approval(now_s - 8.1 * 3600)
     made.hands.refuses.add("may_still_move")
     with pytest.raises(DeclinedError):
         await move_along(made.cell, [THERE], 0.1)
@@ -245,7 +245,7 @@ async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> N
     made.arm.override = 0.1
     await move_along(made.cell, [HERE], 0.1)
     made.arm.override = 0.3
-    await jog_axis(made.cell, Jog(0, 0.1, 0.02))
+    await jog_axis(made.cell, JogMove(0, 0.1, 0.02))
     assert made.hands.asked == []
     made.arm.override = 1.0
     await move_along(made.cell, [THERE], 0.1)
@@ -328,12 +328,12 @@ async def test_at_l0_nobody_is_sent_where_the_way_is_not_free() -> None:
 @pytest.mark.parametrize("level", [MotionLevel.OBSERVE, MotionLevel.PROGRAM])
 async def test_a_record_is_taken_without_a_single_command(level: MotionLevel, tmp_path: Path) -> None:
     made = by_hand(level)
-    shelf = Programs(tmp_path / "programs", "arm", "F-1", PROGRAM_WRITERS["universal_robots"])
+    shelf = PendantPrograms(tmp_path / "programs", "arm", "F-1", PROGRAM_WRITERS["universal_robots"])
     made.cell = replace(made.cell, programs=shelf)
-    spec = MasteringRecordSpec(poses=16, samples=2, room=Room(surroundings=FLOOR))
+    spec = MasteringRecordSpec(poses=16, samples=2, room=MotionBounds(surroundings=FLOOR))
     result = await mastering_record(Run(made.cell, MemoryLedger()), spec)
     assert made.arm.moves == []
-    assert result.record.wire.consistent()
+    assert result.record.wire.is_consistent()
     captures = len(result.record.captures)
     assert made.hands.asked.count("move_by_hand") == captures >= 14
     programs = list((tmp_path / "programs").glob("*.script"))
@@ -345,7 +345,7 @@ async def test_at_l0_lost_motors_are_turned_by_hand() -> None:
     pendant = Pendant(arm=made.arm)
     cell = replace(made.cell, operator=pendant, level=MotionLevel.OBSERVE)
     made.arm.battery_flat = False
-    await jog_axis(cell, Jog(3, 0.1, 0.03))
+    await jog_axis(cell, JogMove(3, 0.1, 0.03))
     assert pendant.asked == ["jog_by_hand"]
     assert "turn J4 alone by +5.73 deg" in pendant.texts[0]
     assert made.arm.moves == []
@@ -356,15 +356,15 @@ def test_a_program_holds_the_moves_the_token_and_what_it_is_not(tmp_path: Path) 
         ("universal_robots", ["movej([0.500000, 0.200000", "v=0.020000", "end"]),
         ("fanuc_hmi", ["/PROG  CC", "J1=    28.648 deg", "OVERRIDE=10%", "J P[2] 1% FINE", "/END"]),
     ):
-        shelf = Programs(tmp_path / make, "arm", "F-1", PROGRAM_WRITERS[make])
-        path = Path(shelf.put((HERE, THERE), 0.02))
+        shelf = PendantPrograms(tmp_path / make, "arm", "F-1", PROGRAM_WRITERS[make])
+        path = Path(shelf.write_program((HERE, THERE), 0.02))
         text = path.read_text()
         flat = " ".join(re.sub(r"\d+:|[#!;]", " ", text).split())
         assert all(word in text for word in words), text
         assert path.stem[2:] in text
         assert "performs no safety function" in flat
-        assert shelf.put((HERE, THERE), 0.02) == str(path)
-        assert shelf.put((THERE, HERE), 0.02) != str(path)
+        assert shelf.write_program((HERE, THERE), 0.02) == str(path)
+        assert shelf.write_program((THERE, HERE), 0.02) != str(path)
 
 
 def test_an_arrival_that_is_no_number_is_off_target() -> None:
@@ -377,12 +377,12 @@ async def test_distances_grow_with_the_doubt_about_where_the_arm_stands() -> Non
     made = standing()
     model = made.arm.model
     elbow = float(model.base_flange(np.array([THERE]))[0, 0, 3])
-    wall = Plane("wall", (elbow + 0.3, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    wall = PlaneObstacle("wall", (elbow + 0.3, 0.0, 0.0), (-1.0, 0.0, 0.0))
     made.cell = replace(made.cell, surroundings=replace(FLOOR, planes=(*FLOOR.planes, wall)))
     await move_along(made.cell, [THERE], 0.05)
-    made.arm.put(np.array(HERE))
+    made.arm.write_program(np.array(HERE))
     with pytest.raises(MotionRefusedError, match=r"and wall: .* for turns that are not known yet"):
-        await move_along(made.cell, [THERE], 0.05, doubt=PostureDoubt((0.15,) * 6, (0.0,) * 6))
+        await move_along(made.cell, [THERE], 0.05, doubt=PositionUncertainty((0.15,) * 6, (0.0,) * 6))
 
 
 async def test_a_turn_past_an_index_keeps_away_from_what_is_solid() -> None:
@@ -391,9 +391,9 @@ async def test_a_turn_past_an_index_keeps_away_from_what_is_solid() -> None:
     likely = tuple(float(q) for q in made.arm.true_joints)
     model = made.arm.model
     flange = model.base_flange(np.array([likely]))[0, :3, 3]
-    post = Sphere("post", (float(flange[0]), float(flange[1]) + 0.35, float(flange[2])), 0.1)
+    post = SphereObstacle("post", (float(flange[0]), float(flange[1]) + 0.35, float(flange[2])), 0.1)
     made.cell = replace(made.cell, surroundings=Surroundings(balls=(post,)))
-    doubt = PostureDoubt((0.08,) * 6, (0.08,) * 6)
+    doubt = PositionUncertainty((0.08,) * 6, (0.08,) * 6)
     before = await made.arm.encoder_counts()
     with pytest.raises(MotionRefusedError, match="post"):
         await pass_index(made.cell, IndexTurn(0, 0.2, before, likely, doubt), 0.03)

@@ -13,19 +13,19 @@ import pytest
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Readiness
 from cellcal.procedures.catalogue import CATALOGUE
-from cellcal.procedures.entry import lacking
+from cellcal.procedures.procedure_definition import all_missing
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Outcome, Verdict
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
+from cellcal.service.record.run_store import RunStore
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMasteringError
-from cellcal.service.runs.open_cell import lend_record, open_cell
-from cellcal.service.runs.outline import dry_run, possible
-from cellcal.service.runs.run_procedure import resume, run_procedure
+from cellcal.service.runs.open_cell import open_cell, with_robot_history
+from cellcal.service.runs.run_preview import dry_run, list_procedures
+from cellcal.service.runs.run_procedure import resume_procedure, run_procedure
 from cellcal.service.runs.settings import build_spec
-from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
+from cellcal.service.watching.mastering_comparison import MasteringComparison, journalled_mastering
 from tests.machine_speed import stretched_s
 from tests.procedures.certified import HOW
 from tests.procedures.fake_hands import FakeHands
@@ -113,16 +113,16 @@ async def do(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> 
     return await CATALOGUE[procedure].procedure(Run(cell, MemoryLedger()), spec)
 
 
-async def lose(cell: Any, door: Door, fault: str = "battery_loss", **given: Any) -> None:
-    await door.fault(fault, **given)
+async def lose(cell: Any, door: FakeCellClient, fault: str = "battery_loss", **given: Any) -> None:
+    await door.inject_fault(fault, **given)
     async with asyncio.timeout(stretched_s(90.0)):
         while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
             await asyncio.sleep(0.05)
     assert condition.alarms
 
 
-async def wrong_rad(cell: Any, door: Door) -> np.ndarray:
-    truth = (await door.truth())["robots"]["fanuc"]
+async def wrong_rad(cell: Any, door: FakeCellClient) -> np.ndarray:
+    truth = (await door.read_truth())["robots"]["fanuc"]
     drive = await cell.mastering.drive_train()
     return drive.joints(np.array(truth["counts_at_zero"]), np.array(truth["true_counts_at_zero"]))
 
@@ -130,7 +130,7 @@ async def wrong_rad(cell: Any, door: Door) -> np.ndarray:
 @pytest.mark.parametrize(("kit", "instrument"), [("probe", PROBE), ("seat", PROBE), ("tracker", TRACKER)])
 async def test_a_record_by_places_brings_every_turn_back(tmp_path: Path, kit: str, instrument: str) -> None:
     async with cell_with(tmp_path, instrument, kit) as (config, cell, door, hands):
-        assert lacking(CATALOGUE["mastering_record"], cell) == ()
+        assert all_missing(CATALOGUE["mastering_record"], cell) == ()
         recorded = await do(config, cell, "mastering_record")
         assert recorded.record.wire is None
         assert f"{kit}: " in hands.text["choose_kit"]
@@ -173,7 +173,7 @@ class CutsTheLink(FakeHands):
     async def confirm(self, instruction: Instruction) -> Answer:
         written = "accept_mastering" in self.asked
         if written and self.pulls and instruction.key.startswith("visit_"):
-            await self.door.fault("refuse", device="fanuc")
+            await self.door.inject_fault("refuse", device="fanuc")
         if self.pulls and instruction.key == "retry":
             raise RefusedError("operator", "no")
         return await super().confirm(instruction)
@@ -185,30 +185,34 @@ async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path:
         cell = replace(opened, operator=hands)
         with open_journal(config) as journal:
 
-            async def start(procedure: str, **settings: Any) -> Outcome:
+            async def start(procedure: str, **settings: Any) -> RunOutcome:
                 spec = build_spec(config, "fanuc", procedure, settings)
                 return await run_procedure(
-                    await lend_record(cell, journal), procedure, spec, journal, how=HOW
+                    await with_robot_history(cell, journal), procedure, spec, journal, how=HOW
                 )
 
-            assert (await start("mastering_record")).verdict is Verdict.PASSED
+            assert (await start("mastering_record")).verdict is RunVerdict.PASSED
             last = await cell.mastering.encoder_counts()
             await lose(cell, door)
             broken = await start("mastering_recovery", last_counts=list(last))
-            assert broken.verdict is Verdict.CELL_FAILED
+            assert broken.verdict is RunVerdict.CELL_FAILED
             assert "NOT confirmed" in broken.remedy
             hands.pulls = False
             await door.ask("clear")
             await _answers_again(cell)
-            assert [one.of_run for one in Store(journal).unconfirmed("F-104711")] == [broken.run_id]
-            seen = await HeldMastering(journalled_mastering(config, "F-104711")).trouble(cell.mastering)
+            assert [one.of_run for one in RunStore(journal).list_unconfirmed("F-104711")] == [broken.run_id]
+            seen = await MasteringComparison(journalled_mastering(config, "F-104711")).find_trouble(
+                cell.mastering
+            )
             assert seen is not None
             assert seen[1].of_run == broken.run_id
             with pytest.raises(UnconfirmedMasteringError, match=broken.run_id):
                 await start("mastering_record")
-            passed = await resume(await lend_record(cell, journal), broken.run_id, journal, how=HOW)
-            assert passed.verdict is Verdict.PASSED
-            assert Store(journal).unconfirmed("F-104711") == ()
+            passed = await resume_procedure(
+                await with_robot_history(cell, journal), broken.run_id, journal, how=HOW
+            )
+            assert passed.verdict is RunVerdict.PASSED
+            assert RunStore(journal).list_unconfirmed("F-104711") == ()
         assert np.abs(await wrong_rad(cell, door)).max() == 0.0
 
 
@@ -223,7 +227,7 @@ def test_the_list_and_the_dry_run_say_that_it_is_possible(tmp_path: Path) -> Non
     path = tmp_path / "cell.toml"
     path.write_text(text, encoding="utf-8")
     config = read_cell_file(path)
-    listed = {row.name: row.lacks for row in possible(config)}
+    listed = {row.name: row.lacks for row in list_procedures(config)}
     assert listed["mastering_record"] == ()
     told = dry_run(config, "mastering_record", {})
     assert told.lacks == ()

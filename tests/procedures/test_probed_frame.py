@@ -9,12 +9,18 @@ import pytest
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.geometry import (
+    Pose,
+    exp_rotation,
+    homogeneous_matrix,
+    inverse_transform,
+    log_transform,
+)
 from cellcal.calibration.points.three_two_one import FACES, Corner, FaceName, outward_in_frame
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.cell import MotionLevel
-from cellcal.procedures.entry import lacking
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
+from cellcal.procedures.probed_frame import DEFINITION, ProbedSetup, probed_frame
+from cellcal.procedures.procedure_definition import all_missing
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.touch import (
     AlreadyInContactError,
@@ -23,9 +29,9 @@ from cellcal.procedures.steps.touch import (
     StuckContactError,
 )
 from cellcal.procedures.teaching.corner_plan import CornerRules, rest_of_way
-from cellcal.procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
-from cellcal.procedures.verdict import Verdict
-from cellcal.service.runs.outline import known_of
+from cellcal.procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest_touches
+from cellcal.procedures.verdict import ProcedureVerdict
+from cellcal.service.runs.run_preview import knowledge_of
 from tests.procedures.cells import Scene, probing
 from tests.procedures.corners import FeelingArm, IdealProbe, home_at
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
@@ -46,9 +52,9 @@ def truth(made: Scene) -> np.ndarray:
     return feeler.base_frame
 
 
-def judged(made: Scene, setup: ProbedSetup) -> Verdict:
-    assert ENTRY.verdict is not None
-    return ENTRY.verdict(made.spec, setup)
+def judged(made: Scene, setup: ProbedSetup) -> ProcedureVerdict:
+    assert DEFINITION.verdict is not None
+    return DEFINITION.verdict(made.spec, setup)
 
 
 async def refused(made: Scene, error: type[CellError], words: str) -> CellError:
@@ -65,11 +71,11 @@ async def refused(made: Scene, error: type[CellError], words: str) -> CellError:
 async def test_a_corner_that_is_off_its_drawing_is_felt_and_written(corner: Corner) -> None:
     made = probing(corner)
     setup = await felt(made)
-    twist = log_transform(inverse_transform(truth(made)) @ setup.found.base_frame.matrix())
+    twist = log_transform(inverse_transform(truth(made)) @ setup.found.base_frame.to_matrix())
     assert np.abs(twist[:3]).max() < 5e-6
     assert np.abs(twist[3:]).max() < 5e-5
     assert made.arm.frames[5] == setup.read_back == setup.found.base_frame
-    assert judged(made, setup).word == "pass"
+    assert judged(made, setup).overall_decision == "pass"
     assert len(setup.points) == 7  # six, and one to spare
     assert [check.face for check in setup.checks] == ["x", "y", "z"]
 
@@ -118,7 +124,7 @@ async def test_a_contact_that_no_way_back_opens_is_refused(aside_rad: float, err
     made = probing()
     ledger = await broken_off_in_contact(made)
     moves, frames = len(made.arm.moves), dict(made.arm.frames)
-    made.arm.put(made.arm.true_joints + np.array([aside_rad, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    made.arm.write_program(made.arm.true_joints + np.array([aside_rad, 0.0, 0.0, 0.0, 0.0, 0.0]))
     assert isinstance(made.cell.probe, IdealProbe)
     made.cell.probe.stuck_closed = True
     with pytest.raises(error):
@@ -131,19 +137,19 @@ async def test_what_no_touch_lessens_is_counted_and_further_touches_are_not_made
     made = probing(arm_sigma_m=0.0003, accuracy_class="B")
     setup = await felt(made)
     verdict = judged(made, setup)
-    assert (len(setup.points), verdict.word) == (6, "undecided")
+    assert (len(setup.points), verdict.overall_decision) == (6, "undecided")
     origin = verdict.characteristics[0]
     parts = [line.standard_uncertainty for line in origin.budget]
     assert origin.standard_uncertainty == pytest.approx(math.hypot(*parts), rel=1e-9)
     assert parts[1:] == [5e-5, 0.0003]
-    assert origin.expanded > 2 * 0.0003
+    assert origin.expanded_uncertainty > 2 * 0.0003
     assert "further ones were not asked for: 12 would leave the origin within" in verdict.remarks[0]
 
 
 async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known() -> None:
     made = probing(limits=FrameLimits(0.001, math.radians(0.15)))
     setup = await felt(made)
-    assert judged(made, setup).word == "pass"
+    assert judged(made, setup).overall_decision == "pass"
     assert len(setup.points) == 9
     assert judged(made, setup).remarks[0].startswith("9 touches, each where it tells most; the three faces")
 
@@ -151,7 +157,7 @@ async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known()
 @pytest.mark.parametrize("weak", FACES)
 def test_a_touch_whose_times_tell_little_is_made_good_by_another_of_its_face(weak: FaceName) -> None:
     good, goal = 8e-5, CornerGoal(0.0006, math.radians(0.3), 0.0, 5e-5)
-    made = dict(fewest(good))
+    made = dict(fewest_touches(good))
     assert corner_outlook(CornerRules(), goal, good, made).reached
     made[weak] = (*made[weak][:-1], 1e-3)
     outlook = corner_outlook(CornerRules(), goal, good, made)
@@ -170,12 +176,12 @@ def test_of_a_way_only_what_lies_before_the_arm_is_gone() -> None:
 
 async def test_what_was_foretold_is_what_is_stated() -> None:
     made = probing()
-    assert ENTRY.forecast is not None
-    told = ENTRY.forecast(made.spec, known_of(made.cell, None))
+    assert DEFINITION.forecast is not None
+    told = DEFINITION.forecast(made.spec, knowledge_of(made.cell, None))
     setup = await felt(made)
     figures = judged(made, setup).characteristics
-    assert told.predictions[0].expanded == pytest.approx(figures[0].expanded, rel=0.05)
-    assert told.predictions[1].expanded == pytest.approx(figures[1].expanded, rel=0.05)
+    assert told.predictions[0].expanded == pytest.approx(figures[0].expanded_uncertainty, rel=0.05)
+    assert told.predictions[1].expanded == pytest.approx(figures[1].expanded_uncertainty, rel=0.05)
     assert f"after {len(setup.points)} touches" in told.predictions[0].name
 
 
@@ -184,8 +190,8 @@ async def test_the_tip_of_the_cell_file_is_not_known_better_than_it_says() -> No
     assert made.cell.probe_setup is not None
     made.cell = replace(made.cell, probe_setup=replace(made.cell.probe_setup, sigma_tip_m=0.001))
     verdict = judged(made, await felt(made))
-    assert verdict.word == "undecided"
-    assert verdict.characteristics[0].expanded > 0.002
+    assert verdict.overall_decision == "undecided"
+    assert verdict.characteristics[0].expanded_uncertainty > 0.002
 
 
 async def test_a_face_that_is_not_there_is_told_and_the_arm_stands() -> None:
@@ -212,7 +218,7 @@ async def test_something_on_the_way_stops_the_arm() -> None:
     made = probing()
     feeler = arm_of(made).feeler
     assert feeler is not None
-    feeler.base_frame = feeler.base_frame @ homogeneous(np.eye(3), np.array([0.0, 0.0, 0.035]))
+    feeler.base_frame = feeler.base_frame @ homogeneous_matrix(np.eye(3), np.array([0.0, 0.0, 0.035]))
     await refused(made, ContactError, "touched something on its way")
     assert arm_of(made).contacts == 1
 
@@ -265,9 +271,9 @@ async def test_a_plan_that_a_person_refuses_moves_nothing() -> None:
 
 def test_a_robot_that_this_software_may_not_move_lacks_what_the_procedure_needs() -> None:
     made = probing()
-    assert lacking(ENTRY, made.cell) == ()
+    assert all_missing(DEFINITION, made.cell) == ()
     watching = replace(made.cell, level=MotionLevel.OBSERVE, probe=None)
-    assert [words.split(" ")[1] for words in lacking(ENTRY, watching)] == ["robot", "touch"]
+    assert [words.split(" ")[1] for words in all_missing(DEFINITION, watching)] == ["robot", "touch"]
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Identity, ProbeCapabilities
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.cell import Cell, ProbeSetup
-from cellcal.procedures.entry import lacking
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.instruments import instruments_of
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record, verdict_on_record
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.procedure_definition import all_missing
 from cellcal.procedures.recovery.kit_offers import offers_at
 from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.procedures.recovery.recovery_kit import KitSpec
@@ -78,14 +78,14 @@ async def recorded(made: Scene):  # type: ignore[no-untyped-def]
 )
 async def test_what_a_kit_recorded_gives_the_turns_back(kit: str, means: dict[str, bool]) -> None:
     made = without_wire(**means)
-    assert lacking(ENTRY, made.cell) == ()
+    assert all_missing(ENTRY, made.cell) == ()
     made.hands.knows["choose_kit"] = kit
     result = await recorded(made)
     record = result.record
     assert record.wire is None
     assert record.sha256 == seal_of(record)
-    assert verdict_on_record(result).word is PASS
-    made.arm.put(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
+    assert verdict_on_record(result).overall_decision is PASS
+    made.arm.write_program(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
     made.arm.lose_encoders(LOST)
     made.cell = replace(made.cell, record=record)
     spec = MasteringRecoverySpec()  # nobody says by what: a record without lengths has its places only
@@ -138,7 +138,7 @@ async def test_a_weak_kit_gets_further_places_and_a_hopeless_one_is_refused_in_t
     made.spec = replace(SPEC, kit=KitSpec("point", TIP, places=4, sigma_m=2e-4))
     result = await recorded(made)
     assert len(result.record.kit.places) > 4
-    assert result.kit.strong
+    assert result.kit.is_strong
     made = without_wire()
     made.spec = replace(
         SPEC, kit=KitSpec("point", (0.0, 0.0, 0.15), places=9)

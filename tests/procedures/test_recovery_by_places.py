@@ -9,14 +9,14 @@ import pytest
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import exp_rotation
 from cellcal.drivers.interfaces import MasteringData
-from cellcal.procedures.entry import missing
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
-from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from cellcal.procedures.motion.turn_doubt import first_doubt
-from cellcal.procedures.recovery.record_seal import seal, seal_of
+from cellcal.procedures.mastering_recovery import DEFINITION, MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.motion.turn_uncertainty import first_uncertainty
+from cellcal.procedures.procedure_definition import missing_needs
+from cellcal.procedures.recovery.position_alarms import AlarmCodes, IndexTurning, clear_position_alarms
+from cellcal.procedures.recovery.record_seal import seal_of, seal_record
 from cellcal.procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
-from cellcal.procedures.recovery.waking import AlarmCodes, Turning, wake_encoders
 from cellcal.procedures.run import RefusalError, Run
 from tests.procedures.cells import Scene, recording, scene
 from tests.procedures.ideal import ZERO
@@ -40,8 +40,8 @@ async def _lost(kind: Kind, lost: tuple[int, ...] = LOST, **more: int) -> tuple[
     made.cell = replace(made.cell, gauge=None, gauge_setup=None, tracker=tracker)
     record = await record_at_once(scene())
     kit = await recorded_kit(Run(made.cell, MemoryLedger()), KitSpec(kind, TIP, **more))
-    made.cell = replace(made.cell, record=seal(replace(record, kit=kit)))
-    made.arm.put(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
+    made.cell = replace(made.cell, record=seal_record(replace(record, kit=kit)))
+    made.arm.write_program(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
     last = await made.arm.encoder_counts()
     made.arm.lose_encoders(lost)
     made.spec = MasteringRecoverySpec(evidence="places", last_counts=last)
@@ -57,7 +57,7 @@ async def _recover(made: Scene) -> RecoveryResult:
 @pytest.mark.parametrize("kind", ["point", "seat", "target"])
 async def test_turns_come_back_exactly(kind: Kind) -> None:
     made, _ = await _lost(kind)
-    assert missing(ENTRY, made.cell) == ()
+    assert missing_needs(DEFINITION, made.cell) == ()
     result = await _recover(made)
     assert (result.verdict, result.mode) == ("restored", "turns")
     assert tuple(joint.turns_restored for joint in result.joints) == LOST
@@ -67,7 +67,7 @@ async def test_turns_come_back_exactly(kind: Kind) -> None:
     assert record is not None
     assert record.kit is not None
     assert record.sha256 == seal_of(record)
-    made.arm.put(np.array([0.1, 0.2, 0.3, -0.4, 0.5, 0.6]))
+    made.arm.write_program(np.array([0.1, 0.2, 0.3, -0.4, 0.5, 0.6]))
     made.arm.lose_encoders((1, 0, -1, 2, 0, 1))  # the renewed record serves the next loss
     made.cell = replace(made.cell, record=record)
     made.spec = replace(made.spec, last_counts=None)
@@ -80,8 +80,10 @@ async def test_joints_stay_where_their_motors_passed_the_index_and_the_counts_ar
     record, last = made.cell.record, made.spec.last_counts
     assert record is not None
     before = made.arm.true_joints
-    turning = Turning(0.035, made.spec.room, first_doubt(made.spec.room, len(LOST), seen=True))
-    woken = await wake_encoders(Run(made.cell, MemoryLedger()), record, last, AlarmCodes(), turning)
+    turning = IndexTurning(
+        0.035, made.spec.room, first_uncertainty(made.spec.room, len(LOST), is_measured=True)
+    )
+    woken = await clear_position_alarms(Run(made.cell, MemoryLedger()), record, last, AlarmCodes(), turning)
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
     turned = np.abs(made.arm.true_joints - before) / per_turn
     assert ((turned > 1.0) & (turned < 1.2)).all()
@@ -95,7 +97,7 @@ async def test_an_exchanged_motor_is_found_by_touching() -> None:
     zero = tuple(z - part * (j == 2) for j, z in enumerate(made.arm.true_zero))
     joints = made.arm.true_joints
     made.arm.true_zero = zero
-    made.arm.put(joints)
+    made.arm.write_program(joints)
     result = await _recover(made)
     assert result.mode == "motor"
     assert [joint.exact for joint in result.joints] == [True, True, False, True, True, True]
@@ -130,8 +132,8 @@ async def test_a_bent_tip_writes_nothing() -> None:
 async def test_a_record_without_places_is_said() -> None:
     made, _ = await _lost("point")
     assert made.cell.record is not None
-    made.cell = replace(made.cell, record=seal(replace(made.cell.record, kit=None)))
-    assert missing(ENTRY, made.cell) == (
+    made.cell = replace(made.cell, record=seal_record(replace(made.cell.record, kit=None)))
+    assert missing_needs(DEFINITION, made.cell) == (
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
     )
     with pytest.raises(RefusalError, match="no recovery kit") as refused:
@@ -151,14 +153,14 @@ async def test_a_mastering_that_does_not_take_is_rolled_back() -> None:
     made, _ = await _lost("point")
     before = made.arm.data.counts_at_zero
     arm = made.arm
-    real = arm.joints
+    real = arm.read_joints
 
     async def stubborn():  # type: ignore[no-untyped-def]
         reading = await real()
         off = 0.01 if arm.data.mastered else 0.0
         return replace(reading, joints_rad=tuple(q + off for q in reading.joints_rad))
 
-    arm.joints = stubborn  # type: ignore[method-assign]
+    arm.read_joints = stubborn  # type: ignore[method-assign]
     with pytest.raises(RefusalError, match="put back"):
         await _recover(made)
     assert arm.data == MasteringData(before, mastered=False)

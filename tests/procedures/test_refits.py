@@ -8,14 +8,14 @@ import pytest
 from scipy.optimize import least_squares
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.points.alignment import WirePoints
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.base_to_base import BaseToBaseSpec
 from cellcal.procedures.catalogue import CATALOGUE
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.past import Finding
-from cellcal.procedures.refit import LEFT_OUT, Refit, Refitted, TooFewPointsError, Use
+from cellcal.procedures.refit import LEFT_OUT, Refit, RefitResult, TooFewPointsError, Use
 from cellcal.procedures.run import Run
+from cellcal.procedures.run_history import Finding
 from cellcal.procedures.simulation_cell import SimulationCell
 from cellcal.procedures.survey.survey import SurveyRules
 from tests.procedures.cells import (
@@ -58,16 +58,16 @@ class Done:
     def index(self, step: str) -> int:
         return next(k for k, point in enumerate(self.refit.points) if point.step == step)
 
-    def without(self, *steps: str) -> Refitted:
+    def without(self, *steps: str) -> RefitResult:
         left_out = {self.index(step) for step in steps}
-        return self.refit.again(tuple(used and k not in left_out for k, used in enumerate(self.recorded)))
+        return self.refit.fit_again(tuple(used and k not in left_out for k, used in enumerate(self.recorded)))
 
     def swapped(self, step: str) -> Use:
         return tuple(used != (k == self.index(step)) for k, used in enumerate(self.recorded))
 
     @property
     def recorded(self) -> Use:
-        return self.refit.recorded
+        return self.refit.recorded_use
 
 
 async def done(made: Scene, name: str) -> Done:
@@ -89,24 +89,26 @@ def slipping(made: Scene, key: str, slip: Sequence[float] = SLIP) -> Scene:
         place()
         taught = made.arm.taught
         assert taught is not None
-        made.arm.taught = Pose.from_matrix(homogeneous(taught.rotation(), np.array(taught.position_m) + slip))
+        made.arm.taught = Pose.from_matrix(
+            homogeneous_matrix(taught.rotation_matrix(), np.array(taught.position_m) + slip)
+        )
 
     made.hands.does[key] = do
     return made
 
 
-def place_of(found: Refitted, first: int = 0) -> np.ndarray:
+def place_of(found: RefitResult, first: int = 0) -> np.ndarray:
     return np.array([value.value for value in found.values[first : first + 3]])
 
 
-def outlying(found: Refitted) -> list[int]:
+def outlying(found: RefitResult) -> list[int]:
     return [k for k, miss in enumerate(found.misses) if miss.outlier]
 
 
 def tips(done: Done, steps: Sequence[str]) -> np.ndarray:
     """Return where a pointer's tip was at these steps, (n, 3) [m]."""
     poses = [Pose(**found["base_flange"]) for found in map(done.found, steps) if isinstance(found, dict)]
-    return np.array([pose.rotation() @ np.array(TIP) + np.array(pose.position_m) for pose in poses])
+    return np.array([pose.rotation_matrix() @ np.array(TIP) + np.array(pose.position_m) for pose in poses])
 
 
 def carried(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
@@ -114,7 +116,7 @@ def carried(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
     middle = inner.mean(axis=0), outer.mean(axis=0)
     u, _, vt = np.linalg.svd((inner - middle[0]).T @ (outer - middle[1]))
     rotation = vt.T @ np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
-    return homogeneous(rotation, middle[1] - rotation @ middle[0])
+    return homogeneous_matrix(rotation, middle[1] - rotation @ middle[0])
 
 
 @pytest.mark.parametrize(
@@ -131,11 +133,11 @@ async def test_a_tip_without_a_touch_is_that_of_the_others(more: dict[str, objec
     less = run.without(slipped)
     steps = [point.step for point in run.refit.points if point.used and point.step != slipped]
     poses = [Pose(**run.found(step)["base_flange"]) for step in steps]  # type: ignore[index]
-    rows = np.vstack([np.hstack([pose.rotation(), -np.eye(3)]) for pose in poses])
+    rows = np.vstack([np.hstack([pose.rotation_matrix(), -np.eye(3)]) for pose in poses])
     tip = np.linalg.lstsq(rows, -np.concatenate([pose.position_m for pose in poses]), rcond=None)[0][:3]
     assert place_of(less) == pytest.approx(tip, abs=1e-9)
     assert tip == pytest.approx(TIP, abs=1e-9)
-    whole = run.refit.again(run.recorded)
+    whole = run.refit.fit_again(run.recorded)
     assert np.linalg.norm(place_of(whole) - TIP) > 5e-5
     recorded = run.found("locate the tip")
     assert isinstance(recorded, dict)
@@ -158,10 +160,10 @@ async def test_a_touch_taught_again_can_be_put_back() -> None:
     run = await done(made, "six_point_tcp")
     (aside,) = (point for point in run.refit.points if not point.used)
     assert "contradict" in aside.reason
-    assert run.index(aside.step) in outlying(run.refit.again(run.recorded))
-    both = run.refit.again(run.swapped(aside.step))
+    assert run.index(aside.step) in outlying(run.refit.fit_again(run.recorded))
+    both = run.refit.fit_again(run.swapped(aside.step))
     assert np.linalg.norm(place_of(both) - TIP) > 2e-4
-    assert both.u_m > 10.0 * run.refit.again(run.recorded).u_m
+    assert both.u_m > 10.0 * run.refit.fit_again(run.recorded).u_m
 
 
 async def test_a_frame_without_a_point_is_fitted_to_the_others() -> None:
@@ -171,15 +173,15 @@ async def test_a_frame_without_a_point_is_fitted_to_the_others() -> None:
     shift = iter([(0.3, 0.0, 0.0), (0.2, 0.0, 0.0), (0.35, -0.2, 0.0), (0.3, 0.25, 0.0)])
 
     def teach() -> None:
-        tip = FRAME.rotation() @ np.array(next(shift)) + np.array(FRAME.position_m)
-        made.arm.taught = Pose.from_matrix(homogeneous(attitude, tip - attitude @ np.array(TIP)))
+        tip = FRAME.rotation_matrix() @ np.array(next(shift)) + np.array(FRAME.position_m)
+        made.arm.taught = Pose.from_matrix(homogeneous_matrix(attitude, tip - attitude @ np.array(TIP)))
 
     made.hands.does |= {"touch_more_on_x": teach, "touch_more_on_xy": teach}
     slipping(made, "touch_on_x", (0.0, 0.0, 0.0009))
     run = await done(made, "three_point_frame")
     less = run.without("touch a point on x")
     assert place_of(less) == pytest.approx(FRAME.position_m, abs=1e-9)
-    whole = run.refit.again(run.recorded)
+    whole = run.refit.fit_again(run.recorded)
     recorded = run.found("construct the frame")
     assert isinstance(recorded, dict)
     assert place_of(whole) == pytest.approx(recorded["base_frame"]["position_m"], abs=1e-12)
@@ -190,8 +192,8 @@ async def test_a_frame_without_a_point_is_fitted_to_the_others() -> None:
 
     def misses(x: np.ndarray) -> np.ndarray:
         turn = np.cross(np.eye(3), -x[3:]) + np.eye(3)
-        turn = np.linalg.qr(FRAME.rotation() @ turn)[0]
-        turn = turn * np.sign(np.sum(turn * FRAME.rotation(), axis=0))
+        turn = np.linalg.qr(FRAME.rotation_matrix() @ turn)[0]
+        turn = turn * np.sign(np.sum(turn * FRAME.rotation_matrix(), axis=0))
         local = (touched - x[:3]) @ turn
         return np.concatenate([row[k:] for row, k in zip(local, free, strict=True)])
 
@@ -216,7 +218,7 @@ async def test_a_moved_frame_without_a_point_is_that_of_the_others() -> None:
         keep = [k for k in range(4) if k != left_out]
         less = run.without(f"touch point {left_out + 1}")
         assert place_of(less) == pytest.approx(carried(points[keep], touched[keep])[:3, 3], abs=1e-9)
-    whole, recorded = run.refit.again(run.recorded), run.found("find the offset")
+    whole, recorded = run.refit.fit_again(run.recorded), run.found("find the offset")
     assert isinstance(recorded, dict)
     assert place_of(whole) == pytest.approx(recorded["base_frame_new"]["position_m"], abs=1e-12)
     assert max(range(4), key=lambda k: run.without("touch point 3").misses[k].size_m) == 2
@@ -235,7 +237,7 @@ async def test_a_survey_without_a_length_is_that_of_the_others(what: str) -> Non
     fixture = what == "fixture_alignment"
     run = await done(kinked(aligning(rules=SOME) if fixture else hanging(rules=SOME), 3), what)
     truth = np.array((BASE_FIXTURE if fixture else FLANGE_TOOL).position_m)
-    whole = run.refit.again(run.recorded)
+    whole = run.refit.fit_again(run.recorded)
     recorded = run.found("place the fixture" if fixture else "locate the tool")
     assert isinstance(recorded, dict)
     journalled = recorded["alignment"]["base_fixture"] if fixture else recorded["flange_tool"]
@@ -244,9 +246,9 @@ async def test_a_survey_without_a_length_is_that_of_the_others(what: str) -> Non
     (aside,) = (point for point in run.refit.points if not point.used)
     assert run.index(aside.step) in outlying(whole)
     assert whole.misses[run.index(aside.step)].size_m == pytest.approx(0.02, abs=0.004)
-    put_back = run.refit.again(run.swapped(aside.step))
+    put_back = run.refit.fit_again(run.swapped(aside.step))
     assert np.linalg.norm(place_of(put_back) - truth) > 2.0 * np.linalg.norm(place_of(whole) - truth)
-    assert run.refit.again(run.recorded) == whole
+    assert run.refit.fit_again(run.recorded) == whole
     with pytest.raises(CellError, match="too few"):
         run.without(*(f"capture {k}" for k in (1, 2, 3, 5, 6)))
 
@@ -259,11 +261,11 @@ async def test_a_length_left_out_of_a_spot_that_the_wire_has_left_can_be_put_bac
     run = await done(made, "fixture_alignment")
     (aside,) = (point for point in run.refit.points if not point.used)
     assert (aside.step, aside.reason) == ("capture 3", LEFT_OUT)
-    whole, recorded = run.refit.again(run.recorded), run.found("place the fixture")
+    whole, recorded = run.refit.fit_again(run.recorded), run.found("place the fixture")
     assert isinstance(recorded, dict)
     assert place_of(whole) == pytest.approx(recorded["alignment"]["base_fixture"]["position_m"], abs=1e-10)
     assert np.linalg.norm(place_of(whole) - BASE_FIXTURE.position_m) < whole.u_m
-    put_back = run.refit.again(run.swapped("capture 3"))
+    put_back = run.refit.fit_again(run.swapped("capture 3"))
     assert whole.misses[run.index("capture 3")].outlier
     assert put_back.u_m != whole.u_m
 
@@ -271,7 +273,7 @@ async def test_a_length_left_out_of_a_spot_that_the_wire_has_left_can_be_put_bac
 async def test_a_record_without_a_length_is_that_of_the_others() -> None:
     made = kinked(recording(), 12, 13)  # two readings a capture: the seventh
     run = await done(made, "mastering_record")
-    whole, recorded = run.refit.again(run.recorded), run.found("fit the wire 2")
+    whole, recorded = run.refit.fit_again(run.recorded), run.found("fit the wire 2")
     assert isinstance(recorded, dict)
     assert place_of(whole) == pytest.approx(recorded["anchor_in_base_m"], abs=1e-12)
     assert place_of(whole, 3) == pytest.approx(recorded["hook_in_flange_m"], abs=1e-12)
@@ -279,7 +281,7 @@ async def test_a_record_without_a_length_is_that_of_the_others() -> None:
     assert aside.step == "capture 7"
     assert outlying(whole) == [6]
     assert whole.misses[6].size_m == pytest.approx(0.02, abs=0.002)
-    put_back = run.refit.again(run.swapped("capture 7"))
+    put_back = run.refit.fit_again(run.swapped("capture 7"))
     hook = np.array(made.wire.hook_in_flange_m)
     assert np.linalg.norm(place_of(put_back, 3) - hook) > np.linalg.norm(place_of(whole, 3) - hook)
     with pytest.raises(TooFewPointsError):
@@ -289,7 +291,7 @@ async def test_a_record_without_a_length_is_that_of_the_others() -> None:
 def told_by_wire(base_fixture: Pose, slip: Sequence[float], number: int) -> WirePoints:
     """Return alignment points as a wire of its own found them, all alike; one is off."""
     drawn = np.array(FIXTURE_POINTS)
-    found = drawn @ base_fixture.rotation().T + np.array(base_fixture.position_m)
+    found = drawn @ base_fixture.rotation_matrix().T + np.array(base_fixture.position_m)
     found[number] += slip
     rows = np.eye(3 * len(found) + 1) * 2e-5**2
     return WirePoints(
@@ -314,7 +316,7 @@ async def test_a_base_without_an_alignment_point_is_that_of_the_others() -> None
     made.cell = replace(made.cell, alignments=(mine, other))
     run = await done(made, "base_to_base")
     truth = (BASE_FIXTURE @ OTHER_BASE_FIXTURE.inverse()).position_m
-    less, whole = run.without("alignment point 3"), run.refit.again(run.recorded)
+    less, whole = run.without("alignment point 3"), run.refit.fit_again(run.recorded)
     assert place_of(less) == pytest.approx(truth, abs=1e-9)
     assert less.misses[2].size_m == pytest.approx(np.linalg.norm(slip), rel=1e-3)
     recorded = run.found("chain the bases")
@@ -324,7 +326,7 @@ async def test_a_base_without_an_alignment_point_is_that_of_the_others() -> None
     assert mine.points is not None
     drawn, keep = np.array(FIXTURE_POINTS), [0, 2, 3]
     seen = carried(drawn[keep], np.array(mine.points.found_m)[keep])
-    through = seen @ np.linalg.inv(OTHER_BASE_FIXTURE.matrix())
+    through = seen @ np.linalg.inv(OTHER_BASE_FIXTURE.to_matrix())
     assert place_of(run.without("alignment point 2")) == pytest.approx(through[:3, 3], abs=1e-9)
     with pytest.raises(TooFewPointsError):
         run.without("alignment point 1", "alignment point 2")
@@ -343,12 +345,12 @@ async def test_bases_that_were_chained_have_no_points() -> None:
 async def test_a_simulated_base_without_a_tag_is_that_of_the_others() -> None:
     one, other = two_paths(FIXTURE_BASE, 9)
     run = await done(scene(SimulationCell("base", one, other)), "simulation_cell")
-    whole, recorded = run.refit.again(run.recorded), run.found("place the tags")
+    whole, recorded = run.refit.fit_again(run.recorded), run.found("place the tags")
     assert isinstance(recorded, dict)
     assert place_of(whole) == pytest.approx(recorded["outer_inner"]["position_m"], abs=1e-12)
     for left_out in (0, 4):
         keep = [k for k in range(9) if k != left_out]
-        expected = carried(one.positions()[keep], other.positions()[keep])
+        expected = carried(one.to_positions()[keep], other.to_positions()[keep])
         assert place_of(run.without(f"tag P{left_out + 1}")) == pytest.approx(expected[:3, 3], abs=1e-9)
     with pytest.raises(TooFewPointsError):
         run.without(*(f"tag P{k}" for k in range(1, 8)))
@@ -363,7 +365,7 @@ async def test_a_simulated_robot_without_a_tag_keeps_its_zeros() -> None:
     run = await done(
         scene(SimulationCell("robot", tags.robot, spoilt, model="fanuc_m6ib")), "simulation_cell"
     )
-    whole, recorded = run.refit.again(run.recorded), run.found("calibrate the robot")
+    whole, recorded = run.refit.fit_again(run.recorded), run.found("calibrate the robot")
     assert isinstance(recorded, dict)
     journalled = {each["name"]: each["value"] for each in recorded["found"]["values"]}
     assert {value.name: value.value for value in whole.values} == pytest.approx(journalled, abs=1e-9)

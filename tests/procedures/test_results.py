@@ -9,16 +9,16 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.entry import missing
 from cellcal.procedures.mastering_record import RecordResult, mastering_record
-from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.mastering_recovery import DEFINITION, MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.motors import PositionLostAgainError
+from cellcal.procedures.procedure_definition import missing_needs
 from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.six_point_tcp import SixPointTcp, six_point_tcp
-from cellcal.procedures.steps.capture import NotAtRestError, capture
+from cellcal.procedures.steps.capture import NotAtRestError, capture_still
 from cellcal.procedures.steps.write import ReadBackError
 from cellcal.procedures.three_point_frame import three_point_frame
 from tests.procedures.cells import (
@@ -51,8 +51,8 @@ async def _refusal(made: Scene) -> RefusalError:
 async def test_six_points_find_the_tool_and_write_it() -> None:
     made = touching()
     setup = await six_point_tcp(Run(made.cell, MemoryLedger()), made.spec)
-    assert same_pose(setup.flange_tool, tool_pose())
-    assert same_pose(made.arm.tools[3], tool_pose())
+    assert is_same_pose(setup.flange_tool, tool_pose())
+    assert is_same_pose(made.arm.tools[3], tool_pose())
     assert setup.tip.rms_m < 1e-12
     assert made.arm.moves == []  # the technician moves, not we
 
@@ -86,8 +86,8 @@ async def test_a_declined_result_is_not_written() -> None:
 async def test_three_points_find_the_frame_and_write_it() -> None:
     made = pointing()
     setup = await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)
-    assert same_pose(setup.taught.base_frame, FRAME)
-    assert same_pose(made.arm.frames[2], FRAME)
+    assert is_same_pose(setup.taught.base_frame, FRAME)
+    assert is_same_pose(made.arm.frames[2], FRAME)
     assert 0 < max(setup.taught.origin_sigma_m) < 0.001
 
 
@@ -149,7 +149,7 @@ async def test_one_wrong_length_in_a_record_is_taken_again() -> None:
     result = await mastering_record(Run(made.cell, ledger), made.spec)
     assert ledger.kinds("capture again 1") == ["step_entered", "finding"]
     assert result.record.captures[7].label == "pose 8, again"
-    assert result.record.wire.consistent()
+    assert result.record.wire.is_consistent()
 
 
 async def test_lost_turns_come_back_exactly_and_the_new_record_serves_the_next_loss() -> None:
@@ -158,7 +158,7 @@ async def test_lost_turns_come_back_exactly_and_the_new_record_serves_the_next_l
     assert (result.verdict, result.mode) == ("restored", "turns")
     assert tuple(joint.turns_restored for joint in result.joints) == LOST
     assert all(joint.exact and joint.offset_u_rad == 0.0 for joint in result.joints)
-    believed = (await made.arm.joints()).joints_rad
+    believed = (await made.arm.read_joints()).joints_rad
     assert np.allclose(believed, made.arm.true_joints, atol=1e-12)
     assert made.arm.data.mastered
     assert result.record is not None
@@ -174,7 +174,7 @@ async def test_lost_turns_come_back_exactly_and_the_new_record_serves_the_next_l
 
 async def test_without_the_last_counts_the_arm_is_brought_near_its_reference() -> None:
     made = await recovering()
-    made.hands.does["at_reference"] = lambda: made.arm.put(np.full(6, 0.01))
+    made.hands.does["at_reference"] = lambda: made.arm.write_program(np.full(6, 0.01))
     made.spec = replace(made.spec, last_counts=None)
     result = await _recover(made)
     assert tuple(joint.turns_restored for joint in result.joints) == LOST
@@ -186,7 +186,7 @@ async def test_an_exchanged_motor_is_restored_within_its_stated_uncertainty() ->
     result = await _recover(made)
     assert (result.verdict, result.mode) == ("restored", "motor")
     assert [joint.exact for joint in result.joints] == [True, True, False, True, True, True]
-    errors = np.abs(np.subtract((await made.arm.joints()).joints_rad, made.arm.true_joints))
+    errors = np.abs(np.subtract((await made.arm.read_joints()).joints_rad, made.arm.true_joints))
     assert errors[2] <= result.joints[2].offset_u_rad < np.deg2rad(0.1)
     assert max(errors[[0, 1, 3]]) < 1e-12
 
@@ -267,13 +267,13 @@ async def test_every_joint_comes_to_rest_from_the_same_side() -> None:
         await jog(axis, delta_rad, speed_rad_s=speed_rad_s)
 
     sides: list[bool] = []
-    distance = made.wire.distance
+    distance = made.wire.read_distance
 
     async def looked() -> object:
         sides.append(all(delta > 0 for delta in last.values()) or made.arm.moves[-1] == "move")
         return await distance()
 
-    made.arm.jog_axis, made.wire.distance = watched, looked  # type: ignore[method-assign]
+    made.arm.jog_axis, made.wire.read_distance = watched, looked  # type: ignore[method-assign]
     await _recover(made)
     assert len(sides) > 20
     assert all(sides)
@@ -281,19 +281,19 @@ async def test_every_joint_comes_to_rest_from_the_same_side() -> None:
 
 async def test_a_capture_of_a_moving_arm_is_refused() -> None:
     made = scene()
-    distance = made.wire.distance
+    distance = made.wire.read_distance
 
     async def drifting() -> object:
         made.arm.true_counts = tuple(count + COUNTS // 100 for count in made.arm.true_counts)
         return await distance()
 
-    made.wire.distance = drifting  # type: ignore[method-assign]
+    made.wire.read_distance = drifting  # type: ignore[method-assign]
     with pytest.raises(NotAtRestError):
-        await capture(made.cell, "pose 1", 3, 50)
+        await capture_still(made.cell, "pose 1", 3, 50)
 
 
 def test_a_cell_that_lacks_something_is_told_what() -> None:
-    assert missing(ENTRY, Cell("bare", IdealArm(), Hands())) == (
+    assert missing_needs(DEFINITION, Cell("bare", IdealArm(), Hands())) == (
         *("a robot that jogs single axes", "access to encoder counts and mastering"),
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
         "a kinematic model of the robot",

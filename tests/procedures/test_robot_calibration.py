@@ -10,18 +10,18 @@ import pytest
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
+from cellcal.procedures.accuracy_limits import ToolLimits
 from cellcal.procedures.arm.arm_motion import Roadmap
-from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
-from cellcal.procedures.arm.calibration_result import HoldOut
+from cellcal.procedures.arm.calibration_result import HoldOutErrors
+from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration
 from cellcal.procedures.arm.series_rules import SeriesRules
-from cellcal.procedures.entry import as_planned
 from cellcal.procedures.forecast import Knowledge
-from cellcal.procedures.limits import ToolLimits
-from cellcal.procedures.progress import Progress
-from cellcal.procedures.robot_calibration import ENTRY, robot_calibration
+from cellcal.procedures.procedure_definition import with_planned_counts
+from cellcal.procedures.progress import StepProgress
+from cellcal.procedures.robot_calibration import DEFINITION, robot_calibration
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.steps.measure_point import StationMovedError
-from cellcal.service.cell_process.running import Running
+from cellcal.service.cell_process.run_status import RunStatus
 from tests.procedures.cells import (
     FEW,
     FLANGE_TOOL,
@@ -65,7 +65,7 @@ async def test_a_tripod_that_is_pushed_silently_in_the_series_is_seen_at_its_end
     tracker = made.cell.tracker
     assert isinstance(tracker, IdealTracker)
 
-    def announce(progress: Progress) -> None:
+    def announce(progress: StepProgress) -> None:
         if (progress.kind, progress.step) == ("started", "choose check poses"):
             x, y, z = tracker.base_tracker.position_m
             tracker.base_tracker = replace(tracker.base_tracker, position_m=(x, y, z + way_m))
@@ -86,15 +86,15 @@ async def test_with_a_wire_the_error_falls_and_hidden_zeros_are_named_not_writte
     out = result.identified.hold_out
     assert out.captures >= max(8, 0.3 * result.identified.captures)
     assert out.after_rms_m < 0.3 * out.before_rms_m
-    assert out.as_predicted
+    assert out.is_as_predicted
     assert {hidden.parameter for hidden in result.identified.hidden} >= {"J1 offset", "J6 offset"}
     assert all(hidden.cure for hidden in result.identified.hidden)
     assert made.arm.writes == 0
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
-    assert verdict.word == "pass"
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
+    assert verdict.overall_decision == "pass"
     assert "saved" in verdict.remarks[0]
-    kept = ENTRY.keeps(made.spec, result)
+    kept = DEFINITION.results_to_store(made.spec, result)
     assert isinstance(kept, tuple)
     assert [one.what for one in kept] == ["parameter_set"]
 
@@ -112,14 +112,14 @@ async def test_a_tool_is_found_written_and_kept_beside_the_arm() -> None:
     assert found.angle_u_rad < np.radians(0.2)
     assert made.arm.tools[4] == found.flange_tool == result.tool.read_back
     assert found.checks.captures == 3
-    assert found.checks.as_predicted
-    kept = ENTRY.keeps(made.spec, result)
+    assert found.checks.is_as_predicted
+    kept = DEFINITION.results_to_store(made.spec, result)
     assert isinstance(kept, tuple)
     assert [one.what for one in kept] == ["parameter_set", "tool_frame"]
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
     assert {"tip", "axes", "shape of the points"} <= {figure.name for figure in verdict.characteristics}
-    assert verdict.word == "pass"
+    assert verdict.overall_decision == "pass"
     asked = [key for key in made.hands.asked if key.startswith("target_")]
     assert asked == [
         "target_is_mounted",
@@ -136,8 +136,8 @@ async def test_one_point_tells_the_place_and_says_that_the_axes_are_not_known() 
     assert found.placed is None
     assert found.flange_tool.quaternion == (0.8, 0.6, 0.0, 0.0)
     assert np.linalg.norm(np.subtract(found.flange_tool.position_m, FLANGE_TOOL.position_m)) <= found.tip_u_m
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
     assert "the orientation: one point tells x, y, z only" in verdict.not_verified
     assert "axes" not in {figure.name for figure in verdict.characteristics}
 
@@ -152,11 +152,11 @@ async def test_a_tool_of_another_shape_than_the_drawing_is_not_written() -> None
     assert result.tool is None
     assert "further from each other than on the drawing" in result.tool_not_written
     assert made.arm.tools == {}
-    assert ENTRY.verdict is not None
-    verdict = ENTRY.verdict(made.spec, result)
-    assert verdict.word == "fail"
+    assert DEFINITION.verdict is not None
+    verdict = DEFINITION.verdict(made.spec, result)
+    assert verdict.overall_decision == "fail"
     assert any(remark.startswith("The tool frame was not written") for remark in verdict.remarks)
-    assert ENTRY.keeps(made.spec, result) == ()
+    assert DEFINITION.results_to_store(made.spec, result) == ()
 
 
 async def test_a_tool_that_is_not_known_well_enough_is_not_written_unless_somebody_orders_it() -> None:
@@ -173,9 +173,9 @@ async def test_a_tool_that_is_not_known_well_enough_is_not_written_unless_somebo
 def test_points_without_a_rough_tool_and_a_number_without_points_are_refused() -> None:
     for settings in ({"points_in_tool_m": TARGETS}, {"tool_number": 3}):
         with pytest.raises(CalibrationError, match="roughly known places"):
-            RobotCalibration(**settings).goal()
+            RobotCalibration(**settings).series_goal()
     with pytest.raises(CalibrationError, match="two points"):
-        RobotCalibration(points_in_tool_m=TARGETS[:2], rough_flange_tool=Pose((0.0, 0.0, 0.2))).goal()
+        RobotCalibration(points_in_tool_m=TARGETS[:2], rough_flange_tool=Pose((0.0, 0.0, 0.2))).series_goal()
 
 
 def test_a_dry_run_foretells_how_well_the_tool_will_be_known() -> None:
@@ -186,14 +186,17 @@ def test_a_dry_run_foretells_how_well_the_tool_will_be_known() -> None:
         tracker=IdealTracker(made.arm).capabilities,
         limits=made.cell.limits,
     )
-    assert ENTRY.forecast is not None
-    told = ENTRY.forecast(made.spec, known)
+    assert DEFINITION.forecast is not None
+    told = DEFINITION.forecast(made.spec, known)
     assert [one.name for one in told.predictions] == ["target over the work, RMS", "tip", "axes"]
     assert told.predictions[1].expanded < 0.0004
     assert sum(pose.label.startswith("3.") for pose in told.poses) >= 5
-    plain = ENTRY.forecast(calibrating(write_zeros=False).spec, known)
+    plain = DEFINITION.forecast(calibrating(write_zeros=False).spec, known)
     assert told.duration_s > plain.duration_s
-    steps = {phase.name: phase.repeats for phase in as_planned(ENTRY.outline(made.spec), told.planned)}
+    steps = {
+        phase.name: phase.repeats
+        for phase in with_planned_counts(DEFINITION.outline(made.spec), told.planned)
+    }
     names = ("capture", "capture check", "capture point", "capture point check")
     assert sum(steps[name] or 0 for name in names) == len(told.poses)
 
@@ -204,11 +207,11 @@ def test_a_dry_run_foretells_how_well_the_tool_will_be_known() -> None:
 async def test_words_list_and_steps_of_a_plan_tell_the_same_numbers(rules: SeriesRules) -> None:
     """Also where the room has fewer poses to verify with than the rules want."""
     made = calibrating(method="wire", rules=rules)
-    run = Running("robot_calibration", "t", "anna", phases=ENTRY.outline(made.spec))
+    run = RunStatus("robot_calibration", "t", "anna", phases=DEFINITION.outline(made.spec))
     plans: list[Any] = []
 
-    def hear(progress: Progress) -> None:
-        run.take(progress)
+    def hear(progress: StepProgress) -> None:
+        run.record_progress(progress)
         if progress.step == "accept the plan" and progress.kind == "finding" and progress.page is not None:
             plans.append(progress.page.data["plan"])
             raise RefusalError("far enough")
@@ -222,15 +225,15 @@ async def test_words_list_and_steps_of_a_plan_tell_the_same_numbers(rules: Serie
     assert poses + checks == len(plans[0]["poses"])
     repeats = {phase.name: phase.repeats for phase in run.phases}
     assert (repeats["capture"], repeats["capture check"]) == (poses, checks)
-    assert run.expected == sum(len(phase.steps) for phase in run.phases)
+    assert run.expected == sum(len(phase.step_names) for phase in run.phases)
 
 
 def test_a_way_that_ends_where_a_hub_hangs_goes_no_further() -> None:
     hubs = tuple((float(k), 0.0) for k in range(3))
     roads = Roadmap(hubs, (0, 0, 1), (*hubs, (2.0, 1.0)), (0, 0, 1, 2), (0.0,) * 4)
-    assert roads.through((2.0, 1.0), hubs[1]) == (hubs[2], hubs[1])
-    assert roads.through(hubs[1], (2.0, 1.0)) == (hubs[2], (2.0, 1.0))
-    assert roads.through((2.0, 1.0), hubs[0]) == (hubs[2], hubs[1], hubs[0])
+    assert roads.corners_between((2.0, 1.0), hubs[1]) == (hubs[2], hubs[1])
+    assert roads.corners_between(hubs[1], (2.0, 1.0)) == (hubs[2], (2.0, 1.0))
+    assert roads.corners_between((2.0, 1.0), hubs[0]) == (hubs[2], hubs[1], hubs[0])
 
 
 async def test_check_poses_take_no_part_in_the_fit() -> None:
@@ -248,7 +251,7 @@ async def test_a_caught_wire_is_measured_again_and_named() -> None:
     result = await _calibrate(made)
     assert [one.step for one in result.set_aside] == ["capture 21"]
     assert result.identified.rejected == ()
-    assert result.identified.hold_out.as_predicted
+    assert result.identified.hold_out.is_as_predicted
 
 
 async def test_a_caught_wire_that_may_not_be_measured_again_is_left_out_and_named() -> None:
@@ -301,32 +304,32 @@ async def test_what_cannot_be_reached_is_foretold_ends_undecided_and_names_the_p
     assert not result.goal_reached
     assert "hides behind" in result.why_ended
     assert len(result.arm.fitted_joints_rad) < WIRE.max_captures
-    assert ENTRY.verdict is not None
-    assert ENTRY.verdict(made.spec, result).word == "undecided"
+    assert DEFINITION.verdict is not None
+    assert DEFINITION.verdict(made.spec, result).overall_decision == "undecided"
     shown = [body["inputs"] for _, body in ledger.facts if body.get("step") == "accept the plan"]
     assert "Beware" in str(shown)
 
 
 def test_a_dry_run_foretells_poses_and_uncertainty_without_a_device() -> None:
     made = calibrating(method="wire", rules=WIRE)
-    assert ENTRY.forecast is not None
+    assert DEFINITION.forecast is not None
     known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
-    told = ENTRY.forecast(made.spec, known)
+    told = DEFINITION.forecast(made.spec, known)
     assert len(told.poses) >= WIRE.min_captures + 8
     assert 0 < told.predictions[0].expanded < 0.01
-    assert ENTRY.forecast(made.spec, Knowledge()).lacks
+    assert DEFINITION.forecast(made.spec, Knowledge()).lacks
 
 
 def test_nothing_asked_for_is_refused() -> None:
     with pytest.raises(CalibrationError, match="nothing is asked"):
-        RobotCalibration(tip_u_m=None).goal()
+        RobotCalibration(tip_u_m=None).series_goal()
 
 
 def test_check_poses_that_miss_their_prediction_are_no_pass() -> None:
-    good = HoldOut(10, 1e-3, 2e-3, 1e-4, 2e-4, 3e-4, 9.0, 10)
-    assert good.as_predicted
-    assert not good.offsets_explain
-    assert not replace(good, chi_square=60.0).as_predicted
+    good = HoldOutErrors(10, 1e-3, 2e-3, 1e-4, 2e-4, 3e-4, 9.0, 10)
+    assert good.is_as_predicted
+    assert not good.is_explained_by_offsets
+    assert not replace(good, chi_square=60.0).is_as_predicted
 
 
 async def test_a_robot_behind_sockets_is_calibrated_to_a_quarter_of_a_millimetre(tmp_path: Path) -> None:

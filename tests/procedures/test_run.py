@@ -8,10 +8,10 @@ import pytest
 from cellcal.drivers.errors import DeviceTimeoutError, MotionStoppedError
 from cellcal.drivers.interfaces import Answer, Instruction
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.past import Kind, Past
-from cellcal.procedures.progress import Gate, Progress
-from cellcal.procedures.questions import ask
+from cellcal.procedures.progress import PauseGate, StepProgress
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
+from cellcal.procedures.run_history import EventKind, RunHistory
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.runs.run_procedure import JournalLedger
 from tests.procedures.ideal import Hands, IdealArm
@@ -46,7 +46,7 @@ async def read(cell: Cell, value: float) -> float:
 async def turn(cell: Cell, axis: int) -> tuple[float, ...]:
     await cell.robot.move_joints(tuple(0.1 * (k == axis) for k in range(6)), speed_rad_s=0.1)
     world_of[id(cell.robot)].done.append(f"turn {axis}")
-    return (await cell.robot.joints()).joints_rad
+    return (await cell.robot.read_joints()).joints_rad
 
 
 async def write(cell: Cell, value: float) -> float:
@@ -60,11 +60,11 @@ def add(values: tuple[float, ...]) -> Sum:
 
 async def toy(run: Run, values: tuple[float, ...]) -> Sum:
     """Read, move, calculate, write."""
-    await run.ensure("somebody is there", ask, Instruction("there", "Are you there?"))
+    await run.ensure("somebody is there", ask_confirmation, Instruction("there", "Are you there?"))
     read_values = [await run.step(f"read {k}", read, value) for k, value in enumerate(values, 1)]
     await run.move("turn", turn, 2)
     total = await run.solve("add", add, tuple(read_values))
-    inner = run.under("inside")
+    inner = run.with_prefix("inside")
     await inner.step("read 1", read, 9.0)
     await run.write("write", write, total.total)
     return total
@@ -137,7 +137,7 @@ async def test_a_run_that_died_between_intent_and_outcome_asks_before_it_moves(w
     ledger = MemoryLedger(facts)
     await toy(Run(world.cell, ledger, ledger.past()), VALUES)
     assert world.hands.asked.count("may_move") == 2
-    approvals = [body for kind, body in ledger.facts if kind == Kind.APPROVAL]
+    approvals = [body for kind, body in ledger.facts if kind == EventKind.APPROVAL]
     assert [(body["key"], body["before"], body["who"]) for body in approvals] == [
         ("may_move", "somebody is there", "anna")
     ]
@@ -242,7 +242,7 @@ async def test_the_last_bits_of_a_float_do_not_stop_a_replay(world: World) -> No
 async def test_findings_after_a_redo_are_made_anew(world: World) -> None:
     ledger = MemoryLedger()
     await toy(Run(world.cell, ledger), VALUES)
-    ledger.record(Kind.FORGOTTEN, {"keep": 1, "step": "read 2"})
+    ledger.record(EventKind.FORGOTTEN, {"keep": 1, "step": "read 2"})
     world.done.clear()
     again = MemoryLedger(ledger.facts)
     result = await toy(Run(world.cell, again, again.past()), (VALUES[0], 5.0, 6.0))
@@ -256,12 +256,12 @@ async def test_two_steps_may_not_share_a_name(world: World) -> None:
     await run.step("read", read, 1.0)
     with pytest.raises(ReplayMismatchError):
         await run.step("read", read, 2.0)
-    await run.under("second time").step("read", read, 2.0)
+    await run.with_prefix("second time").step("read", read, 2.0)
 
 
 async def test_a_paused_run_waits_at_the_next_border(world: World) -> None:
-    gate, ledger = Gate(), MemoryLedger()
-    seen: list[Progress] = []
+    gate, ledger = PauseGate(), MemoryLedger()
+    seen: list[StepProgress] = []
     run = Run(world.cell, ledger, gate=gate, announce=seen.append)
     await run.step("one", read, 1.0)
     gate.pause()
@@ -277,7 +277,7 @@ async def test_a_paused_run_waits_at_the_next_border(world: World) -> None:
 
 
 async def test_progress_counts_steps_towards_what_was_expected(world: World) -> None:
-    seen: list[Progress] = []
+    seen: list[StepProgress] = []
     await toy(Run(world.cell, MemoryLedger(), expected=7, announce=seen.append), VALUES)
     assert [(p.step, p.index, p.expected) for p in seen if p.kind == "finding"] == [
         *(("read 1", 1, 7), ("read 2", 2, 7), ("read 3", 3, 7), ("turn", 4, 7), ("add", 5, 7)),
@@ -286,13 +286,15 @@ async def test_progress_counts_steps_towards_what_was_expected(world: World) -> 
 
 
 async def test_what_is_not_a_number_never_becomes_a_finding(world: World, tmp_path) -> None:
-    with Journal.open(tmp_path / "journal.db") as journal:
+    with Journal.open_file(tmp_path / "journal.db") as journal:
         ledger = JournalLedger(journal, "run", "anna")
         with pytest.raises(StoreError):
             await Run(world.cell, ledger).step("read", read, float("nan"))
-        assert [event.kind for event in journal.events()] == []
+        assert [event.kind for event in journal.list_events()] == []
 
 
 async def test_the_answer_says_who(world: World) -> None:
-    answer = await Run(world.cell, MemoryLedger(), Past()).step("ask", ask, Instruction("go", "Go?"))
+    answer = await Run(world.cell, MemoryLedger(), RunHistory()).step(
+        "ask", ask_confirmation, Instruction("go", "Go?")
+    )
     assert answer == Answer("anna")

@@ -9,17 +9,17 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.procedures.simulation_cell import (
-    ENTRY,
+    DEFINITION,
     CalibratedPart,
     CalibratedRobot,
     SimulationCell,
-    calibrate,
+    calibrate_part,
 )
-from cellcal.procedures.verdict import Verdict
-from cellcal.service.certificates.certificate import issue
+from cellcal.procedures.verdict import ProcedureVerdict
+from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.record.run_outcome import Verdict as End
+from cellcal.service.record.run_outcome import RunVerdict as End
 from tests.procedures.cells import Scene, scene
 from tests.procedures.certified import cell_config, run_in
 from tests.unit.helpers.tags import FIXTURE_BASE, robot_tags, two_paths
@@ -31,9 +31,9 @@ def robot(**more: object) -> Scene:
     return scene(replace(spec, **more))  # type: ignore[arg-type]
 
 
-def judged(spec: SimulationCell, found: CalibratedPart) -> Verdict:
-    assert ENTRY.verdict is not None
-    verdict: Verdict = ENTRY.verdict(spec, found)
+def judged(spec: SimulationCell, found: CalibratedPart) -> ProcedureVerdict:
+    assert DEFINITION.verdict is not None
+    verdict: ProcedureVerdict = DEFINITION.verdict(spec, found)
     return verdict
 
 
@@ -44,7 +44,7 @@ async def test_a_robot_by_the_cells_own_model_is_certified_and_exported(tmp_path
     found = outcome.result.found
     assert isinstance(found, CalibratedRobot)
     assert found.found.model == "fanuc_m6ib"
-    text = issue(config, outcome.run_id).text_path.read_text()
+    text = issue_certificate(config, outcome.run_id).text_path.read_text()
     assert "J1 offset: hidden behind" in " ".join(text.split())
     words = ["simulate-cell", "export", "last", "--cell", str(config.path), "--out", str(tmp_path / "out")]
     assert run_command_line(words) == ExitCode.PASS
@@ -64,21 +64,21 @@ async def test_a_declined_result_ends_without_one(tmp_path: Path) -> None:
 async def test_without_a_cell_it_is_the_same(tmp_path: Path) -> None:
     spec = replace(robot().spec, model="fanuc_m6ib")
     outcome = await run_in(cell_config(tmp_path), scene(spec), "simulation_cell")
-    assert to_jsonable_python(calibrate(spec)) == to_jsonable_python(outcome.result)
+    assert to_jsonable_python(calibrate_part(spec)) == to_jsonable_python(outcome.result)
     with pytest.raises(CalibrationError, match="which robot"):
-        calibrate(replace(spec, model=""))
+        calibrate_part(replace(spec, model=""))
 
 
 def test_before_and_after_stand_in_the_verdict() -> None:
     spec = replace(robot().spec, model="fanuc_m6ib")
-    verdict = judged(spec, calibrate(spec))
+    verdict = judged(spec, calibrate_part(spec))
     (change,) = [change for change in verdict.changes if change.unit == "m"]
     assert change.before is not None
     assert change.after is not None
     assert change.before > 5 * change.after
     base = SimulationCell("base", *two_paths(FIXTURE_BASE), sigma_m=1e-4)
-    placed = judged(base, calibrate(base))
-    assert placed.word == "pass"
+    placed = judged(base, calibrate_part(base))
+    assert placed.overall_decision == "pass"
     assert any("as stated" in line for line in placed.not_verified)
     assert placed.changes[0].before is None
 
@@ -92,7 +92,7 @@ def test_a_robot_whose_tags_show_no_error_is_not_said_to_be_better() -> None:
     )
     measured = replace(tags.device, positions_m=tuple((float(x), float(y), float(z)) for x, y, z in seen))
     spec = SimulationCell("robot", tags.robot, measured, model="fanuc_m6ib")
-    found = calibrate(spec)
+    found = calibrate_part(spec)
     assert isinstance(found.found, CalibratedRobot)
     better = [figure for figure in judged(spec, found).characteristics if "better than before" in figure.name]
-    assert (better[0].decision == "pass") == found.found.found.better
+    assert (better[0].decision == "pass") == found.found.found.is_better

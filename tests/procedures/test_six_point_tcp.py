@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous_matrix
 from cellcal.calibration.uncertainty import coverage_in_space
+from cellcal.procedures.accuracy_limits import ToolLimits
 from cellcal.procedures.forecast import Knowledge
-from cellcal.procedures.limits import ToolLimits
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.run import OutOfToleranceError, RefusalError, Run
-from cellcal.procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
+from cellcal.procedures.six_point_tcp import DEFINITION, SixPointTcp, ToolSetup, six_point_tcp
 from cellcal.procedures.teaching.tcp_verdict import arm_u, axes_u
 from tests.procedures.cells import TIP, Scene, tool_pose, tool_rotation, touching
 from tests.procedures.ledgers import MemoryLedger
@@ -33,7 +33,7 @@ async def taught(made: Scene) -> tuple[ToolSetup, MemoryLedger]:
 
 def holding(made: Scene, rotation: np.ndarray, place_m: np.ndarray) -> Callable[[], None]:
     """Return hands that hold the tool's tip at a place, in an attitude of the flange."""
-    pose = Pose.from_matrix(homogeneous(rotation, place_m - rotation @ np.array(TIP)))
+    pose = Pose.from_matrix(homogeneous_matrix(rotation, place_m - rotation @ np.array(TIP)))
     return lambda: setattr(made.arm, "taught", pose)
 
 
@@ -63,12 +63,12 @@ async def test_every_method_finds_the_tool_and_writes_it(more: dict[str, Any], m
     setup, ledger = await taught(made)
     assert [step[-1] for step in steps(ledger) if step.startswith("move along")] == list(moves)
     wanted = Pose(TIP) if more["method"] == "four_point" else tool_pose()
-    assert same_pose(setup.flange_tool, wanted)
-    assert same_pose(made.arm.tools[3], wanted)
+    assert is_same_pose(setup.flange_tool, wanted)
+    assert is_same_pose(made.arm.tools[3], wanted)
     assert setup.touches == sum(step.startswith("touch") for step in steps(ledger)) >= 4
-    verdict = ENTRY.verdict(made.spec, setup) if ENTRY.verdict else None
+    verdict = DEFINITION.verdict(made.spec, setup) if DEFINITION.verdict else None
     assert verdict is not None
-    assert verdict.word == "pass"
+    assert verdict.overall_decision == "pass"
     assert any(figure.name.startswith("handedness") for figure in verdict.characteristics) == (
         len(moves) == 3
     )
@@ -89,7 +89,7 @@ async def test_attitudes_too_alike_are_taught_again_before_anything_is_computed(
     setup, ledger = await taught(made)
     names = steps(ledger)
     assert names.index("touch anew 1") == names.index("touch, turned about x") + 2
-    assert same_pose(setup.flange_tool, tool_pose())
+    assert is_same_pose(setup.flange_tool, tool_pose())
     (aside,) = setup.set_aside
     assert aside.step == "touch, turned about x"
     assert "turned only 8.0 degrees from touch 1" in aside.reason
@@ -103,7 +103,7 @@ async def test_three_touches_about_one_axis_are_not_enough() -> None:
         made.hands.does[key] = holding(made, turned(0, 0, degrees), PIN)
     made.hands.does["touch_anew_3"] = holding(made, turned(0, 50, 0), PIN)
     setup, _ = await taught(made)
-    assert same_pose(setup.flange_tool, tool_pose())
+    assert is_same_pose(setup.flange_tool, tool_pose())
     assert "about nearly one axis" in setup.set_aside[0].reason
 
 
@@ -121,7 +121,7 @@ async def test_a_stray_touch_is_named_and_taught_again() -> None:
     made.hands.does["touch_4"] = holding(made, turned(-40, -40, 0), PIN + SLIP)
     made.hands.does["touch_anew_4"] = holding(made, turned(-41, -40, 0), PIN)
     setup, _ = await taught(made)
-    assert same_pose(setup.flange_tool, tool_pose())
+    assert is_same_pose(setup.flange_tool, tool_pose())
     (aside,) = setup.set_aside
     assert aside.step == "touch in another attitude 1"
     assert "the other touches contradict touch 4" in aside.reason
@@ -163,7 +163,7 @@ async def test_it_goes_on_until_the_class_holds_and_says_how_well_the_tip_is_kno
         assert setup.tip.tip_u_in_space_m <= limit_m
         assert setup.fixed_plan_touches is not None
         assert setup.fixed_plan_touches > setup.touches
-    verdict = ENTRY.verdict(fine.spec, many) if ENTRY.verdict else None
+    verdict = DEFINITION.verdict(fine.spec, many) if DEFINITION.verdict else None
     assert verdict is not None
     assert f"{many.touches} touches" in verdict.remarks[0]
 
@@ -206,7 +206,7 @@ async def test_the_plane_of_two_points_may_be_taught_at_a_slant() -> None:
     slant = tool[:, 1] * 0.25 + tool[:, 0] * 0.2
     made.hands.does["along_y"] = holding(made, SQUARE, PIN + SQUARE @ slant)
     setup, _ = await taught(made)
-    assert same_pose(setup.flange_tool, tool_pose())
+    assert is_same_pose(setup.flange_tool, tool_pose())
     made = touching(method="three_plus_orientation", limits=LOOSE)
     made.hands.does["along_y"] = holding(made, SQUARE, PIN + SQUARE @ (tool[:, 0] * 0.3 + tool[:, 1] * 0.03))
     with pytest.raises(DegenerateDataError, match=r"open only 5\.7 degrees"):
@@ -216,11 +216,13 @@ async def test_the_plane_of_two_points_may_be_taught_at_a_slant() -> None:
 async def test_axes_are_judged_by_what_is_measured_and_what_the_technician_says_of_squareness() -> None:
     made = touching(method="six_point_xz")
     setup, _ = await taught(made)
-    assert ENTRY.verdict is not None
-    sure = ENTRY.verdict(made.spec, setup).characteristics[1]
-    unsure = ENTRY.verdict(replace(made.spec, square_sigma_rad=math.radians(0.2)), setup).characteristics[1]
+    assert DEFINITION.verdict is not None
+    sure = DEFINITION.verdict(made.spec, setup).characteristics[1]
+    unsure = DEFINITION.verdict(
+        replace(made.spec, square_sigma_rad=math.radians(0.2)), setup
+    ).characteristics[1]
     assert (sure.decision, unsure.decision) == ("pass", "undecided")
-    assert unsure.expanded == pytest.approx(
+    assert unsure.expanded_uncertainty == pytest.approx(
         math.radians(0.2) * math.sqrt(7.8147), rel=1e-3
     )  # chi square, 3, 95 %
 
@@ -238,9 +240,9 @@ async def test_the_turn_foretold_is_that_of_moves_as_long_as_asked_for(method: A
 
 @pytest.mark.parametrize("method", ["textbook", "four_point", "three_plus_orientation", "six_point_xz"])
 def test_more_touches_are_foretold_to_tell_more(method: Any) -> None:
-    assert ENTRY.forecast is not None
+    assert DEFINITION.forecast is not None
     few, many = (
-        ENTRY.forecast(SixPointTcp(1, method, max_touches=most, arm_sigma_m=0.0), Knowledge())
+        DEFINITION.forecast(SixPointTcp(1, method, max_touches=most, arm_sigma_m=0.0), Knowledge())
         .predictions[0]
         .expanded
         for most in (4, 12)
@@ -256,9 +258,9 @@ async def test_what_the_arm_itself_gets_wrong_stays_in_the_uncertainty_however_o
     assert setup.tip.rms_m < 1e-9  # the touches agree wholly
     assert setup.tip.tip_u_in_space_m == pytest.approx(arm_u(0.0003))
     assert arm_u(0.0003) == pytest.approx(0.0003 * math.sqrt(7.8147), rel=1e-4)  # chi square, 3, 95 %
-    assert ENTRY.verdict is not None
-    told = ENTRY.verdict(made.spec, setup)
-    assert told.word == "undecided"
+    assert DEFINITION.verdict is not None
+    told = DEFINITION.verdict(made.spec, setup)
+    assert told.overall_decision == "undecided"
     (tip, *_) = told.characteristics
     assert "the arm's own errors alone (arm_sigma_m) leave 0.84 mm" in tip.rule
     assert sum(part.standard_uncertainty**2 for part in tip.budget) == pytest.approx(
@@ -273,5 +275,5 @@ async def test_touches_go_on_until_they_leave_room_for_what_the_arm_gets_wrong()
     few, many = (await taught(ideal))[0], (await taught(drawn))[0]
     assert few.touches < many.touches
     assert arm_u(0.00034) < many.tip.tip_u_in_space_m <= 0.001
-    assert ENTRY.verdict is not None
-    assert ENTRY.verdict(drawn.spec, many).characteristics[0].decision == "pass"
+    assert DEFINITION.verdict is not None
+    assert DEFINITION.verdict(drawn.spec, many).characteristics[0].decision == "pass"

@@ -9,31 +9,31 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Pose, exp_rotation, quaternion_from_rotation
 from cellcal.drivers.interfaces import Answer, Instruction
-from cellcal.procedures.catalogue import entry_named
+from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.pace import Paced
-from cellcal.procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
-from cellcal.procedures.questions import ask
+from cellcal.procedures.instruction_page import StepKind, page_of, with_page
+from cellcal.procedures.motion.plan_words import PER_POSE_S, PlanTour, plan_words
+from cellcal.procedures.motion.speed_limit import TimedMotion
+from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import DeclinedError, Run
-from cellcal.procedures.shown import StepKind, on_page, page_of
 from cellcal.procedures.six_point_tcp import SixPointTcp
 from cellcal.procedures.steps.meters import frame_meter, known_points_meter, move_meter, read_meter, tip_meter
 from cellcal.procedures.steps.pages import (
-    Moves,
+    PlannedMoves,
     axis_levers,
     frame_displacement,
     joint_displacement,
     plan_page,
     point_states,
-    straight,
+    straight_ways,
 )
 from cellcal.procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
-from cellcal.service.cell_process.recording import Settle
+from cellcal.service.cell_process.recording_check import SettleDetector
 from tests.procedures.cells import recovering, scene_for
 from tests.procedures.ideal import Hands, IdealArm
 from tests.procedures.ledgers import MemoryLedger
 
-RULES = SixPointTcp(tool_number=1).rules
+RULES = SixPointTcp(tool_number=1).touch_rules
 WORDS = Instruction("go", "Go?")
 
 
@@ -55,17 +55,17 @@ def meter_of(touches: list[Pose]) -> dict[str, object]:
 
 
 def test_a_page_is_json_and_grows_without_losing_what_it_had() -> None:
-    shown = on_page(on_page(WORDS, "teach", points=["a"]), "capture", at=Pose((1.0, 2.0, 3.0)))
-    assert (shown.page.kind, shown.words) == ("capture", WORDS)
+    shown = with_page(with_page(WORDS, "teach", points=["a"]), "capture", at=Pose((1.0, 2.0, 3.0)))
+    assert (shown.page.kind, shown.plain_instruction) == ("capture", WORDS)
     assert shown.page.data == to_jsonable_python(dict(shown.page.data))
     assert set(shown.page.data) == {"points", "at"}
     assert page_of(WORDS).kind == "ask"
 
 
 def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
-    tour = Tour(stops=9, paced=Paced(travel_rad=6.0, moving_s=300.0, fastest_rad_s=0.02))
+    tour = PlanTour(stops=9, paced=TimedMotion(travel_rad=6.0, moving_s=300.0, fastest_rad_s=0.02))
     asked = Instruction("accept_plan", plan_words("the robot", tour, ()))
-    moves = Moves(straight([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
+    moves = PlannedMoves(straight_ways([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
     told = plan_page(asked, tour, moves).page.data["plan"]
     assert told["duration_s"] == 300.0 + 9 * PER_POSE_S
     assert f"about {told['duration_s'] / 60.0:.0f} min" in asked.text
@@ -74,11 +74,11 @@ def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
 
 async def test_a_page_is_no_input_of_a_step_and_an_older_run_goes_on_with_it() -> None:
     cell, plain, drawn = Cell("test", IdealArm(), Hands()), MemoryLedger(), MemoryLedger()
-    await Run(cell, plain).step("ask", ask, WORDS)
-    await Run(cell, drawn).step("ask", ask, on_page(WORDS, "approve", plan={"poses": []}))
+    await Run(cell, plain).step("ask", ask_confirmation, WORDS)
+    await Run(cell, drawn).step("ask", ask_confirmation, with_page(WORDS, "approve", plan={"poses": []}))
     assert drawn.facts == plain.facts
     resumed = Run(cell, MemoryLedger(), plain.past())
-    assert (await resumed.step("ask", ask, on_page(WORDS, "teach"))).value == "yes"
+    assert (await resumed.step("ask", ask_confirmation, with_page(WORDS, "teach"))).value == "yes"
 
 
 async def test_a_recovery_first_asks_for_newer_counts_and_tells_what_a_mark_by_eye_is_worth() -> None:
@@ -92,7 +92,7 @@ async def test_a_recovery_first_asks_for_newer_counts_and_tells_what_a_mark_by_e
 
     made.cell.operator.confirm = noted  # type: ignore[method-assign]
     with pytest.raises(DeclinedError, match="newer counts"):
-        await entry_named("mastering_recovery").procedure(Run(made.cell, MemoryLedger()), made.spec)
+        await definition_named("mastering_recovery").procedure(Run(made.cell, MemoryLedger()), made.spec)
     assert [each.key for each in heard] == ["saved_counts"]
     levers = page_of(heard[0]).data["axes"]
     assert [lever["name"] for lever in levers] == [f"J{k}" for k in range(1, 7)]
@@ -119,7 +119,7 @@ async def test_a_procedure_shows_kinds_of_pages_with_their_data(name: str, kinds
         return await answered(instruction)
 
     made.cell.operator.confirm = noted  # type: ignore[method-assign]
-    await entry_named(name).procedure(Run(made.cell, MemoryLedger()), made.spec)
+    await definition_named(name).procedure(Run(made.cell, MemoryLedger()), made.spec)
     pages = [page_of(instruction) for instruction in heard]
     assert list(dict.fromkeys(page.kind for page in pages)) == list(dict.fromkeys(kinds))
     review = pages[-1].data["review"]
@@ -227,7 +227,9 @@ def test_a_frame_displaces_no_point_by_more_than_is_told() -> None:
         most = float(frame_displacement(before, after)["most_m"])
         points = dice.normal(size=(200, 3))
         points *= 0.5 / np.linalg.norm(points, axis=1, keepdims=True)
-        moved = [pose.rotation() @ points.T + np.array(pose.position_m)[:, None] for pose in (before, after)]
+        moved = [
+            pose.rotation_matrix() @ points.T + np.array(pose.position_m)[:, None] for pose in (before, after)
+        ]
         assert np.linalg.norm(moved[1] - moved[0], axis=0).max() <= most + 1e-12
 
 
@@ -245,23 +247,23 @@ def test_points_are_counted_from_what_is_asked_for() -> None:
     ],
 )
 def test_a_wire_rests_only_after_a_second_of_quiet(length_m: object, settles: bool) -> None:
-    settle, dice = Settle(4e-4), np.random.default_rng(1)
+    settle, dice = SettleDetector(4e-4), np.random.default_rng(1)
     rested = []
     for k in range(60):
         now = 0.1 * k
-        settle.take(now, length_m(now) + float(dice.normal()) * 1e-4)  # type: ignore[operator]
-        rested.append(settle.settled(now))
+        settle.add_reading(now, length_m(now) + float(dice.normal()) * 1e-4)  # type: ignore[operator]
+        rested.append(settle.is_settled(now))
     assert not any(rested[:10])
     assert rested[-1] is settles
     if not settles:
         assert sum(rested) <= 3
-    assert not settle.settled(7.0)  # nothing was heard for a second
+    assert not settle.is_settled(7.0)  # nothing was heard for a second
 
 
 def test_a_wire_that_was_silent_is_looked_at_anew() -> None:
-    settle = Settle(4e-4)
+    settle = SettleDetector(4e-4)
     for k in range(30):
-        settle.take(0.1 * k, 1.0)
-    assert settle.settled(2.9)
-    settle.take(5.0, 1.2)
-    assert not settle.settled(5.0)
+        settle.add_reading(0.1 * k, 1.0)
+    assert settle.is_settled(2.9)
+    settle.add_reading(5.0, 1.2)
+    assert not settle.is_settled(5.0)

@@ -12,20 +12,20 @@ from cellcal.drivers.errors import MotionStoppedError, UnreachableError
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.mastering_undo import MasteringUndo
 from cellcal.procedures.motion.motion_gate import OffTargetError
-from cellcal.procedures.past import Kind
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.progress import StepProgress
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.cli.runs import runs, show
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Outcome, Verdict
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
+from cellcal.service.record.run_store import RunStore
 from cellcal.service.record.unconfirmed_mastering import (
     UnconfirmedMasteringError,
     unconfirmed_in_force,
     unconfirmed_masterings,
 )
 from cellcal.service.runs import mastering_rollback as put_back
-from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
+from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
 from tests.procedures.cells import Scene, calibrating, recovering
 from tests.procedures.certified import HOW, cell_config
 from tests.procedures.ideal import IdealArm
@@ -50,9 +50,9 @@ class _Arm(IdealArm):
             await happens()
         await super()._travel(delta, name)  # type: ignore[arg-type]
 
-    async def mastering(self) -> MasteringData:
+    async def read_mastering(self) -> MasteringData:
         self._heard()
-        return await super().mastering()
+        return await super().read_mastering()
 
     async def restore_mastering(self, data: MasteringData) -> MasteringData:
         self._heard()
@@ -81,27 +81,29 @@ async def _scene() -> tuple[Scene, _Arm]:
 
 
 async def _start(
-    config: CellConfig, made: Scene, name: str = "mastering_recovery", how: Conditions = HOW
-) -> Outcome:
+    config: CellConfig, made: Scene, name: str = "mastering_recovery", how: RunConditions = HOW
+) -> RunOutcome:
     with open_journal(config) as journal:
-        cell = Store(journal).lend(replace(made.cell, config_sha256=config.sha256), SERIAL)
+        cell = RunStore(journal).with_history(replace(made.cell, config_sha256=config.sha256), SERIAL)
         spec = made.spec if name == "mastering_recovery" else MasteringUndo()
         return await run_procedure(replace(cell, record=made.cell.record), name, spec, journal, how=how)
 
 
-async def _go_on(config: CellConfig, made: Scene, run_id: str) -> Outcome:
+async def _go_on(config: CellConfig, made: Scene, run_id: str) -> RunOutcome:
     with open_journal(config) as journal:
-        return await resume(replace(made.cell, config_sha256=config.sha256), run_id, journal, how=HOW)
+        return await resume_procedure(
+            replace(made.cell, config_sha256=config.sha256), run_id, journal, how=HOW
+        )
 
 
 def _pending(config: CellConfig) -> tuple[str, ...]:
     with open_journal(config) as journal:
-        return tuple(one.of_run for one in unconfirmed_masterings(journal.events(), SERIAL))
+        return tuple(one.of_run for one in unconfirmed_masterings(journal.list_events(), SERIAL))
 
 
 def _only_run(config: CellConfig) -> str:
     with open_journal(config) as journal:
-        return Store(journal).runs()[-1].run_id
+        return RunStore(journal).list_runs()[-1].run_id
 
 
 async def _stands_off() -> None:
@@ -120,12 +122,12 @@ async def test_a_failure_after_the_write_puts_the_old_data_back_and_a_resume_end
     made, arm = await _scene()
     before, arm.happens = arm.data, happens
     ended = await _start(config, made)
-    assert ended.verdict is Verdict.CELL_FAILED or ended.verdict is Verdict.REFUSED
+    assert ended.verdict is RunVerdict.CELL_FAILED or ended.verdict is RunVerdict.REFUSED
     assert arm.data == before
     assert "the old data were put back" in ended.remedy
     assert _pending(config) == ()
     again = await _go_on(config, made, ended.run_id)
-    assert again.verdict is Verdict.PASSED
+    assert again.verdict is RunVerdict.PASSED
     assert arm.data == MasteringData(_zero_as_counted(arm), mastered=True)
     assert _pending(config) == ()
 
@@ -135,7 +137,7 @@ async def test_a_cancel_after_the_write_puts_the_old_data_back(tmp_path: Path) -
     made, arm = await _scene()
     before = arm.data
 
-    def on_event(progress: Progress) -> None:
+    def on_event(progress: StepProgress) -> None:
         if progress.kind == "started" and progress.step == "go to final check 1":
             task.cancel()
             task.cancel()
@@ -146,10 +148,10 @@ async def test_a_cancel_after_the_write_puts_the_old_data_back(tmp_path: Path) -
     assert arm.data == before
     with open_journal(config) as journal:
         run_id = _only_run(config)
-        kinds = [event.kind for event in journal.events(run_id)]
-        assert kinds[-2:] == [Kind.UNDONE, Kind.ENDED]
-        assert journal.events(run_id)[-1].body.count("the old data were put back") == 1
-    assert (await _go_on(config, made, run_id)).verdict is Verdict.PASSED
+        kinds = [event.kind for event in journal.list_events(run_id)]
+        assert kinds[-2:] == [EventKind.UNDONE, EventKind.ENDED]
+        assert journal.list_events(run_id)[-1].body.count("the old data were put back") == 1
+    assert (await _go_on(config, made, run_id)).verdict is RunVerdict.PASSED
 
 
 async def test_a_no_before_the_confirmation_puts_the_old_data_back_also_after_a_crash(tmp_path: Path) -> None:
@@ -161,7 +163,7 @@ async def test_a_no_before_the_confirmation_puts_the_old_data_back_also_after_a_
     assert _pending(config) == (run_id,)
     made.hands.refuses = {"may_move"}
     declined = await _go_on(config, made, run_id)
-    assert (declined.verdict, arm.data) == (Verdict.DECLINED, before)
+    assert (declined.verdict, arm.data) == (RunVerdict.DECLINED, before)
     assert _pending(config) == ()
 
 
@@ -171,7 +173,7 @@ async def test_a_crash_between_write_and_confirmation_is_confirmed_by_the_resume
     run_id = await _killed_after_the_write(config, made, arm)
     writes = arm.writes
     passed = await _go_on(config, made, run_id)
-    assert (passed.verdict, arm.writes) == (Verdict.PASSED, writes)
+    assert (passed.verdict, arm.writes) == (RunVerdict.PASSED, writes)
     assert _pending(config) == ()
 
 
@@ -186,8 +188,8 @@ async def test_while_it_is_unconfirmed_nothing_else_starts_by_it_until_it_is_und
     with open_journal(config) as journal:
         with pytest.raises(UnconfirmedMasteringError, match=run_id):
             await run_procedure(cell, "robot_calibration", other.spec, journal, how=HOW)
-        assert len(Store(journal).runs()) == 1
-    assert (await _start(config, made, "mastering_undo")).verdict is Verdict.PASSED
+        assert len(RunStore(journal).list_runs()) == 1
+    assert (await _start(config, made, "mastering_undo")).verdict is RunVerdict.PASSED
     assert arm.data == before
     assert _pending(config) == ()
 
@@ -202,7 +204,7 @@ async def test_the_list_of_runs_says_which_mastering_is_not_confirmed(
     assert f"the mastering that {run_id} wrote is not confirmed" in " ".join(capsys.readouterr().out.split())
     assert show(run_id, cell=config.path, as_json=True) == 0
     assert json.loads(capsys.readouterr().out)["unconfirmed"] is True
-    assert (await _go_on(config, made, run_id)).verdict is Verdict.PASSED
+    assert (await _go_on(config, made, run_id)).verdict is RunVerdict.PASSED
     assert runs(cell=config.path, as_json=True) == 0
     assert json.loads(capsys.readouterr().out)["unconfirmed"] == []
 
@@ -218,14 +220,18 @@ async def test_a_robot_out_of_reach_is_told_and_journalled_and_put_right_later(t
 
     arm.happens = link_lost
     ended = await _start(config, made)
-    assert ended.verdict is Verdict.CELL_FAILED
+    assert ended.verdict is RunVerdict.CELL_FAILED
     assert "NOT confirmed" in ended.remedy
     assert arm.data != before
     assert _pending(config) == (ended.run_id,)
     with open_journal(config) as journal:
-        assert [e.kind for e in journal.events(ended.run_id)][-3:] == [Kind.INTENT, Kind.FAILED, Kind.ENDED]
+        assert [e.kind for e in journal.list_events(ended.run_id)][-3:] == [
+            EventKind.INTENT,
+            EventKind.FAILED,
+            EventKind.ENDED,
+        ]
     arm.deaf = False
-    assert (await _go_on(config, made, ended.run_id)).verdict is Verdict.PASSED
+    assert (await _go_on(config, made, ended.run_id)).verdict is RunVerdict.PASSED
     assert _pending(config) == ()
 
 
@@ -245,7 +251,7 @@ async def test_what_another_hand_mastered_meanwhile_is_left_alone(tmp_path: Path
     changed = await _go_on(config, made, ended.run_id)
     assert (changed.code, arm.data) == ("procedure.mastering_changed", by_hand)
     with open_journal(config) as journal:  # and no reason to refuse anybody: it is not in force
-        assert await unconfirmed_in_force(made.cell, journal.events(), SERIAL) is None
+        assert await unconfirmed_in_force(made.cell, journal.list_events(), SERIAL) is None
 
 
 def _zero_as_counted(arm: IdealArm) -> tuple[int, ...]:

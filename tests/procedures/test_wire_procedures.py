@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.points.frames import base_to_base as chained_frames
 from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.end_effector_points import MeasuredTool, end_effector_points
-from cellcal.procedures.entry import as_planned
 from cellcal.procedures.fixture_alignment import AlignmentResult, fixture_alignment, plan_alignment
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.frame_offset import OffsetResult, frame_offset
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.motion.active_frames import same_pose
+from cellcal.procedures.motion.active_frames import is_same_pose
+from cellcal.procedures.procedure_definition import with_planned_counts
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture
 from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
-from cellcal.procedures.survey.survey_choice import Standing, choose_pose
+from cellcal.procedures.survey.survey_choice import SurveyProgress, choose_pose
 from cellcal.procedures.survey.wire_survey import read_survey_state
 from cellcal.procedures.three_point_frame import three_point_frame
 from tests.procedures.cells import (
@@ -85,11 +85,11 @@ async def test_a_fixture_is_found_within_its_limits_with_fewer_captures_than_a_f
     assert _apart_m(result.alignment.base_fixture, BASE_FIXTURE) <= 1.5 * result.placed.origin_u_m
     assert result.fixed_plan_captures is not None
     assert result.captures <= 0.85 * result.fixed_plan_captures
-    assert "saved" in result.saving
+    assert "saved" in result.saving_text
     assert made.hands.asked.count("mount_wire_4") == 1
     verdict = CATALOGUE["fixture_alignment"].verdict
     assert verdict is not None
-    assert verdict(made.spec, result).word == "pass"
+    assert verdict(made.spec, result).overall_decision == "pass"
 
 
 async def test_a_dry_run_foretells_captures_and_uncertainty_without_a_device() -> None:
@@ -100,8 +100,8 @@ async def test_a_dry_run_foretells_captures_and_uncertainty_without_a_device() -
     told = forecast(made.spec, known)
     assert told.predictions[0].expanded <= FINE.origin_m
     assert 24 <= len(told.poses) <= 160
-    phases = as_planned(CATALOGUE["fixture_alignment"].outline(made.spec), told.planned)
-    counts = {phase.name: len(phase.steps) for phase in phases if phase.name in EACH_CAPTURE}
+    phases = with_planned_counts(CATALOGUE["fixture_alignment"].outline(made.spec), told.planned)
+    counts = {phase.name: len(phase.step_names) for phase in phases if phase.name in EACH_CAPTURE}
     assert counts == dict.fromkeys(EACH_CAPTURE, len(told.poses))
     assert any("obstacles" in words for words in told.not_checked)
     assert forecast(made.spec, Knowledge()).lacks
@@ -165,12 +165,14 @@ async def test_poses_in_one_plane_are_refused_with_the_other_place_named() -> No
     survey = Survey(state, replace(plan, pools=(level, *plan.pools[1:])), made.spec.rules)
     assert len(level) > 10
     taken = tuple(LengthCapture("", pose, 1.0, 1e-4, (1.0,), (1,)) for pose in level[:8])
-    choice = choose_pose(survey, Standing((taken, (), ()), 0, plan.rest_rad, 1.0))
+    choice = choose_pose(survey, SurveyProgress((taken, (), ()), 0, plan.rest_rad, 1.0))
     assert "nearly in one plane" in choice.ambiguous
     assert (choice.way_rad, choice.enough) == ((), False)
 
     off = replace(plan, pools=((*level, *plan.pools[0]), *plan.pools[1:]))
-    cure = choose_pose(Survey(state, off, made.spec.rules), Standing((taken, (), ()), 0, plan.rest_rad, 1.0))
+    cure = choose_pose(
+        Survey(state, off, made.spec.rules), SurveyProgress((taken, (), ()), 0, plan.rest_rad, 1.0)
+    )
     assert cure.way_rad[-1] in plan.pools[0]  # the pose that tells the two places apart is gone to
 
 
@@ -190,7 +192,7 @@ async def test_a_caught_wire_is_measured_again() -> None:
     made.wire.kink_m = {4: 0.02, 5: 0.02}  # both samples of the third capture
     ledger = MemoryLedger()
     result = await fixture_alignment(Run(made.cell, ledger), made.spec)
-    assert result.network.consistent()
+    assert result.network.is_consistent()
     assert _apart_m(result.alignment.base_fixture, BASE_FIXTURE) <= 1.5 * result.placed.origin_u_m
 
 
@@ -218,7 +220,7 @@ async def test_three_points_of_the_end_effector_give_the_tool_frame() -> None:
     assert not result.position_only
     assert result.tip_u_m <= 0.0003
     assert _apart_m(result.flange_tool, FLANGE_TOOL) <= 1.5 * result.tip_u_m
-    assert same_pose(made.arm.tools[4], result.flange_tool)
+    assert is_same_pose(made.arm.tools[4], result.flange_tool)
 
 
 async def test_one_point_gives_the_place_only_and_says_so() -> None:
@@ -249,14 +251,14 @@ async def test_a_declined_tool_is_not_written() -> None:
 
 
 async def test_a_moved_workpiece_takes_its_frame_along() -> None:
-    old_new = Pose.from_matrix(homogeneous(FRAME.rotation(), np.array([0.03, -0.02, 0.004])))
+    old_new = Pose.from_matrix(homogeneous_matrix(FRAME.rotation_matrix(), np.array([0.03, -0.02, 0.004])))
     made = moved_workpiece(FRAME, old_new)
     result = await _offset(made)
-    assert same_pose(result.found.old_new, old_new)
-    assert same_pose(made.arm.frames[2], FRAME @ old_new)
+    assert is_same_pose(result.found.old_new, old_new)
+    assert is_same_pose(made.arm.frames[2], FRAME @ old_new)
     assert result.found.shift_m == pytest.approx(math.hypot(0.03, 0.02, 0.004))
     far = np.array(result.found.far_point_in_frame_m)
-    moved = old_new.rotation() @ far + np.array(old_new.position_m) - far
+    moved = old_new.rotation_matrix() @ far + np.array(old_new.position_m) - far
     assert result.found.far_shift_m == pytest.approx(float(np.linalg.norm(moved)))
 
 
@@ -265,7 +267,7 @@ async def test_points_touched_before_the_move_serve_as_well_as_a_drawing() -> No
     want = (await _offset(moved_workpiece())).found.old_new
     before = tuple(at(FRAME, point) for point in OFFSET_POINTS)
     made.spec = replace(made.spec, points_in_frame_m=(), old_points_in_base_m=before, old_frame=FRAME)
-    assert same_pose((await _offset(made)).found.old_new, want)
+    assert is_same_pose((await _offset(made)).found.old_new, want)
 
 
 async def test_points_of_another_shape_are_refused_and_the_frame_stays() -> None:
@@ -305,7 +307,9 @@ async def test_two_bases_are_chained_through_the_fixture() -> None:
     made = through_a_fixture()
     result = await _chain(made)
     assert [base.robot_serial for base in result.bases] == ["F-2"]
-    assert same_pose(result.bases[0].pose.other_base_base, chained_frames(OTHER_BASE_FIXTURE, BASE_FIXTURE))
+    assert is_same_pose(
+        result.bases[0].pose.other_base_base, chained_frames(OTHER_BASE_FIXTURE, BASE_FIXTURE)
+    )
     assert (
         result.bases[0].pose.origin_u_m > math.sqrt(2) * 1e-4
     )  # both alignments, and the lever of the angle
@@ -316,7 +320,7 @@ async def test_the_newest_alignment_of_a_robot_counts() -> None:
     newer = alignment_of("F-2", BASE_FIXTURE)
     made.cell = replace(made.cell, alignments=(*made.cell.alignments, newer))
     result = await _chain(made)
-    assert same_pose(result.bases[0].pose.other_base_base, Pose((0.0, 0.0, 0.0)))
+    assert is_same_pose(result.bases[0].pose.other_base_base, Pose((0.0, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize(
@@ -354,7 +358,7 @@ async def test_more_points_make_a_taught_frame_surer_and_a_stray_one_is_named() 
 
     def touching(places: list[tuple[float, float, float]]) -> None:
         point = np.array(at(FRAME, places.pop(0)))
-        made.arm.taught = Pose.from_matrix(homogeneous(attitude, point - attitude @ tip))
+        made.arm.taught = Pose.from_matrix(homogeneous_matrix(attitude, point - attitude @ tip))
 
     on_x = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)]
     in_plane = [(0.3, -0.3, 0.0), (0.4, 0.2, 0.0), (0.0, 0.4, 0.0)]
@@ -364,14 +368,14 @@ async def test_more_points_make_a_taught_frame_surer_and_a_stray_one_is_named() 
     }
     setup = await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)
     three = await three_point_frame(Run(plain.cell, MemoryLedger()), plain.spec)
-    assert same_pose(setup.taught.base_frame, FRAME)
+    assert is_same_pose(setup.taught.base_frame, FRAME)
     assert setup.taught.redundancy == 7
     assert max(setup.taught.rotation_sigma_rad) < max(three.taught.rotation_sigma_rad)
 
     stray, rest = (0.3, -0.3, 0.02), [(0.4, 0.2, 0.0), (0.0, 0.4, 0.0)]
     on_x[:], in_plane[:] = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)], [stray, (0.3, -0.3, 0.0), *rest]
     mended = await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)
-    assert same_pose(mended.taught.base_frame, FRAME)
+    assert is_same_pose(mended.taught.base_frame, FRAME)
     assert [one.step for one in mended.set_aside] == ["touch another point of the plane 1"]
 
     on_x[:] = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)]

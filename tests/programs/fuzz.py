@@ -22,7 +22,7 @@ from types import ModuleType
 import numpy as np
 
 import tests.programs
-from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous_matrix
 from cellcal.drivers.program_registry import all_brands
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -31,7 +31,7 @@ from cellcal.drivers.programs.positions import (
     JOINTS,
     UNREAD,
     UNTAUGHT,
-    Change,
+    PositionChange,
     Positions,
     ProgramFile,
 )
@@ -64,7 +64,7 @@ def same(data: bytes) -> bytes:
     return data
 
 
-def as_asked(_: ProgramFile, change: Change) -> Change:
+def as_asked(_: ProgramFile, change: PositionChange) -> PositionChange:
     return change
 
 
@@ -78,7 +78,9 @@ class Source:
     suffix: str
     unpacked: Callable[[bytes], bytes] = same
     packed: Callable[[bytes], bytes] = same
-    consistent: Callable[[ProgramFile, Change], Change] = as_asked  # where one coordinate follows from others
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = (
+        as_asked  # where one coordinate follows from others
+    )
 
 
 def sources() -> list[Source]:
@@ -164,7 +166,7 @@ def token_invariant(
     *,
     suffix: str = "",
     unpacked: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, Change], Change] = as_asked,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
 ) -> bool:
     """Change some positions and prove that nothing else changed; False where there is nothing to change.
 
@@ -187,7 +189,7 @@ def changes_alone(
     *,
     suffix: str = "",
     unpacked: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, Change], Change] = as_asked,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
     took: Callable[[float], None] = lambda _: None,
 ) -> bool:
     """Change some positions of a file that was read from ``data``; the rest is `token_invariant`'s."""
@@ -196,7 +198,7 @@ def changes_alone(
         return False
     change = consistent(file, change)
     start = time.process_time()
-    printed = file.changed(change).to_bytes()
+    printed = file.with_changes(change).to_bytes()
     took(time.process_time() - start)
     assert file.to_bytes() == data, "changing a file changed the original"
     only_coordinates_differ(unpacked(data), unpacked(printed), file.positions, change)
@@ -208,7 +210,7 @@ def _name(brand: ProgramBrand, suffix: str) -> str:
     return f"generated{suffix or brand.suffixes[0]}"
 
 
-def some_change(positions: Positions, rng: np.random.Generator) -> Change | None:
+def some_change(positions: Positions, rng: np.random.Generator) -> PositionChange | None:
     """Return a rigid shift of some Cartesian positions and a shift of some joint positions."""
     movable = np.flatnonzero(
         np.array([kind not in (UNTAUGHT, UNREAD) for kind in positions.kinds], dtype=bool)
@@ -217,16 +219,18 @@ def some_change(positions: Positions, rng: np.random.Generator) -> Change | None
         return None
     rows = np.sort(rng.choice(movable, size=int(rng.integers(1, len(movable) + 1)), replace=False))
     far, turn = ((0.005, 0.02), (0.5, 2.0), (1e-5, 0.0))[int(rng.integers(3))]
-    shift = homogeneous(exp_rotation(rng.normal(size=3) * turn), rng.normal(size=3) * far)
+    shift = homogeneous_matrix(exp_rotation(rng.normal(size=3) * turn), rng.normal(size=3) * far)
     joints = positions.joints[rows]
-    return Change(
+    return PositionChange(
         rows=rows,
         frame_tip=shift @ positions.frame_tip[rows],  # NaN stays NaN
         joints=joints + rng.normal(size=joints.shape) * turn if joints.size else None,
     )
 
 
-def only_coordinates_differ(before: bytes, after: bytes, positions: Positions, change: Change) -> None:
+def only_coordinates_differ(
+    before: bytes, after: bytes, positions: Positions, change: PositionChange
+) -> None:
     """Assert that two files differ in coordinates of the changed positions only, by their tokens."""
     old, new = _NUMBER.split(before), _NUMBER.split(after)  # between the numbers, a number, between, …
     assert old[::2] == new[::2], "something between the numbers changed"
@@ -255,7 +259,7 @@ def _lines_of_differing_numbers(before: bytes, old: list[bytes], new: list[bytes
     return (np.searchsorted(breaks, ends[differing]) + 1).tolist()
 
 
-def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: Change) -> None:
+def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: PositionChange) -> None:
     """Assert that changed positions read as asked, within the resolution, and all others as before."""
     old, new = before.positions, after.positions
     for this, that in (
@@ -286,7 +290,7 @@ def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: Change)
         assert not (far > 0.5 * step * (1 + 1e-6) + slack).any(), "joints are not what was asked"
 
 
-def _poses_agree(said: Array, asked: Array, old: Positions, change: Change) -> None:
+def _poses_agree(said: Array, asked: Array, old: Positions, change: PositionChange) -> None:
     assert np.array_equal(np.isnan(said), np.isnan(asked))
     off = np.abs(said[:, :3, 3] - asked[:, :3, 3])
     size = np.maximum(1.0, np.linalg.norm(asked[:, :3, 3], axis=1))
@@ -306,7 +310,7 @@ def mutated(
     suffix: str = "",
     unpacked: Callable[[bytes], bytes] = same,
     packed: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, Change], Change] = as_asked,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
 ) -> Tally:
     """Damage files: each is refused with a sentence, or read with every byte and every point kept."""
     tally = Tally()

@@ -202,4 +202,4 @@ def _frame(rng: np.random.Generator) -> str:
 
 
 def _pick(rng, choices):
-    return choices[int(rng.integers(len(choices)))]
+    return choices[int(rng.integers_of(len(choices)))]

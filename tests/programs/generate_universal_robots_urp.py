@@ -6,7 +6,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram
 
 SUFFIX = ".urp"
@@ -51,11 +51,13 @@ def packed(xml: bytes) -> bytes:
     return gzip.compress(xml, mtime=0)
 
 
-def consistent(file: ProgramFile, change: Change) -> Change:
+def consistent(file: ProgramFile, change: PositionChange) -> PositionChange:
     """Return a change whose poses are those of its joints: a waypoint stores joints, and its pose follows."""
     if not isinstance(file, UrpProgram) or change.joints is None:
         return change
-    return Change(change.rows, frame_tip=file.poses_at(change.rows, change.joints), joints=change.joints)
+    return PositionChange(
+        change.rows, frame_tip=file.poses_at(change.rows, change.joints), joints=change.joints
+    )
 
 
 def _program(rng: np.random.Generator) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from cellcal.drivers.fanuc.program_files.programs import BRAND as FANUC
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.yaskawa.program_files.programs import BRAND as YASKAWA
-from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import Project, read_project
 from tests.programs import fanuc_motion, jobs_to_move, listings_to_move, yaskawa_motion
 from tests.programs.moved_path import Tally, compare_paths
@@ -58,6 +58,8 @@ def _cell(folder: Path, text: str) -> Project:
 
 def _moved(seed: int, cell: Project, brand: ProgramBrand, case: Any, execute: Execute) -> Tally:
     program = brand.read(f"m{seed}{brand.suffixes[0]}", case.text.encode("cp437"))
-    result = moving(cell, case.change, brand.configurations, joints="keep").carry([program])[0]
+    result = move_transfer(cell, case.change, brand.configurations, joints="keep").transfer_programs(
+        [program]
+    )[0]
     after = result.after.to_bytes().decode("cp437")
     return compare_paths(seed, result, (execute(case.text), execute(after)), case.change, case.plain)

@@ -46,7 +46,7 @@ def compare_paths(
     """Compare two executed programs; ``plain`` are positions that nothing but a geometric reason may leave."""
     before, after = paths
     tally = Tally(programs=1, motions=len(before))
-    left = dict(result.left)
+    left = dict(result.excluded_points)
     named = {*left, *(finding.point for finding in result.findings)}
     if len(before) != len(after):
         tally.wrong.append(f"seed {seed}: {len(before)} motions became {len(after)}")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.abb.program_files.programs import BRAND
-from cellcal.drivers.programs.across import Across
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.positions import CARTESIAN, UNREAD
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
@@ -137,10 +137,10 @@ def test_a_copy_in_another_module_counts_too():
         "MoveL p1,v100,fine,tG\\WObj:=wOne;", "ENDPROC", "ENDMODULE",
     ]  # fmt: skip
     held = BRAND.read("data.mod", data)
-    across = Across(
+    across = BatchDeclarations(
         {"data.mod": held.said, "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).said}
     )
-    assert "different" in held.with_abroad(across.of("data.mod")).positions.barred[0]
+    assert "different" in held.with_abroad(across.uses_of_file("data.mod")).positions.barred[0]
 
 
 def test_tools_of_one_name_that_differ_are_nobodys():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous, quaternion_from_rotation
+from cellcal.calibration.geometry import homogeneous_matrix, quaternion_from_rotation
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations
 from cellcal.drivers.abb.program_files.programs import BRAND, writes_program
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, PositionChange
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 
@@ -24,8 +24,8 @@ def target(
 
 
 def move(file, row: int, shift) -> str:
-    moved = homogeneous(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
-    return file.changed(Change(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
+    moved = homogeneous_matrix(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
+    return file.with_changes(PositionChange(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
 
 
 def test_targets_have_the_frames_of_the_moves_that_use_them():
@@ -61,8 +61,8 @@ def test_a_shift_keeps_every_other_byte_and_a_zero_gets_its_decimals():
 
 def test_a_quaternion_keeps_its_sign():
     file = read(target("p1", turn="-0.5,0.5,-0.5,0.5"))
-    turned = file.positions.frame_tip @ homogeneous(_turn(0.01), np.zeros(3))
-    text = file.changed(Change(np.array([0]), frame_tip=turned))
+    turned = file.positions.frame_tip @ homogeneous_matrix(_turn(0.01), np.zeros(3))
+    text = file.with_changes(PositionChange(np.array([0]), frame_tip=turned))
     assert text.to_bytes().decode().split("[")[3].startswith("-0.502494,0.497494")
     difference = text.positions.frame_tip[0, :3, :3].T @ turned[0, :3, :3]
     assert np.linalg.norm(quaternion_from_rotation(difference)[1:]) < 1e-6
@@ -214,7 +214,7 @@ def test_a_held_work_object_is_listed_but_not_shifted():
     )
     assert file.positions.kinds == (UNTAUGHT,)
     with pytest.raises(ProgramFileError, match="held work object"):
-        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+        file.with_changes(PositionChange(np.array([0]), frame_tip=np.eye(4)[None]))
 
 
 # Axes in degrees and confdata: quadrants and the eight postures of the RAPID manual's table.
@@ -231,22 +231,22 @@ POSTURES = [
 def test_confdata_of_known_postures(degrees, text):
     model, rule = load_model("abb_irb120"), AbbConfigurations()
     joints = np.deg2rad([degrees])
-    assert rule.spelled(model, joints, [text]) == (text,)
-    assert rule.agrees(model, joints, [text]).all()
-    assert rule.agrees(model, joints, [""]).all()
+    assert rule.write_configurations(model, joints, [text]) == (text,)
+    assert rule.matches_postures(model, joints, [text]).all()
+    assert rule.matches_postures(model, joints, [""]).all()
 
 
 def test_wrong_confdata_does_not_agree():
     model, rule = load_model("abb_irb120"), AbbConfigurations()
     joints = np.deg2rad([[10, 0, 0, 100, -30, -100]] * 3)
     texts = ["[0,1,-2,0]", "[0,1,2,1]", "[1,1,-2,1]"]
-    assert not rule.agrees(model, joints, texts).any()
-    assert rule.agrees(model, joints, texts, turns=False).tolist() == [False, True, False]
+    assert not rule.matches_postures(model, joints, texts).any()
+    assert rule.matches_postures(model, joints, texts, turns=False).tolist() == [False, True, False]
 
 
 def test_new_confdata_is_written_in_place():
     file = read(target("p1"))
-    text = file.changed(Change(np.array([0]), configurations=("[1,0,-1,0]",))).to_bytes()
+    text = file.with_changes(PositionChange(np.array([0]), configurations=("[1,0,-1,0]",))).to_bytes()
     assert text == file.to_bytes().replace(b"[0,-1,0,1]", b"[1,0,-1,0]")
 
 
@@ -282,4 +282,8 @@ def test_joints_and_target_of_one_posture_on_a_real_controller(joints: str, robt
     assert np.linalg.norm(flange[:3, 3] - said[:3, 3]) < 2e-5
     turned = flange[:3, :3].T @ said[:3, :3]
     assert np.degrees(np.arccos((np.trace(turned) - 1.0) / 2.0)) < 0.01
-    assert AbbConfigurations().agrees(model, positions.joints[:1, :6], positions.configurations[1:]).all()
+    assert (
+        AbbConfigurations()
+        .matches_postures(model, positions.joints[:1, :6], positions.configurations[1:])
+        .all()
+    )

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.abb.program_files.programs import BRAND, AbbFile
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import UNTAUGHT, Change
+from cellcal.drivers.programs.positions import UNTAUGHT, PositionChange
 
 E = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 COUNT = 60
@@ -53,11 +53,11 @@ def test_they_say_the_same(seed):
     for name in ("frame_tip", "external", "resolution_m", "resolution_rad"):
         ours, theirs = getattr(usual.positions, name), getattr(other.positions, name)
         assert np.allclose(ours, theirs, rtol=0, atol=1e-14, equal_nan=True), name
-    assert (usual.fixed, usual.keys, usual.used, usual.said) == (
+    assert (usual.fixed, usual.keys, usual.used, usual.declarations) == (
         other.fixed,
         other.keys,
         other.used,
-        other.said,
+        other.declarations,
     )
     assert usual.positions.kinds[7] == UNTAUGHT
     told = [[(remark.line, remark.code, remark.text) for remark in file.remarks] for file in (usual, other)]
@@ -73,9 +73,9 @@ def test_they_are_written_the_same(seed, shift_m, turn_rad):
     rng = np.random.default_rng(seed)
     rows = np.array([k for k in range(COUNT) if k != 7 and k not in usual.positions.barred])
     turned = rotation_from("kuka_abc", rng.uniform(-1, 1, (1, 3)) * turn_rad)[0]
-    base_change = homogeneous(turned, rng.uniform(-1, 1, 3) * shift_m)
-    change = Change(rows, frame_tip=base_change @ usual.positions.frame_tip[rows])
-    written = [file.changed(change).to_bytes().replace(b" ", b"") for file in (usual, other)]
+    base_change = homogeneous_matrix(turned, rng.uniform(-1, 1, 3) * shift_m)
+    change = PositionChange(rows, frame_tip=base_change @ usual.positions.frame_tip[rows])
+    written = [file.with_changes(change).to_bytes().replace(b" ", b"") for file in (usual, other)]
     assert written[0] == written[1]
     assert (written[0] == usual.to_bytes().replace(b" ", b"")) == (shift_m + turn_rad == 0.0)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.service.engineering.programs.batches import batches
+from cellcal.service.engineering.programs.batches import read_batches
 from cellcal.service.engineering.programs.files import find_programs
 
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
@@ -40,7 +40,7 @@ def read(folder: Path, files, damaged=""):
     refused = []
     found = {
         one.source.place.as_posix(): one.program
-        for some in batches(find_programs([str(folder)]).sources, lambda _: None, refused)
+        for some in read_batches(find_programs([str(folder)]).sources, lambda _: None, refused)
         for one in some
     }
     assert {Path(one.file).name for one in refused} <= {damaged}

@@ -6,12 +6,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import exp_rotation, homogeneous
+from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.drivers.fanuc.program_files.ls_digits import read_digits, written_digits
 from cellcal.drivers.fanuc.program_files.ls_numbers import NumberStyle
 from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, change_listings, read_listings
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change
+from cellcal.drivers.programs.positions import PositionChange
 from tests.programs import generate_fanuc
 from tests.soak.program_lines import DOOR_LINE, line_of_programs
 
@@ -30,18 +30,18 @@ def read(files: list[tuple[str, bytes]]) -> list[LsProgram]:
     return [program for program in programs if isinstance(program, LsProgram)]
 
 
-def shift_of(program: LsProgram, seed: int) -> Change:
+def shift_of(program: LsProgram, seed: int) -> PositionChange:
     dice = np.random.default_rng(seed)
     poses = program.positions.frame_tip
     rows = np.flatnonzero(np.isfinite(poses[:, 0, 0]) & (dice.random(len(poses)) < 0.8))
     far, turn = ((0.3, 0.5), (1e-4, 1e-5), (2.0, 3.0))[seed % 3]
-    shift = homogeneous(exp_rotation(dice.normal(size=3) * turn), dice.normal(size=3) * far)
-    return Change(rows, frame_tip=shift @ poses[rows])
+    shift = homogeneous_matrix(exp_rotation(dice.normal(size=3) * turn), dice.normal(size=3) * far)
+    return PositionChange(rows, frame_tip=shift @ poses[rows])
 
 
 def test_listings_read_together_say_what_each_says_record_by_record(files):
     together = read(files)
-    assert sum(one.rewriting(shift_of(one, 3)) is not None for one in together) >= 10, (
+    assert sum(one.plan_rewrite(shift_of(one, 3)) is not None for one in together) >= 10, (
         "none was of fixed width"
     )
     for program, (name, data) in zip(together, files, strict=True):
@@ -65,7 +65,7 @@ def test_an_odd_record_leaves_its_own_listing_to_be_read_alone(files):
     ]
     odd = re.sub(rb"= +-?\d*\.\d+  mm,", b"= ********  mm,", data, count=1)
     together = read([("odd.ls", odd), *((f"{i}.ls", text) for i, text in enumerate(turned))])
-    fixed = [program.rewriting(shift_of(program, 3)) is not None for program in together]
+    fixed = [program.plan_rewrite(shift_of(program, 3)) is not None for program in together]
     assert fixed == [False, *(True for _ in turned)]
     assert together[0].positions.kinds[0] == "untaught"
     assert together[-1].positions.tools[0] == "9"
@@ -79,7 +79,7 @@ def test_listings_changed_together_have_the_bytes_of_each_changed_number_by_numb
         some = [i for i, change in enumerate(changes) if len(change.rows)]
         new = change_listings([programs[i] for i in some], [changes[i] for i in some])
         for after, i in zip(new, some, strict=True):
-            assert after.to_bytes() == LsProgram(*files[i]).edited(changes[i]), files[i][0]
+            assert after.to_bytes() == LsProgram(*files[i]).edit_bytes(changes[i]), files[i][0]
             assert programs[i].to_bytes() == files[i][1]
 
 
@@ -88,10 +88,12 @@ def test_a_number_too_wide_for_its_field_widens_the_line_as_it_does_alone(files)
     narrow = read([("narrow.ls", data)])[0]
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [-123.4567894, 99.9999, 0.0000004]
-    change = Change(np.array([0]), frame_tip=pose)
+    change = PositionChange(np.array([0]), frame_tip=pose)
     for one in (program, narrow):
-        assert one.changed(change).to_bytes() == one.edited(change)
-    assert b"X = -123456.789  mm,\tY = 99999.900  mm,\tZ =     0.000" in narrow.changed(change).to_bytes()
+        assert one.with_changes(change).to_bytes() == one.edit_bytes(change)
+    assert (
+        b"X = -123456.789  mm,\tY = 99999.900  mm,\tZ =     0.000" in narrow.with_changes(change).to_bytes()
+    )
 
 
 def test_what_is_wrong_with_one_listing_stands_at_its_place(files):
@@ -130,7 +132,7 @@ def test_digits_are_written_and_read_as_printing_and_parsing_do():
         texts, room = written_digits(values, (11, 7), np.full(len(values), leading_zero))
         assert room.all()
         for value, text in zip(values.tolist(), texts.T, strict=True):
-            assert text.tobytes() == style.written(b"      0.000", value), value
+            assert text.tobytes() == style.write_value(b"      0.000", value), value
         read_back = read_digits(texts, 7)
         assert read_back.plain.all()
         assert read_back.values.tolist() == [float(text.tobytes()) for text in texts.T]

@@ -11,7 +11,7 @@ from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.program_registry import brand_of
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change
+from cellcal.drivers.programs.positions import PositionChange
 from tests.programs import generate_fanuc
 
 HEAD = '/PROG  PICK\t  Macro\n/ATTR\nCOMMENT\t\t= "Gr\x94\xe1e";\n/MN\n'
@@ -76,7 +76,7 @@ def test_a_changed_pose_keeps_the_style_and_every_other_byte():
     program = read()
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [-0.0005, 0.0123456, -12.3456789]
-    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
     before = listing()
     assert after == (
         before.replace(b"X =  1605.421  mm", b"X =     -.500  mm")
@@ -89,10 +89,10 @@ def test_a_turn_about_z_changes_r_alone_and_a_number_that_need_not_change_stays(
     program = read()
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, :3] = exp_rotation(np.radians([0.0, 0.0, 12.5])) @ pose[0, :3, :3]
-    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
     assert after == listing().replace(b"R =   -90.000 deg", b"R =   -77.500 deg")
-    unchanged = program.changed(
-        Change(np.arange(4), frame_tip=program.positions.frame_tip, joints=program.positions.joints)
+    unchanged = program.with_changes(
+        PositionChange(np.arange(4), frame_tip=program.positions.frame_tip, joints=program.positions.joints)
     )
     assert unchanged.to_bytes() == listing()
 
@@ -117,7 +117,7 @@ def test_any_orientation_is_written_within_the_format_s_resolution_at_gimbal_loc
     program = read(records)
     pose = program.positions.frame_tip.copy()
     pose[:, :3, :3] = asked
-    after = program.changed(Change(np.arange(count), frame_tip=pose)).positions.frame_tip
+    after = program.with_changes(PositionChange(np.arange(count), frame_tip=pose)).positions.frame_tip
     off = np.linalg.norm((after - pose)[:, :3, :3].reshape(count, 9), axis=1) / np.sqrt(2.0)
     assert off.max() < 1.0 * np.radians(10.0**-digits) + 2e-9  # W alone is found within 1e-9 of the lock
     assert np.array_equal(after[:, :3, 3], pose[:, :3, 3])
@@ -128,7 +128,7 @@ def test_at_gimbal_lock_the_old_split_stays():
     program = read(record)
     pose = program.positions.frame_tip.copy()[:1]
     pose[0, :3, :3] = pose[0, :3, :3] @ exp_rotation(np.radians([7.0, 0.0, 0.0]))
-    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
     assert after == listing(record).replace(b"W =    20.000", b"W =    27.000")
 
 
@@ -137,11 +137,11 @@ def test_joints_configuration_and_user_frame_are_written_where_they_stand():
     joints = np.full((2, 6), np.nan)
     joints[0, :2] = [0.9, np.radians(-90.5)]
     joints[1] = np.radians([0, -30, 30, 0, -90, 1.25])
-    after = program.changed(Change(np.array([1, 3]), joints=joints)).to_bytes()
+    after = program.with_changes(PositionChange(np.array([1, 3]), joints=joints)).to_bytes()
     third = P3.replace("J5=    90.000", "J5=   -90.000").replace("J6=     0.500", "J6=     1.250")
     assert after == listing(P1.replace("J1=   833.743", "J1=   900.000") + P2 + third)
-    change = Change(np.array([0, 3]), configurations=["F U T, 0, 1, -1", ""], user_frames=["12", "0"])
-    after = program.changed(change).to_bytes()
+    change = PositionChange(np.array([0, 3]), configurations=["F U T, 0, 1, -1", ""], user_frames=["12", "0"])
+    after = program.with_changes(change).to_bytes()
     first = P1.replace("UF : 1", "UF : 12", 1).replace("N U T, 0, 0, 0", "F U T, 0, 1, -1")
     assert after == listing(first + P2 + P3)
 
@@ -154,7 +154,7 @@ def test_another_file_s_style_is_kept():
     program = read(plain)
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [0.00051, -0.00025, 1e-9]
-    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
     assert b"X = 0.51  mm,\tY = -0.25  mm,\tZ = 0.00  mm" in after
 
 
@@ -212,22 +212,22 @@ def test_bad_changes_are_refused_and_name_the_position():
     far, bent = pose[:1].copy(), pose[:1].copy()
     far[0, 0, 3], bent[0, 0, 0] = 2000.0, np.inf
     cases = (
-        (Change(np.array([0]), frame_tip=far), "P[1] of group 1 cannot hold"),
-        (Change(np.array([0]), frame_tip=bent), "no finite, rigid"),
-        (Change(np.array([2]), frame_tip=pose[:1]), "P[7] of group 1 is untaught"),
-        (Change(np.array([3]), frame_tip=pose[:1]), "P[8] of group 1 is joints"),
-        (Change(np.array([0]), joints=np.zeros((1, 6))), "takes no joints"),
-        (Change(np.array([3]), joints=np.array([[0, 0, 0, 0, 0, np.nan]])), "has 6 joints"),
-        (Change(np.array([0]), configurations=["hello"]), "cannot take the configuration"),
-        (Change(np.array([3]), configurations=["N U T, 0, 0, 0"]), "cannot take the configuration"),
-        (Change(np.array([0]), user_frames=["wobj"]), "cannot take the user frame"),
-        (Change(np.array([0, 0]), frame_tip=pose[[0, 0]]), "each once"),
-        (Change(np.array([9]), frame_tip=pose[:1]), "positions of this file"),
-        (Change(np.array([0, 1]), frame_tip=pose[:1]), "one value for each"),
+        (PositionChange(np.array([0]), frame_tip=far), "P[1] of group 1 cannot hold"),
+        (PositionChange(np.array([0]), frame_tip=bent), "no finite, rigid"),
+        (PositionChange(np.array([2]), frame_tip=pose[:1]), "P[7] of group 1 is untaught"),
+        (PositionChange(np.array([3]), frame_tip=pose[:1]), "P[8] of group 1 is joints"),
+        (PositionChange(np.array([0]), joints=np.zeros((1, 6))), "takes no joints"),
+        (PositionChange(np.array([3]), joints=np.array([[0, 0, 0, 0, 0, np.nan]])), "has 6 joints"),
+        (PositionChange(np.array([0]), configurations=["hello"]), "cannot take the configuration"),
+        (PositionChange(np.array([3]), configurations=["N U T, 0, 0, 0"]), "cannot take the configuration"),
+        (PositionChange(np.array([0]), user_frames=["wobj"]), "cannot take the user frame"),
+        (PositionChange(np.array([0, 0]), frame_tip=pose[[0, 0]]), "each once"),
+        (PositionChange(np.array([9]), frame_tip=pose[:1]), "positions of this file"),
+        (PositionChange(np.array([0, 1]), frame_tip=pose[:1]), "one value for each"),
     )
     for change, message in cases:
         with pytest.raises(ProgramFileError, match=re.escape(message)):
-            program.changed(change)
+            program.with_changes(change)
     assert program.to_bytes() == listing()
 
 
@@ -320,7 +320,9 @@ def test_a_position_without_tool_has_the_chosen_one_and_is_written_back_without(
     records = P1.replace("UF : 1, UT : 2", "UF : 1, UT : F")
     program = read(records, "  1:  UTOOL_NUM=4 ;\n  2:  J P[1] 50% FINE ;\n")
     assert (program.positions.user_frames[0], program.positions.tools[0]) == ("1", "4")
-    moved = program.changed(Change(rows=np.array([0]), frame_tip=program.positions.frame_tip[:1] @ shift_x()))
+    moved = program.with_changes(
+        PositionChange(rows=np.array([0]), frame_tip=program.positions.frame_tip[:1] @ shift_x())
+    )
     assert moved.positions.tools[0] == "4"
     assert b"UT : F" in moved.to_bytes()
 
@@ -375,13 +377,13 @@ def test_a_place_of_a_tool_that_stands_in_the_cell_is_read_and_left():
     assert positions.external[1] == pytest.approx([0.01])
     assert [(r.line, r.code) for r in program.remarks] == [(14, "relative")]
     for change in (
-        Change(np.array([1]), frame_tip=np.eye(4)[None]),
-        Change(np.array([1]), user_frames=["3"]),
-        Change(np.array([1]), configurations=["F U T, 0, 0, 0"]),
+        PositionChange(np.array([1]), frame_tip=np.eye(4)[None]),
+        PositionChange(np.array([1]), user_frames=["3"]),
+        PositionChange(np.array([1]), configurations=["F U T, 0, 0, 0"]),
     ):
         with pytest.raises(ProgramFileError, match=r"P\[4\] of group 1 is remote"):
-            program.changed(change)
-    moved = program.changed(Change(np.array([0]), joints=positions.joints[:1] + 0.01))
+            program.with_changes(change)
+    moved = program.with_changes(PositionChange(np.array([0]), joints=positions.joints[:1] + 0.01))
     assert moved.to_bytes().endswith((REMOTE + "/END\n").encode())
     with pytest.raises(ProgramFileError, match="expected is RR = number deg"):
         read(REMOTE.replace("RR =", "R ="))

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.fanuc.program_files.ls_registers import indirect_line, registers_used
 from cellcal.drivers.fanuc.program_files.programs import BRAND
-from cellcal.drivers.programs.shifts import Axes
-from cellcal.service.engineering.programs.move import moving
+from cellcal.drivers.programs.shifts import ShiftAxes
+from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.exit_codes import ExitCode
@@ -50,8 +50,10 @@ def moved(data: bytes, tmp_path: Path, *, turn: bool = True, joints=None) -> Pro
     file.write_text(PROJECT, encoding="utf-8")
     angle = np.radians(30.0) if turn else 0.0
     c, s = np.cos(angle), np.sin(angle)
-    change = homogeneous(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.array([0.03, -0.02, 0.005]))
-    return moving(read_project(file), change, BRAND.configurations, joints=joints).carry(
+    change = homogeneous_matrix(
+        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.array([0.03, -0.02, 0.005])
+    )
+    return move_transfer(read_project(file), change, BRAND.configurations, joints=joints).transfer_programs(
         [BRAND.read("a.ls", data)]
     )[0]
 
@@ -142,7 +144,7 @@ def test_shifts_by_registers_are_findings_where_the_work_turns(
     result = moved(listing(*lines), tmp_path, turn=turn)
 
     assert {finding.point for finding in result.findings} == found
-    assert not result.left
+    assert not result.excluded_points
     assert result.exit_code is (ExitCode.REFUSED if found else ExitCode.PASS)
     for finding in result.findings:
         assert np.degrees(finding.angle_rad) == pytest.approx(30.0)
@@ -204,10 +206,10 @@ def test_a_frame_or_tool_unlike_the_points_own_is_told(
 ) -> None:
     result = moved(listing(*lines), tmp_path)
 
-    assert dict(result.left).keys() == left.keys()
+    assert dict(result.excluded_points).keys() == left.keys()
     for point, words in left.items():
-        assert words in dict(result.left)[point]
-        assert "the controller stops there" in dict(result.left)[point]
+        assert words in dict(result.excluded_points)[point]
+        assert "the controller stops there" in dict(result.excluded_points)[point]
 
 
 def test_a_program_without_motion_group_1_is_told(tmp_path: Path) -> None:
@@ -288,4 +290,4 @@ def test_a_register_that_is_chosen_and_computed_is_found() -> None:
 def test_a_shift_says_in_which_axes_it_is() -> None:
     shifts = BRAND.read("a.ls", listing("L P[1] 100mm/sec FINE Offset,PR[3]")).positions.shifts
 
-    assert [(one.line, one.axes, one.rows) for one in shifts] == [(5, Axes.USER_FRAME, (0,))]
+    assert [(one.line, one.axes, one.rows) for one in shifts] == [(5, ShiftAxes.USER_FRAME, (0,))]

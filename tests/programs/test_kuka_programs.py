@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.programs import BRAND, writes_program
 from cellcal.drivers.programs.barred import COMPUTED
-from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, PositionChange
 from tests.programs import generate_kuka
 from tests.programs.fuzz import some_change
 
@@ -37,8 +37,8 @@ def src(*lines: str):
 
 
 def shifted(file, row: int, shift) -> str:
-    moved = homogeneous(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
-    return file.changed(Change(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
+    moved = homogeneous_matrix(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
+    return file.with_changes(PositionChange(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
 
 
 def test_a_data_list_says_points_with_tool_and_base():
@@ -71,8 +71,8 @@ def test_a_zero_gets_the_decimals_that_a_shift_needs():
 
 def test_an_exponent_never_costs_resolution():
     file = read(b"DEFDAT A\nDECL E6POS XP1={X 1E3,Y 1.5E-05,Z 0.0,A 0.0,B 0.0,C 0.0}\nENDDAT")
-    moved = homogeneous(np.eye(3), np.array([0.2345678, 0.3, 0])) @ file.positions.frame_tip
-    back = file.changed(Change(np.array([0]), frame_tip=moved)).positions.frame_tip
+    moved = homogeneous_matrix(np.eye(3), np.array([0.2345678, 0.3, 0])) @ file.positions.frame_tip
+    back = file.with_changes(PositionChange(np.array([0]), frame_tip=moved)).positions.frame_tip
     assert np.abs(back - moved).max() < 0.51e-6
 
 
@@ -103,7 +103,7 @@ def test_an_external_tool_is_listed_but_not_shifted():
     assert file.positions.kinds[0] == UNTAUGHT
     assert any("external tool" in remark.text for remark in file.remarks)
     with pytest.raises(ProgramFileError, match="external tool"):
-        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+        file.with_changes(PositionChange(np.array([0]), frame_tip=np.eye(4)[None]))
 
 
 def test_a_frame_is_a_point_only_where_it_has_a_tool():
@@ -130,7 +130,7 @@ def test_tools_and_bases_of_the_cell_are_frames():
     )
     assert len(file.positions) == 0
     assert file.frames.base_frame["2"].position_m == (1.0, 0.0, 0.0)
-    assert np.allclose(file.frames.base_frame["2"].rotation(), [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    assert np.allclose(file.frames.base_frame["2"].rotation_matrix(), [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
 def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
@@ -189,7 +189,7 @@ def test_a_routine_does_not_call_itself_where_it_is_defined():
         file = read(
             "\n".join([head, "BAS(#BASE,1)", "BAS (#INITMOV,0)", "BAS(#TOOL,1)", "END"]).encode(), "a.src"
         )
-        assert cast(Telling, file).said.routines["TEST"].calls == frozenset()
+        assert cast(DeclaringProgram, file).declarations.routines["TEST"].calls == frozenset()
     assert src("BAS (#INITMOV,0)", "BAS(#BASE,1)", point).positions.barred == {}
 
 
@@ -268,32 +268,36 @@ POSTURES = [
 def test_flags_and_turns_of_known_postures(degrees, text):
     model, rule = load_model("kuka_kr6_r900"), KukaConfigurations()
     joints = np.deg2rad([degrees])
-    assert rule.spelled(model, joints, [text]) == (text,)
-    assert rule.agrees(model, joints, [text]).all()
-    assert rule.spelled(model, joints, ["S 'B1010000',T 'H7F'"])[0].startswith("S 'B1010")
-    assert rule.spelled(model, joints, [""]) == ("",)
-    assert rule.agrees(model, joints, [""]).all()
+    assert rule.write_configurations(model, joints, [text]) == (text,)
+    assert rule.matches_postures(model, joints, [text]).all()
+    assert rule.write_configurations(model, joints, ["S 'B1010000',T 'H7F'"])[0].startswith("S 'B1010")
+    assert rule.write_configurations(model, joints, [""]) == ("",)
+    assert rule.matches_postures(model, joints, [""]).all()
 
 
 def test_a_wrong_flag_or_turn_does_not_agree():
     model, rule = load_model("kuka_kr6_r900"), KukaConfigurations()
     joints = np.deg2rad([[10, -60, 70, 20, -30, -40]] * 3)
-    assert rule.agrees(model, joints, ["S 4,T 50", "S 2,T 50", "S 6,T 51"]).tolist() == [False] * 3
-    assert rule.agrees(model, joints, ["S 4", "S 6", "S 6,T 51"], turns=False).tolist() == [False, True, True]
+    assert rule.matches_postures(model, joints, ["S 4,T 50", "S 2,T 50", "S 6,T 51"]).tolist() == [False] * 3
+    assert rule.matches_postures(model, joints, ["S 4", "S 6", "S 6,T 51"], turns=False).tolist() == [
+        False,
+        True,
+        True,
+    ]
 
 
 def test_new_flags_are_written_in_place():
     file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
-    text = file.changed(Change(np.array([0]), configurations=("S 6,T 50",))).to_bytes()
+    text = file.with_changes(PositionChange(np.array([0]), configurations=("S 6,T 50",))).to_bytes()
     assert text == file.to_bytes().replace(b"S 2,T 35", b"S 6,T 50")
     with pytest.raises(ProgramFileError, match="take the place"):
-        file.changed(Change(np.array([0]), configurations=("S 6",)))
+        file.with_changes(PositionChange(np.array([0]), configurations=("S 6",)))
 
 
 def test_a_base_is_not_rewritten_at_a_point():
     file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
     with pytest.raises(ProgramFileError, match="FDAT"):
-        file.changed(Change(np.array([0]), user_frames=("5",)))
+        file.changed(PositionChange(np.array([0]), user_frames=("5",)))
 
 
 def test_other_makers_dat_files_are_not_taken():
@@ -305,7 +309,9 @@ def test_other_makers_dat_files_are_not_taken():
 @pytest.mark.parametrize("seed", range(60))
 def test_a_data_list_says_the_same_at_a_glance_as_read_whole(seed: int) -> None:
     data = generate_kuka.generate(seed)
-    assert BRAND.says("cell/A.dat", data) == cast(Telling, BRAND.read("cell/A.dat", data)).said
+    assert (
+        BRAND.says("cell/A.dat", data) == cast(DeclaringProgram, BRAND.read("cell/A.dat", data)).declarations
+    )
     assert BRAND.says("cell/A.src", data) is None
 
 
@@ -313,7 +319,7 @@ def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
     text = (
         "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
     )
-    said = cast(Telling, BRAND.read("A.src", text.encode())).said
+    said = cast(DeclaringProgram, BRAND.read("A.src", text.encode())).declarations
     assert set(said.uses) == {"XP9", "OTHER"}  # XP1 is moved to with its own frame data
 
 
@@ -332,11 +338,11 @@ def test_a_point_as_the_controller_writes_it_is_read_and_changed_as_any_other(se
     usual = read(text.encode())
     other = read(text.replace("DECL ", "DECL\t").encode())
     assert usual.remarks == other.remarks
-    assert (usual.fixed, usual.taught, usual.keys, usual.said) == (
+    assert (usual.fixed, usual.taught, usual.keys, usual.declarations) == (
         other.fixed,
         other.taught,
         other.keys,
-        other.said,
+        other.declarations,
     )
     for name in (field.name for field in fields(usual.positions)):
         np.testing.assert_array_equal(getattr(usual.positions, name), getattr(other.positions, name))
@@ -366,7 +372,7 @@ def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
         text = f"DEF A( )\r\n{before}{fold}{after}END\r\n"
         whole = read(text.encode(), "a.src")
         alone = read(text.replace("BAS(#CP", "BAS (#CP").encode(), "a.src")
-        assert whole.said == alone.said
+        assert whole.declarations == alone.declarations
         assert whole.remarks == alone.remarks
         assert whole.positions.barred == alone.positions.barred
 

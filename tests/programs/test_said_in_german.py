@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.service.engineering.programs.files import Refused
-from cellcal.service.engineering.programs.report_texts import Language
-from cellcal.service.engineering.programs.report_words import Note, refusal, said_once
+from cellcal.service.engineering.programs.files import RefusedProgram
+from cellcal.service.engineering.programs.report_sentences import ReportNote, merge_notes, refusal_text
+from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.verdicts import place_in
-from cellcal.service.translation import Sayings
+from cellcal.service.translation import Translations
 from tests.programs.fuzz import Source, sources
 from tests.service.spoken import ROOT, SENTENCE
 
-GERMAN = Language.of("de", Sayings.read("de", ROOT / "web/src/locales"))
+GERMAN = ReportLanguage.for_locale("de", Translations.read_tables("de", ROOT / "web/src/locales"))
 ENGLISH = re.compile(r"\b(the|and|of|is|are|not|with|this|that|it|its|more|line|holds|should|there)\b")
 # What is cited from a file, and what the XML parser says in its own words.
 QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"|\([^()]*(?:\([^()]*\))?[^()]*: line \d+, column \d+\)")
@@ -53,7 +53,9 @@ def test_remarks_of_every_brand_are_said_in_german(source: Source) -> None:
         texts |= set(program.positions.barred.values())
     assert texts
     assert not [text for text in texts if left_english(text)]
-    assert not [said for said in said_once((Note("A", 3, text) for text in texts), GERMAN) if english(said)]
+    assert not [
+        said for said in merge_notes((ReportNote("A", 3, text) for text in texts), GERMAN) if english(said)
+    ]
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
@@ -63,8 +65,8 @@ def test_refusals_of_every_brand_are_said_in_german(source: Source) -> None:
         try:
             source.brand.read(f"a{source.suffix}", data)
         except ProgramFileError as error:
-            refused.append(Refused.because(f"a{source.suffix}", error))
+            refused.append(RefusedProgram.from_error(f"a{source.suffix}", error))
     assert len(refused) > 3
     told = {f"{place_in(one.message).sentence} {one.remedy}" for one in refused}
     assert not [text for text in told if left_english(text)]
-    assert not [said for said in (refusal(one, GERMAN) for one in refused) if english(said)]
+    assert not [said for said in (refusal_text(one, GERMAN) for one in refused) if english(said)]

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import exp_rotation, homogeneous
+from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
-from cellcal.drivers.universal_robots.program_files.script_numbers import java_text, poses_of, renewed, six_of
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, PositionChange
+from cellcal.drivers.universal_robots.program_files.script_numbers import (
+    java_text,
+    poses_of,
+    renew_numbers,
+    six_of,
+)
 from cellcal.drivers.universal_robots.program_files.script_positions import CONFLICTS, NOT_READ
 from cellcal.drivers.universal_robots.program_files.script_program import ScriptProgram, read_script
 
@@ -149,26 +154,26 @@ def test_a_change_touches_its_numbers_and_keeps_their_form():
         "  global A_q=[-1.6006999999999998, -1.7, 0.0, 0.0, 1.5, 0.0]\n"
     )
     file = read_script("lid.script", text.encode())
-    shift = homogeneous(np.eye(3), np.array([0.05, 0.0, 0.0]))
+    shift = homogeneous_matrix(np.eye(3), np.array([0.05, 0.0, 0.0]))
     moved = (
-        file.changed(Change(np.array([0]), frame_tip=shift @ file.positions.frame_tip[:1]))
+        file.with_changes(PositionChange(np.array([0]), frame_tip=shift @ file.positions.frame_tip[:1]))
         .to_bytes()
         .decode()
     )
     assert moved == text.replace("movel(p[.1, ", "movel(p[.150000000, ")
-    change = Change(
+    change = PositionChange(
         np.array([1]), frame_tip=shift @ file.positions.frame_tip[1:], joints=file.positions.joints[1:] + 1e-5
     )
     assert (
         "[-1.6006899999999997, -1.69999, 1.0E-5, 1.0E-5, 1.50001, 1.0E-5]"
-        in file.changed(change).to_bytes().decode()
+        in file.with_changes(change).to_bytes().decode()
     )
 
 
 def test_a_place_with_pose_and_joints_needs_both():
     file = _read(f"global A_p={_POSE}", f"global A_q={_LIST}")
     with pytest.raises(ProgramFileError, match="holds a pose and its joints") as refused:
-        file.changed(Change(np.array([0]), frame_tip=file.positions.frame_tip))
+        file.with_changes(PositionChange(np.array([0]), frame_tip=file.positions.frame_tip))
     assert refused.value.line == 1
     assert "kinematics" in refused.value.remedy
 
@@ -176,15 +181,15 @@ def test_a_place_with_pose_and_joints_needs_both():
 def test_what_a_place_cannot_hold_is_refused():
     file = _read(f"movel({_POSE})", f"movej({_LIST})")
     for change in (
-        Change(np.array([0]), joints=np.zeros((1, 6))),
-        Change(np.array([1]), frame_tip=np.eye(4)[None]),
-        Change(np.array([0]), frame_tip=np.diag([2.0, 1.0, 1.0, 1.0])[None]),
-        Change(np.array([1]), joints=np.full((1, 6), np.inf)),
-        Change(np.array([1]), joints=np.array([[0, 0, 0, 0, 0, np.nan]])),
-        Change(np.array([0]), configurations=["N U T"]),
+        PositionChange(np.array([0]), joints=np.zeros((1, 6))),
+        PositionChange(np.array([1]), frame_tip=np.eye(4)[None]),
+        PositionChange(np.array([0]), frame_tip=np.diag([2.0, 1.0, 1.0, 1.0])[None]),
+        PositionChange(np.array([1]), joints=np.full((1, 6), np.inf)),
+        PositionChange(np.array([1]), joints=np.array([[0, 0, 0, 0, 0, np.nan]])),
+        PositionChange(np.array([0]), configurations=["N U T"]),
     ):
         with pytest.raises(ProgramFileError) as refused:
-            file.changed(change)
+            file.with_changes(change)
         assert refused.value.remedy
 
 
@@ -222,7 +227,7 @@ def test_rotation_vectors_keep_their_branch():
     angle = np.concatenate([rng.uniform(0, 9, 400), [0.0, np.pi, 2 * np.pi, 1e-13, 3 * np.pi] * 20])[:, None]
     six = np.concatenate([rng.normal(size=(500, 3)), axis * angle], axis=1)
     assert np.array_equal(six_of(poses_of(six), six), six)
-    little = homogeneous(exp_rotation(rng.normal(size=(500, 3)) * 1e-4), np.zeros(3))
+    little = homogeneous_matrix(exp_rotation(rng.normal(size=(500, 3)) * 1e-4), np.zeros(3))
     turned = poses_of(six) @ little
     near = six_of(turned, six)
     assert np.abs(poses_of(near) - turned).max() < 1e-13
@@ -250,10 +255,10 @@ def test_doubles_are_printed_as_java_prints_them(value: float, text: str):
 
 
 def test_typed_numbers_get_nanometres_and_printed_ones_keep_their_decimals():
-    assert renewed(["0.4", "-.2", "+1", "0", "3.14", "0."], [0.4123, -0.2, 1.5, 1e-10, -3.14, 0]) == [
+    assert renew_numbers(["0.4", "-.2", "+1", "0", "3.14", "0."], [0.4123, -0.2, 1.5, 1e-10, -3.14, 0]) == [
         "0.412300000", "-.2", "+1.500000000", "0", "-3.140000000", "0.",
     ]  # fmt: skip
-    assert renewed([".143968656714"] * 6, [-0.0012] * 6) == ["-.001200000000"] * 6
+    assert renew_numbers([".143968656714"] * 6, [-0.0012] * 6) == ["-.001200000000"] * 6
 
 
 def test_both_kinds_are_read_by_name():

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import DhTable
-from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous_matrix
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, PositionChange
 from cellcal.drivers.universal_robots.program_files.programs import BRAND
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
 from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
@@ -143,10 +143,12 @@ def test_a_waypoint_is_where_its_own_joints_tool_feature_and_kinematics_put_it(s
 def test_new_poses_become_joints_that_give_them(seed: int):
     file = read_urp("cell.urp", generate(seed))
     rows = np.flatnonzero(np.array(file.positions.kinds) == CARTESIAN)
-    shift = homogeneous(exp_rotation(np.array([0.004, -0.003, 0.002])), np.array([0.003, 0.002, -0.004]))
+    shift = homogeneous_matrix(
+        exp_rotation(np.array([0.004, -0.003, 0.002])), np.array([0.003, 0.002, -0.004])
+    )
     wanted = file.positions.frame_tip[rows] @ shift
     try:
-        moved = file.changed(Change(rows, frame_tip=wanted))
+        moved = file.with_changes(PositionChange(rows, frame_tip=wanted))
     except ProgramFileError as refused:
         assert "out of reach" in str(refused)  # noqa: PT017 - drawn at random: some stand stretched out
         return
@@ -159,8 +161,8 @@ def test_pose_and_joints_that_do_not_agree_are_refused_and_those_that_do_are_wri
     file = read_urp("lid.urp", _urp(_waypoint(tool="0, 0, 0.1, 0, 0, 0")))
     rows, joints = np.array([0]), file.positions.joints + 0.01
     with pytest.raises(ProgramFileError, match="do not agree"):
-        file.changed(Change(rows, frame_tip=file.positions.frame_tip, joints=joints))
-    moved = file.changed(Change(rows, frame_tip=file.poses_at(rows, joints), joints=joints))
+        file.with_changes(PositionChange(rows, frame_tip=file.positions.frame_tip, joints=joints))
+    moved = file.with_changes(PositionChange(rows, frame_tip=file.poses_at(rows, joints), joints=joints))
     assert np.array_equal(moved.positions.joints, joints)
 
 
@@ -170,9 +172,11 @@ def test_kinematics_that_are_not_the_arms_give_no_pose_and_take_none(status: str
     assert file.positions.kinds == (JOINTS,)
     assert any("unknown" in remark.text and remark.code == "foreign" for remark in file.remarks)
     with pytest.raises(ProgramFileError, match="not known") as refused:
-        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+        file.with_changes(PositionChange(np.array([0]), frame_tip=np.eye(4)[None]))
     assert refused.value.remedy
-    assert np.allclose(file.changed(Change(np.array([0]), joints=np.ones((1, 6)))).positions.joints, 1.0)
+    assert np.allclose(
+        file.with_changes(PositionChange(np.array([0]), joints=np.ones((1, 6)))).positions.joints, 1.0
+    )
 
 
 def test_a_waypoint_of_another_arm_keeps_its_own_kinematics_and_is_told():
@@ -212,7 +216,7 @@ def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_told():
     file = read_urp("old.urp", _urp(old))
     assert pose_misfit_m(file)[0] < 2e-12
     joints = file.positions.joints + 0.02
-    moved = file.changed(Change(np.array([0]), joints=joints))
+    moved = file.with_changes(PositionChange(np.array([0]), joints=joints))
     assert pose_misfit_m(moved)[0] < 1e-11
     stored = re.findall(r' pose="([^"]*)"', unpacked(moved.to_bytes()).decode())
     poses = np.array([[float(number) for number in each.split(",")] for each in stored])
@@ -225,11 +229,11 @@ def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_told():
 
 def test_a_file_keeps_its_header_and_the_same_change_gives_the_same_bytes():
     data = _urp(_waypoint())
-    change = Change(np.array([0]), joints=np.full((1, 6), 0.5))
-    first, second = (read_urp("lid.urp", data).changed(change).to_bytes() for _ in range(2))
+    change = PositionChange(np.array([0]), joints=np.full((1, 6), 0.5))
+    first, second = (read_urp("lid.urp", data).with_changes(change).to_bytes() for _ in range(2))
     assert first == second
     assert first[:10] == data[:10]
-    assert read_urp("lid.urp", data).changed(Change(np.array([], dtype=int))).to_bytes() == data
+    assert read_urp("lid.urp", data).with_changes(PositionChange(np.array([], dtype=int))).to_bytes() == data
 
 
 def _bomb() -> bytes:
@@ -316,4 +320,4 @@ def test_an_installation_gives_the_frames_that_are_beyond_doubt_and_names_the_ot
     }
     assert sum("not read" in remark.text for remark in file.remarks) == 2
     with pytest.raises(ProgramFileError, match="no positions"):
-        file.changed(Change(np.array([0])))
+        file.with_changes(PositionChange(np.array([0])))

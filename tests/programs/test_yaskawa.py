@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Change
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange
 from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
 from tests.programs.fuzz import mutated, roundtrip, token_invariant
 from tests.programs.generate_yaskawa import generate
@@ -85,7 +85,7 @@ def test_a_job_is_read_as_the_maker_describes_it() -> None:
     assert held.lines.tolist()[:3] == [8, 10, 16]
     # fixed axes: the specified frame turned about z, then its own y, then its own x
     turned = elementary(2, 60.0) @ elementary(1, -45.0) @ elementary(0, 30.0)
-    assert np.allclose(held.frame_tip[3], homogeneous(turned, np.array([0.10025, -0.0205, 0.310205])))
+    assert np.allclose(held.frame_tip[3], homogeneous_matrix(turned, np.array([0.10025, -0.0205, 0.310205])))
     assert held.external[1, :2].tolist() == [-4096.0, 12.0]
     assert held.external[2, 0] == pytest.approx(1.2505)
     assert held.resolution_m[2] == pytest.approx(1e-6)
@@ -198,7 +198,7 @@ def test_pulses_become_angles_with_ratios_and_go_back_in_whole_pulses() -> None:
     assert held.joints[0] == pytest.approx(np.radians(pulses / PULSES_PER_DEG[:6]))
     assert "pulses" not in [remark.code for remark in job.remarks]
     turned = held.joints[:1] + np.radians([1.0, 1.0, 0.0, 0.0, 0.0, -0.5])
-    new = job.changed(Change(rows=np.array([0]), joints=turned))
+    new = job.with_changes(PositionChange(rows=np.array([0]), joints=turned))
     assert new.to_bytes() == JOB.replace(
         b"C00000=2730,-84461,-101368,0,-77310,67137", b"C00000=4071,-85802,-101368,0,-77310,66826"
     )
@@ -208,21 +208,25 @@ def test_a_pulse_position_without_ratios_is_not_moved() -> None:
     job = BRAND.read("a.jbi", JOB)
     assert np.isnan(job.positions.joints[:2]).all()
     with pytest.raises(ProgramFileError, match="C00000 holds pulses") as told:
-        job.changed(Change(rows=np.array([0]), joints=np.zeros((1, job.positions.joints.shape[1]))))
+        job.with_changes(
+            PositionChange(rows=np.array([0]), joints=np.zeros((1, job.positions.joints.shape[1])))
+        )
     assert "Pulses per degree are needed" in told.value.remedy
     assert told.value.line == 8
     with pytest.raises(ProgramFileError, match="P0011 holds shift"):
-        job.changed(Change(rows=np.array([4]), frame_tip=np.eye(4)[None]))
+        job.with_changes(PositionChange(rows=np.array([4]), frame_tip=np.eye(4)[None]))
 
 
 def test_a_moved_point_changes_its_numbers_only() -> None:
     job = BRAND.read("a.jbi", JOB)
-    shift = homogeneous(np.eye(3), np.array([0.0, 0.00025, -0.1]))
-    new = job.changed(Change(rows=np.array([2, 3]), frame_tip=shift @ job.positions.frame_tip[2:4]))
+    shift = homogeneous_matrix(np.eye(3), np.array([0.0, 0.00025, -0.1]))
+    new = job.with_changes(
+        PositionChange(rows=np.array([2, 3]), frame_tip=shift @ job.positions.frame_tip[2:4])
+    )
     assert new.to_bytes() == JOB.replace(b"410.000,-0.016,120.147", b"410.000,0.234,20.147").replace(
         b"100.250,-20.500,310.205", b"100.250,-20.250,210.205"
     )
-    same = job.changed(Change(rows=np.array([2, 3]), frame_tip=job.positions.frame_tip[2:4]))
+    same = job.with_changes(PositionChange(rows=np.array([2, 3]), frame_tip=job.positions.frame_tip[2:4]))
     assert same.to_bytes() == JOB
 
 
@@ -236,9 +240,9 @@ def test_a_moved_point_changes_its_numbers_only() -> None:
 )
 def test_free_numbers_take_what_is_asked(old: bytes, new: bytes) -> None:
     job = BRAND.read("a.jbi", JOB.replace(old, new))
-    shift = homogeneous(elementary(1, 0.37), np.array([0.0101237, 0.0, 0.0]))
+    shift = homogeneous_matrix(elementary(1, 0.37), np.array([0.0101237, 0.0, 0.0]))
     asked = shift @ job.positions.frame_tip[2:3]
-    got = job.changed(Change(rows=np.array([2]), frame_tip=asked)).positions
+    got = job.with_changes(PositionChange(rows=np.array([2]), frame_tip=asked)).positions
     assert np.abs(got.frame_tip[2, :3, 3] - asked[0, :3, 3]).max() <= 0.501e-6
     assert np.abs(got.frame_tip[2, :3, :3] - asked[0, :3, :3]).max() < 1.5 * got.resolution_rad[2]
     assert got.resolution_rad[2] < np.radians(0.011)
@@ -298,19 +302,19 @@ def test_changes_that_cannot_be_written_are_refused() -> None:
     bent = pose.copy()
     bent[0, 0, 0] += 0.1
     for change, words in (
-        (Change(rows=np.array([9]), frame_tip=pose), "not there"),
-        (Change(rows=np.array([2, 2]), frame_tip=np.vstack([pose, pose])), "one twice"),
-        (Change(rows=rows, frame_tip=np.vstack([pose, pose])), "in place of"),
-        (Change(rows=rows, frame_tip=far), "cannot take 2000000"),
-        (Change(rows=rows, frame_tip=endless), "not finite"),
-        (Change(rows=rows, frame_tip=bent), "pose that is none"),
-        (Change(rows=rows, configurations=["1,0,0,0,1,0,0,0"]), "another configuration"),
-        (Change(rows=rows, user_frames=["9"]), "another user frame"),
+        (PositionChange(rows=np.array([9]), frame_tip=pose), "not there"),
+        (PositionChange(rows=np.array([2, 2]), frame_tip=np.vstack([pose, pose])), "one twice"),
+        (PositionChange(rows=rows, frame_tip=np.vstack([pose, pose])), "in place of"),
+        (PositionChange(rows=rows, frame_tip=far), "cannot take 2000000"),
+        (PositionChange(rows=rows, frame_tip=endless), "not finite"),
+        (PositionChange(rows=rows, frame_tip=bent), "pose that is none"),
+        (PositionChange(rows=rows, configurations=["1,0,0,0,1,0,0,0"]), "another configuration"),
+        (PositionChange(rows=rows, user_frames=["9"]), "another user frame"),
     ):
         with pytest.raises(ProgramFileError, match=words):
-            job.changed(change)
-    unchanged = Change(rows=rows, configurations=["0,0,0,0,1,0,0,0"], user_frames=["8"])
-    assert job.changed(unchanged).to_bytes() == JOB
+            job.with_changes(change)
+    unchanged = PositionChange(rows=rows, configurations=["0,0,0,0,1,0,0,0"], user_frames=["8"])
+    assert job.with_changes(unchanged).to_bytes() == JOB
     for ratios in ([0.0] * 6, [np.nan] * 6, RATIOS[:5]):
         with pytest.raises(ProgramFileError, match="per radian"):
             read("a.jbi", JOB, pulses_per_rad=ratios)
@@ -333,21 +337,25 @@ def test_a_configuration_tells_postures_apart() -> None:
     rng = np.random.default_rng(4)
     joints = rng.uniform(-1.4, 1.4, size=(200, 6)) + np.array([0.0, -1.2, 1.4, 0.0, 0.0, 0.0])
     joints[:, [3, 5]] *= 4.0
-    spelled = rule.spelled(model, joints, ["0,0,0,0,0,0,0,7"] * len(joints))
-    assert rule.agrees(model, joints, spelled).all()
-    assert rule.agrees(model, joints, [""] * len(joints)).all()
+    spelled = rule.write_configurations(model, joints, ["0,0,0,0,0,0,0,7"] * len(joints))
+    assert rule.matches_postures(model, joints, spelled).all()
+    assert rule.matches_postures(model, joints, [""] * len(joints)).all()
     assert all(text.endswith(",0,7") for text in spelled)
     assert len(set(spelled)) > 6
     for place in (0, 3, 4):
         others = [flipped(text, place) for text in spelled]
-        agreeing = rule.agrees(model, joints, others)
+        agreeing = rule.matches_postures(model, joints, others)
         assert agreeing.mean() < 0.01  # borders only
         if place in (3, 4):
-            assert rule.agrees(model, joints, others, turns=False).all()
+            assert rule.matches_postures(model, joints, others, turns=False).all()
     published = np.tile([0.0, -1.2, 1.4, 0.0, 0.5, 0.0], (6, 1))
     published[:, 3] = np.radians([0.0, 89.0, 91.0, -91.0, 271.0, -271.0])  # the maker's table of R
-    assert [text[0] for text in rule.spelled(model, published, ["0,0,0,0,0,0"] * 6)] == list("001100")
-    assert [text[6] for text in rule.spelled(model, published, ["0,0,0,0,0,0"] * 6)] == list("000011")
+    assert [text[0] for text in rule.write_configurations(model, published, ["0,0,0,0,0,0"] * 6)] == list(
+        "001100"
+    )
+    assert [text[6] for text in rule.write_configurations(model, published, ["0,0,0,0,0,0"] * 6)] == list(
+        "000011"
+    )
 
 
 def flipped(text: str, place: int) -> str:

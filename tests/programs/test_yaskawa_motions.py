@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import homogeneous
-from cellcal.drivers.programs.across import Across
-from cellcal.drivers.programs.shifts import Axes
-from cellcal.drivers.yaskawa.program_files.job_calls import said_by
+from cellcal.calibration.geometry import homogeneous_matrix
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
+from cellcal.drivers.programs.shifts import ShiftAxes
+from cellcal.drivers.yaskawa.program_files.job_calls import declarations_of
 from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
-from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.exit_codes import ExitCode
@@ -54,13 +54,15 @@ def moved(
     angle = np.radians(20.0) if turn else 0.0
     c, s = np.cos(angle), np.sin(angle)
     upright, place = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.array([*about, 0.0])
-    change = homogeneous(upright, place - upright @ place + np.array([0.02, -0.02, 0.005]))
-    return moving(read_project(file), change, BRAND.configurations).carry([BRAND.read("a.jbi", data)])[0]
+    change = homogeneous_matrix(upright, place - upright @ place + np.array([0.02, -0.02, 0.005]))
+    return move_transfer(read_project(file), change, BRAND.configurations).transfer_programs(
+        [BRAND.read("a.jbi", data)]
+    )[0]
 
 
 def left(result: ProgramResult) -> set[str]:
     """Return what is left beside the variables that no line goes to."""
-    return {name for name, _ in result.left}
+    return {name for name, _ in result.excluded_points}
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp
 
     result = moved(data, tmp_path)
 
-    assert word in dict(result.left)[name]
+    assert word in dict(result.excluded_points)[name]
     assert "C00000" not in left(result)
     assert result.exit_code is ExitCode.REFUSED
     row = HEAD[HEAD.index(f"{name}=") :].partition("\n")[0]
@@ -133,7 +135,7 @@ def test_shifts_say_in_which_axes_they_are() -> None:
     )
 
     assert {(one.axes, one.rows) for one in program.positions.shifts} == {
-        (Axes.USER_FRAME, (1,)), (Axes.USER_FRAME, (0,)), (Axes.BASE, (0,)),
+        (ShiftAxes.USER_FRAME, (1,)), (ShiftAxes.USER_FRAME, (0,)), (ShiftAxes.BASE, (0,)),
     }  # fmt: skip
 
 
@@ -168,7 +170,7 @@ def test_one_position_that_needs_another_rconf_is_left_alone(tmp_path: Path) -> 
     result = moved(data, tmp_path, about=(1.2, 0.1))
 
     assert left(result) == {"C00001", "P00000", "P00002"}
-    assert "RCONF" in dict(result.left)["C00001"]
+    assert "RCONF" in dict(result.excluded_points)["C00001"]
     assert result.exit_code is ExitCode.REFUSED
 
 
@@ -192,8 +194,8 @@ def test_a_shift_is_on_in_jobs_that_are_called(lines: tuple[str, ...], found: se
         "MIDDLE.JBI": named_job("MIDDLE", "CALL JOB:PICK"),
         "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0"),
     }
-    across = Across({name: said_by(name, data) for name, data in files.items()})
-    pick = read("PICK.JBI", files["PICK.JBI"]).with_abroad(across.of("PICK.JBI"))
+    across = BatchDeclarations({name: declarations_of(name, data) for name, data in files.items()})
+    pick = read("PICK.JBI", files["PICK.JBI"]).with_external_uses(across.uses_of_file("PICK.JBI"))
 
     assert {pick.positions.names[row] for one in pick.positions.shifts for row in one.rows} >= found
     assert bool(pick.positions.shifts) is bool(found)
@@ -204,8 +206,8 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
         "MAIN.JBI": named_job("MAIN", "CALL JOB:ON", "MOVL C00000 V=1.0"),
         "ON.JBI": named_job("ON", "SFTON P050 BF"),
     }
-    across = Across({name: said_by(name, data) for name, data in files.items()})
-    main = read("MAIN.JBI", files["MAIN.JBI"]).with_abroad(across.of("MAIN.JBI"))
+    across = BatchDeclarations({name: declarations_of(name, data) for name, data in files.items()})
+    main = read("MAIN.JBI", files["MAIN.JBI"]).with_external_uses(across.uses_of_file("MAIN.JBI"))
 
     assert {one.what for one in main.positions.shifts} == {"SFTON of ON"}
 
@@ -221,9 +223,9 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
 )
 def test_frames_that_other_jobs_make_leave_their_positions(lines: tuple[str, ...], names: set[str]) -> None:
     files = {"MAIN.JBI": named_job("MAIN", *lines), "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0")}
-    across = Across({name: said_by(name, data) for name, data in files.items()})
+    across = BatchDeclarations({name: declarations_of(name, data) for name, data in files.items()})
     alone = read("PICK.JBI", files["PICK.JBI"])
-    pick = alone.with_abroad(across.of("PICK.JBI"))
+    pick = alone.with_external_uses(across.uses_of_file("PICK.JBI"))
 
     barred = {pick.positions.names[row] for row in pick.positions.barred}
     assert barred == names | {alone.positions.names[row] for row in alone.positions.barred}

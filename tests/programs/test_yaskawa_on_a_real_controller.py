@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous, inverse_transform
+from cellcal.calibration.geometry import homogeneous_matrix, inverse_transform
 from cellcal.calibration.orientation import rotation_from
 from cellcal.calibration.programs.branches import AxesAtZero, all_branches
 from cellcal.drivers.yaskawa.program_files.configuration import JobConfigurations
@@ -29,7 +29,7 @@ TEXTS = [",".join([*row["RCONF"].split(), *["0"] * 18]) for row in ROWS]
 
 
 def poses(convention: str, degrees, places_mm) -> np.ndarray:
-    return homogeneous(rotation_from(convention, np.deg2rad(degrees)), np.asarray(places_mm) * 1e-3)
+    return homogeneous_matrix(rotation_from(convention, np.deg2rad(degrees)), np.asarray(places_mm) * 1e-3)
 
 
 def flange_tool(convention: str = "yaskawa_rpy") -> np.ndarray:
@@ -57,13 +57,13 @@ def test_no_other_order_of_the_same_angles_fits(convention):
 
 def test_rconf_says_each_posture_and_no_other_one():
     rule = JobConfigurations()
-    assert rule.agrees(MODEL, JOINTS, TEXTS).all()
-    assert rule.spelled(MODEL, JOINTS, TEXTS) == tuple(TEXTS)
+    assert rule.matches_postures(MODEL, JOINTS, TEXTS).all()
+    assert rule.write_configurations(MODEL, JOINTS, TEXTS) == tuple(TEXTS)
     base_flange = poses("yaskawa_rpy", SHOWN[:, 3:], SHOWN[:, :3]) @ inverse_transform(flange_tool())
-    branches = all_branches(AxesAtZero.of(MODEL), base_flange)
+    branches = all_branches(AxesAtZero.from_model(MODEL), base_flange)
     for row, text in enumerate(TEXTS):
         some = branches[np.isfinite(branches[:, row]).all(axis=1), row]
-        right = some[rule.agrees(MODEL, some, [text] * len(some), turns=False)]
+        right = some[rule.matches_postures(MODEL, some, [text] * len(some), turns=False)]
         off = np.abs(np.angle(np.exp(1j * (right - JOINTS[row])))).max(axis=1)
         assert len(some) >= 4, "there is a choice"
         assert off.min() < np.deg2rad(0.02), ROWS[row]["posture"]
@@ -73,5 +73,5 @@ def test_rconf_says_each_posture_and_no_other_one():
 
 def test_an_older_controller_tells_flip_by_axis_r():
     rule, wrist = JobConfigurations(), JOINTS[:1]
-    assert rule.agrees(MODEL, wrist, ["0,0,0,0,0,0,0,0"]).all()  # R near 0 is flip
-    assert not rule.agrees(MODEL, wrist, ["1,0,0,0,0,0,0,0"]).any()
+    assert rule.matches_postures(MODEL, wrist, ["0,0,0,0,0,0,0,0"]).all()  # R near 0 is flip
+    assert not rule.matches_postures(MODEL, wrist, ["1,0,0,0,0,0,0,0"]).any()

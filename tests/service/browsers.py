@@ -18,7 +18,7 @@ from fastapi import FastAPI
 from playwright.async_api import Browser, Page, async_playwright, expect
 
 from cellcal.service.web.pages import DIST
-from cellcal.service.web.server import Server
+from cellcal.service.web.server import WebServer
 from tests.machine_speed import stretched_s
 
 ROOT = Path(__file__).parents[2]
@@ -99,7 +99,7 @@ async def served(app: FastAPI, **how: Any) -> AsyncIterator[str]:
     """Serve an app on a free port of loopback while the block lasts; lends its address, as http://127.0.0.1:port."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
-        server = Server(uvicorn.Config(app, **SERVED | how))
+        server = WebServer(uvicorn.Config(app, **SERVED | how))
         serving = asyncio.create_task(server.serve([listening]))
         try:
             while not (server.started or serving.done()):

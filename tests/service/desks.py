@@ -11,15 +11,15 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from cellcal.service.cell_process.cell_process import Desk
-from cellcal.service.cell_process.messages import Command
+from cellcal.service.cell_process.cell_controller import CellController
+from cellcal.service.cell_process.messages import SessionCommand
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from cellcal.service.demo.hands import lend_a_hand
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from cellcal.service.demo.technician_actions import perform_instruction
 from tests.machine_speed import stretched_s
 
-COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
+COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 PATIENCE_S = stretched_s(240.0)  # a whole run, on a machine that has other work
 _TYPED = """driver = "file_import"
 source = "typed"
@@ -35,13 +35,13 @@ RECORD = {"op": "start", "procedure": "mastering_record", "settings": {}}
 class AtDesk:
     """Somebody at a screen."""
 
-    def __init__(self, cell_file: Path, door: Door) -> None:
+    def __init__(self, cell_file: Path, door: FakeCellClient) -> None:
         self.door, self.cell_file = door, cell_file
         self.seen: list[dict[str, Any]] = []
         self.live: dict[str, Any] = {}
         self.looks = 0
         self._numbers = itertools.count(1)
-        self.desk = Desk(read_cell_file(cell_file), self._told)
+        self.desk = CellController(read_cell_file(cell_file), self._told)
 
     def _told(self, kind: str, content: dict[str, Any]) -> None:
         if kind == "session":
@@ -52,7 +52,7 @@ class AtDesk:
 
     @property
     def session(self) -> dict[str, Any]:
-        return self.desk.session()
+        return self.desk.describe_session()
 
     async def order(
         self, order: dict[str, Any], *, rev: int | None = None, press: str = ""
@@ -63,7 +63,7 @@ class AtDesk:
             "who": "Anna",
             "order": order,
         }
-        return await self.desk.obey(COMMAND.validate_python(asked))
+        return await self.desk.execute_command(COMMAND.validate_python(asked))
 
     async def until(self, true: Callable[[dict[str, Any]], Any]) -> Any:
         async with asyncio.timeout(PATIENCE_S):
@@ -83,12 +83,12 @@ class AtDesk:
         return await self.order({"op": "answer", "prompt_id": prompt["id"], "value": value})
 
     async def joints(self) -> list[float]:
-        truth = await self.door.truth()
+        truth = await self.door.read_truth()
         return list(truth["robots"]["fanuc"]["counts_read"])
 
 
 @asynccontextmanager
-async def a_cell(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[tuple[Path, Door]]:
+async def a_cell(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[tuple[Path, FakeCellClient]]:
     with free_address() as address:
         path = write_cell_file(folder, address, seed=3, time_factor=time_factor)
     longer = (
@@ -106,10 +106,10 @@ async def at_desk(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[
 
 
 @asynccontextmanager
-async def at_the_desk_of(path: Path, door: Door) -> AsyncIterator[AtDesk]:
+async def at_the_desk_of(path: Path, door: FakeCellClient) -> AsyncIterator[AtDesk]:
     """Stand at a desk that is opened on a cell file."""
     person = AtDesk(path, door)
-    attending = asyncio.create_task(person.desk.attend())
+    attending = asyncio.create_task(person.desk.stay_connected())
     try:
         await person.until(lambda session: session["connection"]["connected"])
         yield person
@@ -150,7 +150,7 @@ async def say_yes_until_it_ends(person: AtDesk) -> list[str]:
     ):
         if prompt == "over":
             return asked
-        await lend_a_hand(person.door, prompt["key"], prompt["text"])
+        await perform_instruction(person.door, prompt["key"], prompt["text"])
         await person.order({"op": "answer", "prompt_id": prompt["id"]})
         asked.append(prompt["key"])
         await person.until(lambda session, last=prompt["id"]: (session["prompt"] or {}).get("id") != last)

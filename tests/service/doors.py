@@ -16,12 +16,12 @@ from fastapi import FastAPI
 
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.people.authentication import Entrance
-from cellcal.service.people.pin_hashing import Hasher, pepper_of
+from cellcal.service.people.authentication import Authenticator
+from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 from cellcal.service.people.roles import Role
 from cellcal.service.web import programs, residuals
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.described import Described
 
 ORIGIN = "http://127.0.0.1"
@@ -54,15 +54,15 @@ class Clock:
         self.now_s += seconds
 
 
-def quick(pepper: bytes) -> Hasher:
-    return Hasher(pepper, PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
+def quick(pepper: bytes) -> PinHasher:
+    return PinHasher(pepper, PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
 
 
-def with_people(entrance: Entrance) -> Entrance:
+def with_people(entrance: Authenticator) -> Authenticator:
     hasher = quick(pepper_of(entrance.data_dir))
-    entrance.register.hold_to_pepper(hasher.pepper_mark)
+    entrance.accounts.hold_to_pepper(hasher.pepper_mark)
     for name, pin in PINS.items():
-        entrance.register.add(name, ROLES[name], hasher.hashed(pin), "test")
+        entrance.accounts.add_person(name, ROLES[name], hasher.hash_secret(pin), "test")
     return entrance
 
 
@@ -84,7 +84,7 @@ class Tablet:
         return url64(r.to_bytes(32, "big") + s.to_bytes(32, "big"))
 
     async def enrol(self, door: "Door") -> None:
-        token = door.entrance.register.enrolment("tablet 3", "test")
+        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
         told = await door.post("/api/sign-in/devices", {"token": token, "public_key": self.spki})
         assert told.status_code == 200, told.text
         self.id = told.json()["device"]
@@ -104,8 +104,8 @@ class Door:
     clock: Clock
 
     @property
-    def entrance(self) -> Entrance:
-        found: Entrance = self.app.state.house.entrance
+    def entrance(self) -> Authenticator:
+        found: Authenticator = self.app.state.house.authenticator
         return found
 
     async def post(self, path: str, content: dict[str, Any]) -> httpx.Response:
@@ -130,9 +130,9 @@ class Door:
 @asynccontextmanager
 async def a_door(folder: Path, *, people: bool = True, **settings: Any) -> AsyncIterator[Door]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
-    app, clock = create_app(Settings(path, **settings)), Clock()
+    app, clock = create_app(ServiceSettings(path, **settings)), Clock()
     data_dir, is_open = read_cell_file(path).cell.data_dir, bool(settings.get("open_access"))
-    entrance = Entrance(data_dir, is_open, clock=clock, wall_clock=clock, make_hasher=quick)
+    entrance = Authenticator(data_dir, is_open, clock=clock, wall_clock=clock, make_hasher=quick)
     app.state.house = replace(app.state.house, entrance=with_people(entrance) if people else entrance)
     async with (
         what_was_begun_ends(app),

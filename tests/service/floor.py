@@ -9,7 +9,7 @@ from uuid import uuid4
 
 from playwright.async_api import CDPSession, Page, expect
 
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.service.black_hole import BlackHole, a_black_hole
 from tests.service.browsers import PATIENCE_S
 from tests.service.desks import a_cell
@@ -20,7 +20,7 @@ from tests.service.shop import Shop, a_shop
 class Floor(Shop):
     """The shop with its fake cell, and ways to bring a run where a test begins."""
 
-    door: Door
+    door: FakeCellClient
     hole: BlackHole
     tom: Page  # behind a link that can be broken, with a screen to touch
     tina: Page
@@ -75,12 +75,12 @@ class Floor(Shop):
     async def stands(self) -> None:
         """Wait until the move waits for the button again, and see that the robot stays where it is."""
         await self.until(lambda session: session["waits_for_hold"])
-        before = (await self.door.truth())["robots"]["fanuc"]["counts_read"]
+        before = (await self.door.read_truth())["robots"]["fanuc"]["counts_read"]
         await asyncio.sleep(0.3)
         session = self.session()
         assert session is not None
         assert session["waits_for_hold"]
-        assert (await self.door.truth())["robots"]["fanuc"]["counts_read"] == before
+        assert (await self.door.read_truth())["robots"]["fanuc"]["counts_read"] == before
 
 
 @asynccontextmanager

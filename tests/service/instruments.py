@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.procedures.test_places_over_the_wire import _ROBOT, PROBE, TRACKER
 from tests.wire.fakes import running
 
@@ -50,7 +50,9 @@ expanded_uncertainty_mm = 0.02
 
 
 @contextmanager
-def full_cell(folder: Path, *, tracker_due: str = "", wired: bool = True) -> Iterator[tuple[Path, Door]]:
+def full_cell(
+    folder: Path, *, tracker_due: str = "", wired: bool = True
+) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play such a cell. ``wired``: with the wire and the dial gauge beside tracker and probe."""
     held = LAPSED.format(table="tracker", due=tracker_due) if tracker_due else ""
     instruments = (TRACKER + held + PROBE + (_REST if wired else "")).format()

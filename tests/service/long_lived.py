@@ -94,7 +94,7 @@ class InjectedError(RuntimeError):
 
 def raise_in(name: str) -> bool:
     """Raise where a supervised task waits, or in the middle of a thread's work; False where none runs just now."""
-    holder = SUPERVISOR.holder(name)
+    holder = SUPERVISOR.holder_of(name)
     if holder is None:
         return False
     if isinstance(holder, int):
@@ -120,10 +120,10 @@ def raise_in_task(task: "asyncio.Task[object]") -> bool:
 def running_like(pattern: str) -> list[str]:
     """Return the supervised tasks whose names fit a template."""
     fits = re.compile(re.escape(pattern).replace(r"\{\}", ".+"))
-    return [name for name in SUPERVISOR.names() if fits.fullmatch(name)]
+    return [name for name in SUPERVISOR.task_names() if fits.fullmatch(name)]
 
 
 def is_back(name: str, failures: int, healthy: Callable[[], object]) -> bool:
     """Whether a task has failed once more than it had, was named, runs again and does its work."""
-    failed = SUPERVISOR.failures().get(name, 0) > failures
-    return failed and SUPERVISOR.holder(name) is not None and bool(healthy())
+    failed = SUPERVISOR.failure_counts().get(name, 0) > failures
+    return failed and SUPERVISOR.holder_of(name) is not None and bool(healthy())

@@ -13,20 +13,20 @@ from pathlib import Path
 
 from cellcal.service.certificates.blocks import (
     Block,
-    Bullets,
-    Cell,
-    Facts,
-    Fields,
-    Page,
-    Paragraph,
-    Picture,
-    Table,
+    BulletBlock,
+    CertificatePage,
+    FactBlock,
+    ParagraphBlock,
+    PictureBlock,
+    SignatureFields,
+    TableBlock,
+    TableCell,
 )
-from cellcal.service.certificates.languages import spoken
-from cellcal.service.certificates.page import page_of
+from cellcal.service.certificates.languages import build_translations
+from cellcal.service.certificates.page_sections import page_of
 from cellcal.service.certificates.printing import html_from, page_from, pdf_from
-from cellcal.service.record.signing import check
-from cellcal.service.translation import LOCALES, Locale, Sayings
+from cellcal.service.record.signing import check_document
+from cellcal.service.translation import LOCALES, Locale, Translations
 from tests.service.spoken import ROOT, SENTENCE
 
 FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg\b|turns|%|°C|hPa)")
@@ -56,7 +56,7 @@ def verify_paper(json_path: Path) -> None:
 
 def verify_spoken(json_path: Path) -> None:
     """See that every sentence of a certificate has its words in every language, and the same figures."""
-    checked = check(json_path.read_bytes())
+    checked = check_document(json_path.read_bytes())
     assert checked.content is not None
     signed = figures_of(page_from(json_path))
     for locale in LOCALES[1:]:
@@ -67,7 +67,7 @@ def verify_spoken(json_path: Path) -> None:
         assert figures_of(page) == signed, locale
 
 
-def figures_of(page: Page) -> list[tuple[str, str]]:
+def figures_of(page: CertificatePage) -> list[tuple[str, str]]:
     """Return every figure with its unit; whole turns, whose unit is a word, without."""
     said = FIGURE.findall(" ".join(words_of(page)))
     return sorted((number, unit) for number, unit in said if unit != "turns")
@@ -76,7 +76,7 @@ def figures_of(page: Page) -> list[tuple[str, str]]:
 ALIKE = {"", "u", "U (k = 2)"}  # in every language
 
 
-class Heard(Sayings):
+class Heard(Translations):
     """A language's words that remember which sentences they lack."""
 
     unsaid: set[str]
@@ -84,19 +84,19 @@ class Heard(Sayings):
     @classmethod
     def read_from_source(cls, locale: Locale) -> "Heard":
         """Read tables where they are written, not where the pages' build copies them."""
-        made = spoken(locale, source_table(locale))
+        made = build_translations(locale, source_table(locale))
         heard = cls(locale, made.table, made.commas, made._patterns)
         object.__setattr__(heard, "unsaid", set())
         return heard
 
-    def say(self, text: str) -> str:
-        self.unsaid.update(part for part in SENTENCE.split(text) if self._said(part) is None)
-        return super().say(text)
+    def translate(self, text: str) -> str:
+        self.unsaid.update(part for part in SENTENCE.split(text) if self._translate_part(part) is None)
+        return super().translate(text)
 
-    def step(self, given: str) -> str:
-        said = super().step(given)
-        if said == given:
-            self.unsaid.add(given)
+    def translate_step(self, step_name: str) -> str:
+        said = super().translate_step(step_name)
+        if said == step_name:
+            self.unsaid.add(step_name)
         return said
 
 
@@ -109,7 +109,7 @@ def source_table(locale: Locale) -> dict[str, str]:
     return table
 
 
-def words_of(page: Page) -> list[str]:
+def words_of(page: CertificatePage) -> list[str]:
     """Return every text of a page but those inside drawings."""
     found = [page.heading, page.title, page.status, page.verdict, page.rule]
     for section in page.sections:
@@ -121,18 +121,18 @@ def words_of(page: Page) -> list[str]:
 
 def _words_of_block(block: Block) -> list[str]:
     match block:
-        case Paragraph():
+        case ParagraphBlock():
             return [block.text]
-        case Bullets():
+        case BulletBlock():
             return list(block.lines)
-        case Facts():
+        case FactBlock():
             return [text for row in block.rows for text in row]
-        case Table():
-            cells: list[Cell] = [*block.head, *(cell for row in block.rows for cell in row)]
+        case TableBlock():
+            cells: list[TableCell] = [*block.head, *(cell for row in block.rows for cell in row)]
             return [block.caption, *(text for cell in cells for text in (cell.text, cell.below))]
-        case Picture():
+        case PictureBlock():
             return [block.caption]
-        case Fields():
+        case SignatureFields():
             return [block.statement]
 
 

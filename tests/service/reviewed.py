@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.drivers.interfaces import PointReading
 from cellcal.procedures.arm.series_rules import SeriesRules
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.engineering.parameters.calibrated_runs import keep_calibration
+from cellcal.service.engineering.parameters.calibrated_runs import save_calibration
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from tests.procedures.cells import (
     TARGETS,
@@ -39,8 +39,8 @@ class Knocked(IdealTracker):
         super().__init__(arm)
         self._spoilt, self._count = spoilt, 0
 
-    async def point(self) -> PointReading:
-        reading = await super().point()
+    async def measure_point(self) -> PointReading:
+        reading = await super().measure_point()
         self._count += 1
         if self._count != self._spoilt:
             return reading
@@ -90,7 +90,9 @@ def _slipping(made: Scene, place: Callable[[], object], slip: np.ndarray) -> Cal
         place()
         taught = made.arm.taught
         assert taught is not None
-        made.arm.taught = Pose.from_matrix(homogeneous(taught.rotation(), np.array(taught.position_m) + slip))
+        made.arm.taught = Pose.from_matrix(
+            homogeneous_matrix(taught.rotation_matrix(), np.array(taught.position_m) + slip)
+        )
 
     return do
 
@@ -104,11 +106,11 @@ async def with_a_past(cell_file: Path) -> Past:
     config = read_cell_file(cell_file)
     sets = ParameterSets(cell_file.parent / FOLDER)
     good = await run_in(config, _of_cell(_with_a_tool()), "robot_calibration")
-    keep_calibration(config, ROBOT, sets, "Anna", "2026-11-01T08:00:00+00:00")
+    save_calibration(config, ROBOT, sets, "Anna", "2026-11-01T08:00:00+00:00")
     made = _of_cell(_with_a_tool())
     made.cell = replace(made.cell, tracker=Knocked(made.arm, 6))
     spoilt = await run_in(config, made, "robot_calibration")
-    keep_calibration(config, ROBOT, sets, "Anna", "2026-11-08T08:00:00+00:00")
+    save_calibration(config, ROBOT, sets, "Anna", "2026-11-08T08:00:00+00:00")
     rough = await run_in(config, taught_roughly(), "six_point_tcp")
     await run_in(config, _of_cell(going_round()), "accuracy_check")
     frame = await run_in(config, _of_cell(pointing()), "three_point_frame")

@@ -11,9 +11,9 @@ from typing import Any
 from fastapi import FastAPI
 from playwright.async_api import Browser, BrowserContext, Page
 
-from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.authentication import Authenticator
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import (
     COUNT_ASKED,
     NO_WEBGL,
@@ -34,7 +34,7 @@ class Shop:
     """The service as it runs, and the browser that looks at it."""
 
     app: FastAPI
-    entrance: Entrance
+    entrance: Authenticator
     port: int
     browser: Browser
     complaints: list[str]
@@ -57,8 +57,8 @@ class Shop:
     def nobody_has_control(self) -> None:
         """Let go what somebody who left without signing out still has."""
         control = self.app.state.house.control
-        if control.holder is not None:
-            control.release(control.holder.id)
+        if control.current_holder is not None:
+            control.release_control(control.current_holder.id)
 
     @asynccontextmanager
     async def context(
@@ -88,7 +88,7 @@ class Shop:
 
     async def enrol(self, page: Page, device: str, port: int | None = None) -> None:
         """Open the address that an administrator gave, and press the button."""
-        token = self.entrance.register.enrolment(device, "test")
+        token = self.entrance.accounts.create_enrolment(device, "test")
         await page.goto(f"http://127.0.0.1:{port or self.port}/#/enrol/{token}")
         await page.get_by_test_id("enrol-device").click()
         await page.get_by_test_id("enrolled").wait_for()
@@ -122,8 +122,10 @@ async def a_shop(
     clock: Callable[[], float] = time.monotonic,
 ) -> AsyncIterator[Shop]:
     """Serve a cell to people; ``desk`` puts a double in the place of the desk's process; ``clock`` is of sessions."""
-    app = create_app(Settings(cell_file))
-    entrance = with_people(Entrance(app.state.house.config.cell.data_dir, clock=clock, make_hasher=quick))
+    app = create_app(ServiceSettings(cell_file))
+    entrance = with_people(
+        Authenticator(app.state.house.config.cell.data_dir, clock=clock, make_hasher=quick)
+    )
     app.state.house = replace(app.state.house, entrance=entrance)
     if desk is not None:
         app.state.house = replace(app.state.house, link=desk(app))

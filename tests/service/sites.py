@@ -19,10 +19,10 @@ from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.signing import station_key
-from cellcal.service.site.enrolment import Applicant, NewSite, enroll
+from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells
 from cellcal.service.site.keys import StationKeys
-from cellcal.service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_folder
-from cellcal.service.site.publisher import publish
+from cellcal.service.site.link_files import CELL_FILE, MONITOR_FILE, close_session, read_link_folder
+from cellcal.service.site.publisher import run_publisher
 from tests.machine_speed import stretched_s
 
 SITE = "hall-3"
@@ -64,8 +64,8 @@ class Site:
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"\n[site]\nfolder = {json.dumps(str(self.folder / 'cells' / name))}\n")
             self.cells[name] = read_cell_file(path)
-            made.append(Applicant(name, station_key(self.cells[name].cell.data_dir).public))
-        enroll(self.folder, made, new)
+            made.append(CellApplicant(name, station_key(self.cells[name].cell.data_dir).public_key))
+        enroll_cells(self.folder, made, new)
 
     def keys(self, cell: str) -> StationKeys:
         return StationKeys(SITE, cell)
@@ -96,7 +96,7 @@ class Site:
         def work() -> None:
             try:
                 with os.fdopen(reading, "rb") as stream:
-                    publish(self.cells[cell], stream, leave)
+                    run_publisher(self.cells[cell], stream, leave)
             except BaseException as error:
                 failed.append(error)
 
@@ -137,7 +137,7 @@ def opened(config: zenoh.Config) -> Iterator[zenoh.Session]:
     try:
         yield session
     finally:
-        close(session)
+        close_session(session)
 
 
 class Ear:
@@ -155,7 +155,7 @@ class Ear:
 
 
 def session_of(cell: str, **changes: Any) -> dict[str, Any]:
-    """Return a desk's session as `service/cell_process/cell_process.py` writes it, with nothing under way."""
+    """Return a desk's session as `service/cell_process/cell_controller.py` writes it, with nothing under way."""
     return {
         "rev": 1,
         "cell": cell,

@@ -14,9 +14,9 @@ from scipy.optimize import least_squares
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array, exp_rotation, log_rotation
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import PATIENCE_MS, at_rest
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at
@@ -30,20 +30,20 @@ TIP_IN_FLANGE_M = np.array([0.02, 0.01, 0.18])
 class Pendant:
     """The fake robot's pendant."""
 
-    def __init__(self, door: Door, looks: Looking, app: FastAPI) -> None:
+    def __init__(self, door: FakeCellClient, looks: Looking, app: FastAPI) -> None:
         self.door, self.looks, self._app = door, looks, app
         self.start_rad: list[float] = []
 
     def nobody_has_control(self) -> None:
         """Let whoever pressed last leave: a browser that is closed keeps the session in hand."""
         control = self._app.state.house.control
-        if control.holder is not None:
-            control.release(control.holder.id)
+        if control.current_holder is not None:
+            control.release_control(control.current_holder.id)
 
     async def bring(self, joints_rad: Any) -> None:
         """Drive the arm by hand to where the controller shows these joints, and see that the service has seen it."""
         wanted = [float(angle) for angle in joints_rad]
-        await self.door.fault("hand_moves", joints=wanted, device="fanuc")
+        await self.door.inject_fault("hand_moves", joints=wanted, device="fanuc")
 
     async def touch(self, pin_m: Array, turned: Array) -> None:
         """Hold the tip at a point, the flange turned as told from how it is at home."""
@@ -84,10 +84,10 @@ async def at_the_pages(
         if observe:
             text = path.read_text(encoding="utf-8")
             path.write_text(text.replace('motion = "commanded"', 'motion = "observe"', 1), encoding="utf-8")
-        app = create_app(Settings(path, open_access=True))
+        app = create_app(ServiceSettings(path, open_access=True))
         async with looking_at(app) as looks:
             pendant = Pendant(door, looks, app)
-            truth = (await door.truth())["robots"]["fanuc"]
+            truth = (await door.read_truth())["robots"]["fanuc"]
             pendant.start_rad = truth["controller_joints_rad"]
             yield pendant
 

@@ -18,20 +18,20 @@ from typing import Any
 import pytest
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.archive import FORMAT, MANIFEST, BackupError
 from cellcal.service.export.backup import back_up, forget_older
-from cellcal.service.export.restore import prove, restore
-from cellcal.service.people.accounts import Register
+from cellcal.service.export.restore import prove_backup, restore_backup
+from cellcal.service.people.accounts import AccountStore
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.people.roles import Role
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.signing import StationKey, station_key
+from cellcal.service.record.signing import CellKey, station_key
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import quick
@@ -45,13 +45,15 @@ def lived_in(folder: Path) -> CellConfig:
     config = cell_config(folder)
     data_dir = config.cell.data_dir
     for _ in range(2):
-        issue(config, asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id)
-    register = Register(data_dir)
+        issue_certificate(config, asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id)
+    register = AccountStore(data_dir)
     hasher = quick(pepper_of(data_dir))
     register.hold_to_pepper(hasher.pepper_mark)
-    register.add("Tom", Role.TECHNICIAN, hasher.hashed("314159"), "test")
-    draft = ParameterSet("F-1", "m", "0", "2026-01-01", "anna", "test", (Value("a1", "m", 1e-4, 1e-5),))
-    ParameterSets(folder / "parameter_sets").save(draft)
+    register.add_person("Tom", Role.TECHNICIAN, hasher.hash_secret("314159"), "test")
+    draft = ParameterSet(
+        "F-1", "m", "0", "2026-01-01", "anna", "test", (ParameterValue("a1", "m", 1e-4, 1e-5),)
+    )
+    ParameterSets(folder / "parameter_sets").save_draft(draft)
     (data_dir / "last_healthy_fanuc.json").write_text('{"robot": "fanuc", "counts": [1], "epoch": 1}')
     (data_dir / "under_way.json").write_text("{}")
     (data_dir / "site_outbox.sqlite").write_text("numbers that must not be said twice")
@@ -103,7 +105,7 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     new = tmp_path / "new" / "cell.toml"
     assert run_command_line(["restore", told["path"], "--check"]) == 0
     back = ["restore", told["path"], str(new), "--keys", "--passphrase-file", str(phrase)]
-    signer = prove(Path(told["path"])).public_key
+    signer = prove_backup(Path(told["path"])).public_key
     assert run_command_line(back) == run_command_line([*back, "--signed-by", "0" * 64]) == ExitCode.SIGNATURE
     assert f"--signed-by {signer}" in capsys.readouterr().err.replace("\n", " ")
     assert not new.exists()
@@ -117,16 +119,16 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert after == before
     again = read_cell_file(new)
     with open_journal(again) as journal:
-        assert journal.verify() is None
+        assert journal.verify_chain() is None
         journal.append_all("later", [NewEvent("finding", {"step": "x", "value": 1})])  # it goes on
     for path in (again.cell.data_dir / "certificates").glob("*.json"):
-        key = station_key(again.cell.data_dir).public
+        key = station_key(again.cell.data_dir).public_key
         assert run_command_line(["verify", str(path), "--key", key]) == 0
     for name in ("signing_key.pem", "pepper.key"):
         assert (again.cell.data_dir / name).stat().st_mode & 0o077 == 0
-    tom = Register(again.cell.data_dir).people()[0]
-    assert quick(pepper_of(again.cell.data_dir)).is_right(tom.kept, "314159")
-    assert ParameterSets(new.parent / "parameter_sets").load("F-1").value("a1") is not None
+    tom = AccountStore(again.cell.data_dir).list_people()[0]
+    assert quick(pepper_of(again.cell.data_dir)).is_right(tom.pin_hash, "314159")
+    assert ParameterSets(new.parent / "parameter_sets").load_set("F-1").find_value("a1") is not None
     assert not list(new.parent.glob(".cellcal*"))
 
 
@@ -142,11 +144,11 @@ def test_any_damage_is_refused_whole(tmp_path: Path) -> None:
     for content in spoilt:
         archive.write_bytes(content)
         with pytest.raises(BackupError) as refused:
-            restore(archive, target)
+            restore_backup(archive, target)
         assert refused.value.code == "store.damaged"
         assert list((tmp_path / "new").iterdir()) == []
     archive.write_bytes(whole)
-    assert prove(archive).certificates == 2
+    assert prove_backup(archive).certificates == 2
     shown = subprocess.run(["tar", "-tf", archive], capture_output=True, text=True, check=True)
     assert shown.stdout.splitlines()[0] == MANIFEST
 
@@ -154,7 +156,7 @@ def test_any_damage_is_refused_whole(tmp_path: Path) -> None:
 Forge = Callable[[dict[str, bytes]], None]
 
 
-def forged(archive: Path, key: StationKey, change: Forge, names: Callable[[str], str] = str) -> None:
+def forged(archive: Path, key: CellKey, change: Forge, names: Callable[[str], str] = str) -> None:
     """Write an archive anew with another content, and all hashes, the list and the end made to fit."""
     with tarfile.open(archive) as tar:
         files = {one.name: tar.extractfile(one).read() for one in tar.getmembers()}  # type: ignore[union-attr]
@@ -166,7 +168,7 @@ def forged(archive: Path, key: StationKey, change: Forge, names: Callable[[str],
     ]
     packed = io.BytesIO()
     with tarfile.open(fileobj=packed, mode="w") as tar:
-        for name, raw in {MANIFEST: key.sign(FORMAT, content).encode(), **files}.items():
+        for name, raw in {MANIFEST: key.sign_document(FORMAT, content).encode(), **files}.items():
             header = tarfile.TarInfo(names(name) if name != MANIFEST else name)
             header.size = len(raw)
             tar.addfile(header, io.BytesIO(raw))
@@ -197,10 +199,14 @@ def test_who_can_make_every_hash_fit_still_cannot_rewrite_what_is_chained_or_sig
     archive = back_up(config, tmp_path / "kept").path
     stranger = station_key(tmp_path / "stranger")
     forged(archive, stranger, lambda files: None)
-    assert prove(archive).public_key == stranger.public != station_key(config.cell.data_dir).public
+    assert (
+        prove_backup(archive).public_key
+        == stranger.public_key
+        != station_key(config.cell.data_dir).public_key
+    )
     forged(archive, stranger, change)
     with pytest.raises(BackupError, match=what):
-        restore(archive, tmp_path / "new" / "cell.toml")
+        restore_backup(archive, tmp_path / "new" / "cell.toml")
 
 
 @pytest.mark.parametrize(
@@ -228,7 +234,7 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, evil: str) -> None:
         names=lambda name: evil if name == "data/programs/A.LS" else name,
     )  # fmt: skip
     with pytest.raises(BackupError, match="files that no backup has"):
-        restore(archive, tmp_path / "new" / "cell.toml")
+        restore_backup(archive, tmp_path / "new" / "cell.toml")
     assert not (tmp_path / "evil").exists()
 
 
@@ -237,7 +243,7 @@ def test_nothing_is_ever_put_over_what_is_there(tmp_path: Path) -> None:
     archive = back_up(config, tmp_path / "kept").path
     before = contents(tmp_path / "old")
     with pytest.raises(BackupError, match="is in the way"):
-        restore(archive, config.path, signed_by=prove(archive).public_key)
+        restore_backup(archive, config.path, signed_by=prove_backup(archive).public_key)
     assert contents(tmp_path / "old") == before
     with pytest.raises(BackupError, match="there already"):
         back_up(config, archive)
@@ -245,7 +251,7 @@ def test_nothing_is_ever_put_over_what_is_there(tmp_path: Path) -> None:
     other = cell_config(tmp_path / "other")
     other.path.write_text(other.text.replace(config.cell.name, "another"))
     with pytest.raises(BackupError, match="the backup is of"):
-        restore(archive, other.path)
+        restore_backup(archive, other.path)
 
 
 def test_keys_are_there_for_whom_they_are_for(tmp_path: Path) -> None:
@@ -258,14 +264,14 @@ def test_keys_are_there_for_whom_they_are_for(tmp_path: Path) -> None:
     for archive in (bare, sealed):
         assert not any(each in archive.read_bytes() for each in secret)
     with pytest.raises(CellError, match="another passphrase"):
-        restore(sealed, tmp_path / "new" / "cell.toml", "seven dry towels")
+        restore_backup(sealed, tmp_path / "new" / "cell.toml", "seven dry towels")
     with pytest.raises(CellError, match="no keys in this backup"):
-        restore(bare, tmp_path / "new" / "cell.toml", PASSPHRASE)
+        restore_backup(bare, tmp_path / "new" / "cell.toml", PASSPHRASE)
     with pytest.raises(CellError, match="at least 12"):
         back_up(config, tmp_path / "short", "12345")
     shutil.rmtree(config.cell.data_dir)
     target = tmp_path / "new" / "cell.toml"
-    assert not restore(sealed, target, signed_by=prove(sealed).public_key).keys_opened
+    assert not restore_backup(sealed, target, signed_by=prove_backup(sealed).public_key).keys_opened
     assert not list(target.parent.rglob("*.pem"))
 
 
@@ -302,12 +308,12 @@ def test_a_backup_of_a_journal_that_grows_is_one_moment_of_it(tmp_path: Path) ->
     writer.join()
     made.append(back_up(config, tmp_path / "last"))
     assert (
-        [prove(one.path).events for one in made]
+        [prove_backup(one.path).events for one in made]
         == [one.events for one in made]
         == sorted(o.events for o in made)
     )
     with open_journal(config) as journal:
-        assert made[-1].events == len(journal.events())
+        assert made[-1].events == len(journal.list_events())
 
 
 def test_only_the_newest_are_kept_and_only_of_this_cell(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import typst
 from cellcal.service.certificates import languages, pdf
 from cellcal.service.certificates.html import as_html
 from cellcal.service.certificates.printing import page_from, pdf_from
-from cellcal.service.cli.certificate import write
+from cellcal.service.cli.certificate import write_certificate
 from cellcal.service.translation import LOCALES, Locale
 from tests.service.printed import HtmlText, Pdf, source_table, squeezed
 from tests.service.spoken import ROOT, SENTENCE
@@ -27,14 +27,14 @@ TITLES = {"de": "Kalibrierbericht", "es": "Informe de calibración", "zh": "标�
 @pytest.fixture(autouse=True)
 def _tables_of_the_source(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Speak from the tables as they are written: the pages need not be built."""
-    languages.words_in.cache_clear()
+    languages.translations_in.cache_clear()
     monkeypatch.setattr(
         languages,
         "sayings",
-        lambda locale: languages.spoken(locale, source_table(locale) if locale != "en" else {}),
+        lambda locale: languages.build_translations(locale, source_table(locale) if locale != "en" else {}),
     )
     yield
-    languages.words_in.cache_clear()
+    languages.translations_in.cache_clear()
 
 
 def own(locale: str) -> dict[str, str]:
@@ -103,7 +103,7 @@ async def test_the_command_writes_page_and_paper_in_a_language_and_signs_in_engl
     config, issued = await framed(tmp_path)
     signed = issued.json_path.read_bytes()
     html = tmp_path / "page.html"
-    assert write("last", cell=config.path, html=html, language="de") == 0
+    assert write_certificate("last", cell=config.path, html=html, language="de") == 0
     assert "Kalibrierbericht" in html.read_text()
     assert "CALIBRATION REPORT" in capsys.readouterr().out
     assert issued.json_path.read_bytes() == signed

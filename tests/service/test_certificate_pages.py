@@ -16,13 +16,13 @@ from fastapi import FastAPI
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Pose
 from cellcal.procedures.cell import MotionLevel
-from cellcal.service.certificates.blocks import Page
-from cellcal.service.certificates.certificate import FORMAT, Issued, issue
+from cellcal.service.certificates.blocks import CertificatePage
+from cellcal.service.certificates.certificate import FORMAT, IssuedCertificate, issue_certificate
 from cellcal.service.certificates.html import as_html
-from cellcal.service.certificates.page import page_of
+from cellcal.service.certificates.page_sections import page_of
 from cellcal.service.certificates.pdf import PdfError, as_pdf
 from cellcal.service.certificates.pictures import (
-    Errors,
+    PointErrors,
     against_limits,
     errors_by_point,
     pictures_of,
@@ -30,14 +30,14 @@ from cellcal.service.certificates.pictures import (
 )
 from cellcal.service.certificates.printing import PrintingError, page_from, print_beside
 from cellcal.service.certificates.qr import code_of, code_text
-from cellcal.service.cli.certificate import write
+from cellcal.service.cli.certificate import write_certificate
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
-from cellcal.service.record.signing import Finding, check, station_key
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
+from cellcal.service.record.signing import CheckFinding, check_document, station_key
 from cellcal.service.runs.run_procedure import NO_MODE
 from cellcal.service.web import history
-from cellcal.service.web.door import Person, person_of
-from cellcal.service.web.error_responses import told
+from cellcal.service.web.dependencies import Person, person_of
+from cellcal.service.web.error_responses import respond_to_error
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
@@ -46,20 +46,20 @@ from tests.service.square_code import read_svg
 HOSTILE = '<script>alert(1)</script> #image("/etc/passwd") *bold* $x$ \\ "quoted" & \'done\' {{7*7}}'
 
 
-async def framed(folder: Path) -> tuple[CellConfig, Issued]:
+async def framed(folder: Path) -> tuple[CellConfig, IssuedCertificate]:
     """Return a cell whose last run taught a frame, and its certificate."""
     config = cell_config(folder)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    return config, issue(config, outcome.run_id)
+    return config, issue_certificate(config, outcome.run_id)
 
 
-def content_of(issued: Issued) -> dict[str, Any]:
+def content_of(issued: IssuedCertificate) -> dict[str, Any]:
     content = json.loads(issued.json_path.read_text())["content"]
     assert isinstance(content, dict)
     return content
 
 
-def paper_of(content: dict[str, Any]) -> Page:
+def paper_of(content: dict[str, Any]) -> CertificatePage:
     return page_of(content, "ab" * 32, "cd" * 32)
 
 
@@ -80,7 +80,7 @@ async def test_the_command_prints_where_it_is_told(
 ) -> None:
     config, issued = await framed(tmp_path)
     html, pdf = tmp_path / "for the customer" / "page.html", tmp_path / "for the customer" / "paper.pdf"
-    assert write("last", cell=config.path, html=html, pdf=pdf) == 0
+    assert write_certificate("last", cell=config.path, html=html, pdf=pdf) == 0
     assert capsys.readouterr().out == issued.text_path.read_text()
     beside = print_beside(issued.json_path)
     assert beside.html_path is not None
@@ -88,7 +88,7 @@ async def test_the_command_prints_where_it_is_told(
     assert html.read_bytes() == beside.html_path.read_bytes()
     assert pdf.read_bytes() == beside.pdf_path.read_bytes()
     with pytest.raises(PrintingError, match="cannot be written"):
-        write("last", cell=config.path, pdf=html / "under a file.pdf")
+        write_certificate("last", cell=config.path, pdf=html / "under a file.pdf")
 
 
 async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) 
     place = raw.index(b'"pass"') + 1
     raw[place] ^= 1
     issued.json_path.write_bytes(raw)
-    assert check(bytes(raw)).finding is Finding.TAMPERED
+    assert check_document(bytes(raw)).finding is CheckFinding.TAMPERED
     with pytest.raises(PrintingError, match="Nothing is printed"):
         page_from(issued.json_path)
     printed = print_beside(issued.json_path)
@@ -164,7 +164,7 @@ async def test_names_in_other_scripts_are_set_or_refused_with_the_cure(tmp_path:
     assert all(told.fonts().values())
 
 
-def set_or_cure(page: Page) -> Pdf | str:
+def set_or_cure(page: CertificatePage) -> Pdf | str:
     try:
         return Pdf(as_pdf(page))
     except PdfError as refused:
@@ -179,7 +179,7 @@ async def test_characters_that_no_font_has_are_refused_and_the_page_is_kept(tmp_
         as_pdf(paper_of(content))
     assert "fonts-noto-cjk" in refused.value.remedy
     path = tmp_path / "odd.json"
-    path.write_text(station_key(tmp_path).sign(FORMAT, content))
+    path.write_text(station_key(tmp_path).sign_document(FORMAT, content))
     printed = print_beside(path)
     assert printed.pdf_path is None
     assert "no font" in printed.trouble
@@ -191,7 +191,7 @@ async def test_a_refusal_is_printed_as_one(tmp_path: Path) -> None:
     config, made = cell_config(tmp_path), pointing()
     made.hands.does["touch_above"] = made.hands.does["touch_origin"]
     outcome = await run_in(config, made, "three_point_frame")
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     assert issued.word == "refused"
     verify_paper(issued.json_path)
     page = page_from(issued.json_path)
@@ -251,7 +251,7 @@ def test_dots_stand_where_their_figures_are() -> None:
 
 def test_errors_stand_on_a_linear_axis_from_zero() -> None:
     values = (0.0001, 0.0004, 0.0, 0.0008)
-    drawn = errors_by_point(Errors("what each point misses by", values))
+    drawn = errors_by_point(PointErrors("what each point misses by", values))
     assert drawn is not None
     words = words_at(drawn.svg)
     zero, tick = words["0"][1] - 3.5, words["0.2"][1] - 3.5
@@ -294,7 +294,7 @@ async def asking(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     """Lend the routes to a viewer: reading is all that they let anybody do."""
     app = FastAPI()
     app.include_router(history.router, prefix="/api")
-    app.add_exception_handler(CellError, told)
+    app.add_exception_handler(CellError, respond_to_error)
     app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")
     app.state.house = SimpleNamespace(config=config)
     transport = httpx.ASGITransport(app=app)
@@ -311,7 +311,7 @@ async def test_a_certificate_is_read_in_every_form(tmp_path: Path) -> None:
         }
         lost = await client.get("/api/runs/three_point_frame-none/certificate.pdf")
     assert {form: answer.status_code for form, answer in answers.items()} == dict.fromkeys(answers, 200)
-    assert check(answers["json"].content).finding is Finding.INTACT
+    assert check_document(answers["json"].content).finding is CheckFinding.INTACT
     assert issued.sha256 in squeezed(Pdf(answers["pdf"].content).text())
     assert issued.run_id in answers["pdf"].headers["content-disposition"]
     assert issued.sha256 in answers["html"].text
@@ -329,12 +329,16 @@ def kept_twice(config: CellConfig) -> None:
         made_at="2026-01-01T00:00:00+00:00",
         made_by="anna",
         source="robot_calibration",
-        values=(Value("J1 offset", "rad", 0.001, 0.0001), Value("J2 offset", "rad", 0.002)),
+        values=(ParameterValue("J1 offset", "rad", 0.001, 0.0001), ParameterValue("J2 offset", "rad", 0.002)),
     )
     sets = ParameterSets(config.path.parent / "parameter_sets")
-    sets.save(first)
-    sets.save(
-        replace(first, made_by="bert", values=(Value("J1 offset", "rad", 0.0015, 0.0001), first.values[1]))
+    sets.save_draft(first)
+    sets.save_draft(
+        replace(
+            first,
+            made_by="bert",
+            values=(ParameterValue("J1 offset", "rad", 0.0015, 0.0001), first.values[1]),
+        )
     )
 
 
@@ -384,7 +388,7 @@ async def test_a_trend_goes_through_all_finished_runs_of_a_robot(tmp_path: Path)
     assert other == []
 
 
-def controller_of(page: Page) -> dict[str, str]:
+def controller_of(page: CertificatePage) -> dict[str, str]:
     """Return the rows of what was selected on the controller; none where the page does not say it."""
     sections = [section for section in page.sections if section.title == "The controller when the run began"]
     return {name: value for section in sections for block in section.blocks for name, value in block.rows}  # type: ignore[union-attr]
@@ -396,7 +400,7 @@ async def test_tool_frame_payload_level_and_mode_are_signed_and_on_every_sheet(t
     made.arm.tools[3] = Pose((0.01, -0.02, 0.3))
     config = cell_config(tmp_path)
     outcome = await run_in(config, made, "three_point_frame")
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     signed = content_of(issued)["controller_at_start"]
     assert signed["motion_level"] == "commanded"
     assert signed["controller_mode"] == "AUTO"
@@ -424,7 +428,7 @@ async def test_what_a_robot_does_not_tell_stays_not_verified(tmp_path: Path) -> 
     made.cell = replace(made.cell, frames=None, mode=None, level=MotionLevel.OBSERVE)
     config = cell_config(tmp_path)
     outcome = await run_in(config, made, "three_point_frame")
-    content = content_of(issue(config, outcome.run_id))
+    content = content_of(issue_certificate(config, outcome.run_id))
     rows = controller_of(paper_of(content))
     told = ("active tool", "user frame", "payload", "controller mode")
     assert {rows[name] for name in told} == {"not verified, this robot does not tell it"}
@@ -438,7 +442,7 @@ async def test_a_certificate_from_before_verifies_and_is_printed_without_what_it
     config, issued = await framed(tmp_path)
     content = content_of(issued)
     del content["controller_at_start"]
-    issued.json_path.write_text(station_key(config.cell.data_dir).sign(FORMAT, content))
-    assert check(issued.json_path.read_bytes()).finding is Finding.INTACT
+    issued.json_path.write_text(station_key(config.cell.data_dir).sign_document(FORMAT, content))
+    assert check_document(issued.json_path.read_bytes()).finding is CheckFinding.INTACT
     assert controller_of(page_from(issued.json_path)) == {}
     assert print_beside(issued.json_path).trouble == ""

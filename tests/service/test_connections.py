@@ -17,7 +17,7 @@ from fastapi import FastAPI
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, Connections
+from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, ServerConnections
 from tests.service.browsers import served
 
 ANSWER = {"content-type": "application/json"}
@@ -47,63 +47,63 @@ class Line:
 
 
 def test_of_too_many_from_one_address_the_oldest_idle_one_gives_way() -> None:
-    held = Connections(most=10_000, clock=Clock())
+    held = ServerConnections(most=10_000, clock=Clock())
     lines = [Line() for _ in range(WAITING_OF_ADDRESS + 5)]
     for line in lines:
-        held.made("10.0.0.1", line)
+        held.add_connection("10.0.0.1", line)
     assert [line.aborted for line in lines] == [True] * 5 + [False] * WAITING_OF_ADDRESS
     other = Line()
-    held.made("10.0.0.2", other)
+    held.add_connection("10.0.0.2", other)
     assert not other.aborted
     assert len(held) == WAITING_OF_ADDRESS + 1
 
 
 def test_what_is_busy_or_a_screen_outlives_what_is_idle() -> None:
-    held, clock = Connections(most=40, clock=Clock()), 0
+    held, clock = ServerConnections(most=40, clock=Clock()), 0
     del clock
     kept = [Line() for _ in range(20)]
     for number, line in enumerate(kept):
-        held.change(held.made("10.0.0.1", line), "busy" if number % 2 else "screen")
+        held.set_state(held.add_connection("10.0.0.1", line), "busy" if number % 2 else "screen")
     flood = [Line() for _ in range(200)]
     for line in flood:
-        held.made("10.0.0.1", line)
+        held.add_connection("10.0.0.1", line)
     assert not any(line.aborted for line in kept)
     assert len(held) == 40
     assert not flood[-1].aborted
 
 
 def test_one_address_cannot_hold_all_screens() -> None:
-    held = Connections(most=10_000, clock=Clock())
+    held = ServerConnections(most=10_000, clock=Clock())
     lines = [Line() for _ in range(ALL_OF_ADDRESS + 3)]
     for line in lines:
-        held.change(held.made("10.0.0.1", line), "screen")
+        held.set_state(held.add_connection("10.0.0.1", line), "screen")
     assert sum(line.aborted for line in lines) == 3
 
 
 def test_a_request_that_never_ends_its_headers_is_closed() -> None:
     clock = Clock()
-    held = Connections(most=100, clock=clock)
+    held = ServerConnections(most=100, clock=clock)
     slow, screen = Line(), Line()
-    held.made("10.0.0.1", slow)
-    held.change(held.made("10.0.0.1", screen), "screen")
+    held.add_connection("10.0.0.1", slow)
+    held.set_state(held.add_connection("10.0.0.1", screen), "screen")
     clock.now_s += HEADERS_S - 0.1
-    held.look()
+    held.close_stale()
     assert not slow.aborted
     clock.now_s += 0.2
-    held.look()
-    held.let_spares_go()
+    held.close_stale()
+    held.release_spares()
     assert (slow.aborted, screen.aborted) == (True, False)
 
 
 def test_errors_of_accept_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
     clock = Clock()
-    held = Connections(most=100, clock=clock)
+    held = ServerConnections(most=100, clock=clock)
     with caplog.at_level(logging.WARNING):
         for _ in range(500):
-            held.refused(OSError(errno.EMFILE, "Too many open files"))
+            held.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
         assert len(caplog.records) == 1
         clock.now_s += 1.1
-        held.refused(OSError(errno.EMFILE, "Too many open files"))
+        held.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
     assert [record.getMessage() for record in caplog.records][1:] == [
         "a connection could not be accepted: Too many open files (499 more like it)"
     ]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from playwright.async_api import Browser, Page, expect
 
-from cellcal.service.demo.mishaps import MISHAPS
-from cellcal.service.demo.web_routes import MENDED, DemoExtension
+from cellcal.service.demo.faults import DEMO_FAULTS
+from cellcal.service.demo.web_routes import CLEARED, DemoExtension
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,
@@ -29,20 +29,20 @@ HANDS = (
     "hook_wire",
     "wire_home",
     "jog",
-)  # as service/demo/hands.py lends them
+)  # as service/demo/technician_actions.py lends them
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, door):
-        app = create_app(Settings(path, demo=True, open_access=True, extension=DemoExtension(door)))
+        app = create_app(ServiceSettings(path, demo=True, open_access=True, extension=DemoExtension(door)))
         async with served(app) as url, chromium() as browser:
             await _look(browser, f"{url}/")
 
 
 def test_all_that_can_happen_has_its_words_in_every_language() -> None:
     hands = {f"hand_{name}" for name in HANDS}
-    wanted = {f"demo_do_{name}" for name in {each.name for each in MISHAPS} | hands | {MENDED}}
-    wanted |= {f"demo_kind_{each.kind}" for each in MISHAPS}
+    wanted = {f"demo_do_{name}" for name in {each.name for each in DEMO_FAULTS} | hands | {CLEARED}}
+    wanted |= {f"demo_kind_{each.kind}" for each in DEMO_FAULTS}
     for locale in LOCALES:
         texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
         assert wanted - texts.keys() == set(), locale

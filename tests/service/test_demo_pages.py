@@ -16,12 +16,12 @@ import httpx
 import pytest
 
 from cellcal.service.cli.demo import is_for_pages
-from cellcal.service.demo import mishaps
-from cellcal.service.demo.door import Door
-from cellcal.service.demo.mishaps import MISHAPS
-from cellcal.service.demo.web_routes import DemoLink, DemoWorld
+from cellcal.service.demo import faults
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from cellcal.service.demo.faults import DEMO_FAULTS
+from cellcal.service.demo.web_routes import DemoCellProcessClient, DemoWorld
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.machine_speed import stretched_s
 from tests.service.desks import a_cell
 
@@ -90,7 +90,7 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
     async with a_demo("--port", "0", "--time-factor", "600") as (process, client):
         shown = await until(client, "/api/demo", lambda told: not told["preparing"])
         assert shown["tcp_error_m"]["max"] < 1e-9
-        assert {each["name"] for each in shown["mishaps"]} == {each.name for each in MISHAPS}
+        assert {each["name"] for each in shown["mishaps"]} == {each.name for each in DEMO_FAULTS}
         assert (await client.get("/api/session")).json()["demo"] is True
         runs = (await client.get("/api/runs")).json()
         assert [(run["procedure"], run["state"]) for run in runs] == [("mastering_record", "passed")]
@@ -126,8 +126,8 @@ async def test_two_demos_at_once_and_a_killed_one_leaves_no_orphan() -> None:
 
 async def test_hands_do_what_a_yes_says_and_nothing_else(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, door):
-        link = DemoLink(path, lambda _kind, _content: None, DemoWorld(door))
-        await door.fault("battery_loss")
+        link = DemoCellProcessClient(path, lambda _kind, _content: None, DemoWorld(door))
+        await door.inject_fault("battery_loss")
         prompt = {"id": "r:1", "kind": "confirm", "key": "new_battery", "text": "Exchange the batteries."}
         link.session = {"rev": 5, "prompt": prompt}
         yes = {"op": "answer", "prompt_id": "r:1", "value": "yes"}
@@ -143,27 +143,27 @@ async def test_hands_do_what_a_yes_says_and_nothing_else(tmp_path: Path) -> None
         assert [each.name for each in link.world.pressed] == ["hand_new_battery"]
 
 
-async def _to_no_desk(link: DemoLink, command: dict[str, Any]) -> None:
+async def _to_no_desk(link: DemoCellProcessClient, command: dict[str, Any]) -> None:
     with pytest.raises(Exception, match="does not answer"):
-        await link.order(command)
+        await link.send_order(command)
 
 
 async def test_every_mishap_happens_and_mending_takes_back_all_but_the_lost_zero(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (_, door):
         before = await _state(door)
-        for mishap in MISHAPS:
+        for mishap in DEMO_FAULTS:
             if mishap.kind != "loss":
-                await mishaps.happen(door, mishap.name)
+                await faults.trigger_fault(door, mishap.name)
         assert await _state(door) != before
-        await mishaps.mend(door)
+        await faults.clear_faults(door)
         assert await _state(door) == before
-        await mishaps.happen(door, "battery")
-        await mishaps.mend(door)
-        assert (await door.ask("tcp_error", robot="fanuc"))["max"] > 1e-3
+        await faults.trigger_fault(door, "battery")
+        await faults.clear_faults(door)
+        assert (await door.send_command("tcp_error", robot="fanuc"))["max"] > 1e-3
 
 
-async def _state(door: Door) -> dict[str, Any]:
-    told = await door.truth()
+async def _state(door: FakeCellClient) -> dict[str, Any]:
+    told = await door.read_truth()
     fanuc, ur, wire = told["robots"]["fanuc"], told["robots"]["ur"], told["gauges"]["wire"]
     return {
         "fanuc": {key: fanuc[key] for key in ("active", "mode", "emergency_stop", "alarms", "mastered")},
@@ -174,20 +174,22 @@ async def _state(door: Door) -> dict[str, Any]:
 
 async def test_a_real_cells_service_has_no_such_buttons(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _):
-        paths = create_app(Settings(path)).openapi()["paths"]
+        paths = create_app(ServiceSettings(path)).openapi()["paths"]
     assert not [name for name in paths if "demo" in name]
 
 
 async def test_the_pace_of_the_world_changes_without_a_leap(tmp_path: Path) -> None:
     async with a_cell(tmp_path, time_factor=1000.0) as (_, door):
-        before_s = (await door.truth())["time_s"]
-        assert (await door.ask("pace", time_factor=1.0))["time_factor"] == 1.0
-        after_s = (await door.truth())["time_s"]
+        before_s = (await door.read_truth())["time_s"]
+        assert (await door.send_command("pace", time_factor=1.0))["time_factor"] == 1.0
+        after_s = (await door.read_truth())["time_s"]
         assert before_s <= after_s
         await asyncio.sleep(0.05)
-        assert (await door.truth())["time_s"] - after_s < 20.0  # 1000 times as fast it would be 50 and more
+        assert (await door.read_truth())[
+            "time_s"
+        ] - after_s < 20.0  # 1000 times as fast it would be 50 and more
         with pytest.raises(Exception, match="refused"):
-            await door.ask("pace", time_factor=-1.0)
+            await door.send_command("pace", time_factor=-1.0)
 
 
 def test_pages_are_for_a_terminal_where_no_ci_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playwright.async_api import expect
 
-from cellcal.service.demo.furniture import BASE_FRAME, DOWN, PIN_IN_BASE_M, TIP_IN_FLANGE_M, place_for
+from cellcal.service.demo.demo_fixtures import BASE_FRAME, DOWN, PIN_IN_BASE_M, TIP_IN_FLANGE_M, place_for
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium
 from tests.service.test_demo_pages import PATIENCE_S, a_demo, until
 

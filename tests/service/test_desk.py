@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 from tests.service.desks import (
     COMMAND,
     RECORD,
@@ -47,7 +47,9 @@ async def test_an_answer_that_comes_twice_at_once_is_one_answer(tmp_path: Path) 
         told = {"id": "one press", "rev": person.desk.rev, "who": "Anna"}
         told |= {"people": [{"name": "Anna", "role": "technician"}]}
         told |= {"order": {"op": "answer", "prompt_id": prompt["id"]}}
-        both = await asyncio.gather(*(person.desk.obey(COMMAND.validate_python(told)) for _ in range(2)))
+        both = await asyncio.gather(
+            *(person.desk.execute_command(COMMAND.validate_python(told)) for _ in range(2))
+        )
         assert [reply["ok"] for reply in both] == [True, True], both
         assert both[0] == both[1]
         await person.until(
@@ -97,7 +99,7 @@ async def test_a_stopped_run_is_journalled_and_goes_on_where_it_was(tmp_path: Pa
         assert resumed["found"][: len(found)] == found
         await person.order({"op": "stop"})
         with open_journal(read_cell_file(tmp_path / "cell.toml")) as journal:
-            steps = [finding.step for finding in Store(journal).run(run["id"]).past.findings]
+            steps = [finding.step for finding in RunStore(journal).find_run(run["id"]).past.findings]
         assert len(steps) == len(set(steps))
 
 
@@ -175,8 +177,8 @@ async def test_what_cannot_be_done_just_now_is_said(tmp_path: Path) -> None:
 async def test_a_loss_is_seen_on_the_screen_with_its_answer(tmp_path: Path) -> None:
     async with at_desk(tmp_path) as person:
         memory = LastHealthyCounts(read_cell_file(tmp_path / "cell.toml").cell.data_dir)
-        await person.until(lambda _: memory.load("fanuc"))  # it has seen the robot healthy
-        await person.door.fault("battery_loss", axes="all")
+        await person.until(lambda _: memory.load_counts("fanuc"))  # it has seen the robot healthy
+        await person.door.inject_fault("battery_loss", axes="all")
         losses = await person.until(lambda session: session["losses"])
         assert (losses[0]["robot"], losses[0]["procedure"]) == ("fanuc", "mastering_recovery")
         assert losses[0]["mode"] == "M1"

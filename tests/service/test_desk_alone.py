@@ -28,7 +28,7 @@ async def a_watching_desk(folder: Path, watch: str, *, record: bool = False) -> 
         text = path.read_text(encoding="utf-8").replace("[watch]\n", f"[watch]\n{watch}")
         path.write_text(text, encoding="utf-8")
         person = AtDesk(path, door)
-        attending = asyncio.create_task(person.desk.attend())
+        attending = asyncio.create_task(person.desk.stay_connected())
         try:
             await person.until(lambda session: session["connection"]["connected"])
             if record:
@@ -44,15 +44,17 @@ async def a_watching_desk(folder: Path, watch: str, *, record: bool = False) -> 
 async def a_healthy_look(person: AtDesk) -> None:
     """Wait until the desk has looked at the robot, also since the run before: it looks five times a second."""
     memory = LastHealthyCounts(read_cell_file(person.cell_file).cell.data_dir)
-    await person.until(lambda _: memory.load("fanuc"))
+    await person.until(lambda _: memory.load_counts("fanuc"))
     watches = person.desk._watch.watches
-    await person.until(lambda _: (seen := watches.known("fanuc")) is not None and not seen._after_run)
+    await person.until(
+        lambda _: (seen := watches.existing_watch("fanuc")) is not None and not seen._after_run
+    )
 
 
 def journalled(folder: Path, run_id: str) -> tuple[set[str], dict[str, str]]:
     """Return who acted in a run, and who answered its questions, by step."""
     with open_journal(read_cell_file(folder / "cell.toml")) as journal:
-        events = journal.events(run_id)
+        events = journal.list_events(run_id)
     bodies = [json.loads(event.body) for event in events]
     values = [(body.get("step", ""), body.get("value")) for body in bodies]
     answers = {step: value["who"] for step, value in values if isinstance(value, dict) and "who" in value}
@@ -61,7 +63,7 @@ def journalled(folder: Path, run_id: str) -> tuple[set[str], dict[str, str]]:
 
 async def test_a_closed_cell_recovers_its_memory_up_to_the_write_and_a_person_writes(tmp_path: Path) -> None:
     async with a_watching_desk(tmp_path, VOUCHED, record=True) as person:
-        await person.door.fault("memory_loss")
+        await person.door.inject_fault("memory_loss")
         run = await person.until(lambda session: session["run"])
         assert (run["procedure"], run["who"], run["hold_to_move"]) == ("mastering_recovery", WATCH, False)
         prompt = await person.until(lambda session: session["prompt"])
@@ -81,7 +83,7 @@ async def test_a_closed_cell_recovers_its_memory_up_to_the_write_and_a_person_wr
 
 async def test_where_hands_are_needed_everything_after_them_is_asked_of_a_person(tmp_path: Path) -> None:
     async with a_watching_desk(tmp_path, VOUCHED, record=True) as person:
-        await person.door.fault("battery_loss", axes="all")
+        await person.door.inject_fault("battery_loss", axes="all")
         assert (await person.until(lambda session: session["run"]))["who"] == WATCH
         asked = await say_yes_until_it_ends(person)
         assert asked[0] == "new_battery"
@@ -92,7 +94,7 @@ async def test_where_hands_are_needed_everything_after_them_is_asked_of_a_person
 
 async def test_what_nobody_vouched_for_is_asked_first_and_nothing_moves_before(tmp_path: Path) -> None:
     async with a_watching_desk(tmp_path, ALONE, record=True) as person:
-        await person.door.fault("memory_loss")
+        await person.door.inject_fault("memory_loss")
         prompt = await person.until(lambda session: session["prompt"])
         assert (person.session["run"]["who"], prompt["key"]) == (WATCH, "saved_counts")
         stood = await person.joints()
@@ -128,7 +130,7 @@ async def test_it_is_offered_and_not_started_where_the_cell_file_does_not_allow_
 ) -> None:
     async with a_watching_desk(tmp_path, watch) as person:
         for fault, arguments in faults:
-            await person.door.fault(fault, device="fanuc", **arguments)
+            await person.door.inject_fault(fault, device="fanuc", **arguments)
         (loss,) = await person.until(lambda session: session["losses"])
         assert reason in loss["reasons"]
         assert loss["procedure"]
@@ -143,7 +145,7 @@ async def test_the_robot_is_looked_at_as_soon_as_a_run_has_let_it_go(tmp_path: P
         await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
         object.__setattr__(person.desk._watch._config.watch, "period_s", 3600.0)
         await person.further_looks(10)
-        await person.door.fault("memory_loss")
+        await person.door.inject_fault("memory_loss")
         await person.order({"op": "stop"})
         await person.until(lambda session: session["losses"])
 
@@ -152,7 +154,7 @@ async def test_a_loss_during_a_run_is_left_to_whoever_works_there(tmp_path: Path
     async with a_watching_desk(tmp_path, VOUCHED) as person:
         await person.order(RECORD | {"hold_to_move": False})
         await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
-        await person.door.fault("memory_loss")
+        await person.door.inject_fault("memory_loss")
         await person.further_looks(15)
         assert person.session["run"]["who"] == "Anna"
         assert not person.session["losses"]  # the run has the robot

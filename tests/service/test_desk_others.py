@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.export.meter import Meter
+from cellcal.service.export.cell_metrics import CellMetrics
 from cellcal.service.record.healthy_counts import LastHealthyCounts
-from cellcal.service.record.journal_files import leases
-from cellcal.service.record.robot_lock import DEVICES, lease
+from cellcal.service.record.journal_files import lease_folder
+from cellcal.service.record.robot_lock import DEVICES, acquire_lease
 from cellcal.service.site.alarms import wrong_in
 from tests.machine_speed import stretched_s
 from tests.service.desks import RECORD, AtDesk, at_desk, ended, say_yes_until_it_ends, take_the_record
@@ -23,7 +23,7 @@ async def test_an_unselected_robot_that_loses_its_encoders_is_named_and_recovere
         await until_device(
             person, "fanuc", lambda device: device["role"] == "other_robot" and device["value"]
         )
-        await person.door.fault("battery_loss", axes="all")
+        await person.door.inject_fault("battery_loss", axes="all")
         (loss,) = await person.until(lambda session: session["losses"])
         assert (loss["robot"], loss["procedure"], loss["mode"]) == ("fanuc", "mastering_recovery", "M1")
         assert "another robot was selected at the desk" in loss["reasons"]
@@ -49,18 +49,20 @@ async def test_a_stop_of_an_unselected_robot_is_told_to_the_site_and_the_figures
         await person.answer("wire_is_hooked")
         await person.until(lambda session: (session["prompt"] or {}).get("key") == "accept_plan")
         rev = person.desk.rev
-        await person.door.fault("protective_stop", device="ur")
+        await person.door.inject_fault("protective_stop", device="ur")
         await until_device(person, "ur", lambda device: device["state"] == "stopped")
         (alarm,) = [each for each in wrong_in(person.session, person.live) if each.source == "ur"]
         assert (alarm.code, "protective stop" in alarm.text) == ("device.stopped", True)
-        meter = Meter(read_cell_file(person.cell_file))
-        meter.heard("session", person.session)
-        meter.heard("live", person.live)
-        assert 'cellcal_device_state{device="ur",role="other_robot",state="stopped"} 1' in meter.text()
+        meter = CellMetrics(read_cell_file(person.cell_file))
+        meter.on_event("session", person.session)
+        meter.on_event("live", person.live)
+        assert (
+            'cellcal_device_state{device="ur",role="other_robot",state="stopped"} 1' in meter.render_metrics()
+        )
         assert person.desk.rev == rev  # what the person looks at is not out of date by it
         await person.answer("accept_plan")
         await person.until(lambda session: "capture 1" in session["run"]["found"])
-        await person.door.fault("unlock_protective_stop", device="ur")
+        await person.door.inject_fault("unlock_protective_stop", device="ur")
         await until_device(person, "ur", lambda device: device["state"] == "ready")
         await person.order({"op": "stop"})
 
@@ -68,11 +70,11 @@ async def test_a_stop_of_an_unselected_robot_is_told_to_the_site_and_the_figures
 async def test_an_unselected_robot_that_is_cut_off_is_told_and_found_again(tmp_path: Path) -> None:
     async with at_desk(tmp_path) as person:
         await until_device(person, "ur", lambda device: device["state"] == "ready")
-        await person.door.fault("link_loss_all", device="ur")
+        await person.door.inject_fault("link_loss_all", device="ur")
         told = await until_device(person, "ur", lambda device: device["state"] == "unreachable")
         assert told["message"]
         assert person.session["connection"]["connected"]
-        await person.door.fault("link_restore", device="ur")
+        await person.door.inject_fault("link_restore", device="ur")
         await until_device(person, "ur", lambda device: device["state"] == "ready")
 
 
@@ -80,7 +82,7 @@ async def test_a_robot_that_another_cellcal_has_is_left_to_it(tmp_path: Path) ->
     async with at_desk(tmp_path) as person:
         await until_device(person, "ur", lambda device: device["state"] == "ready")
         config = read_cell_file(person.cell_file)
-        with lease(leases(config), config.robot("ur").serial, "a test", DEVICES):
+        with acquire_lease(lease_folder(config), config.robot_named("ur").serial, "a test", DEVICES):
             told = await until_device(person, "ur", lambda device: device["state"] == "unknown")
             assert "another cellcal" in told["message"]
             assert not [each for each in wrong_in(person.session, person.live) if each.source == "ur"]
@@ -91,10 +93,10 @@ async def test_the_others_are_told_while_the_selected_robot_cannot_be_reached(tm
     async with at_desk(tmp_path) as person:
         memory = LastHealthyCounts(read_cell_file(person.cell_file).cell.data_dir)
         await select(person, "ur")
-        await person.until(lambda _: memory.load("fanuc"))
-        await person.door.fault("link_loss_all", device="ur")
+        await person.until(lambda _: memory.load_counts("fanuc"))
+        await person.door.inject_fault("link_loss_all", device="ur")
         await person.until(lambda session: not session["connection"]["connected"])
-        await person.door.fault("battery_loss", axes="all")
+        await person.door.inject_fault("battery_loss", axes="all")
         (loss,) = await person.until(lambda session: session["losses"])
         assert loss["robot"] == "fanuc"
         await until_device(person, "fanuc", lambda device: device["state"] == "position_lost")

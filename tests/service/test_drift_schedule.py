@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, ConfigError, read_cell_file
-from cellcal.service.record.drift_schedule import Reminder, next_drift_checks
+from cellcal.service.record.drift_schedule import DriftReminder, next_drift_checks
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.runs.outline import possible
-from cellcal.service.site.desk_tap import DeskTap
-from cellcal.service.site.standing import DueDates
-from cellcal.service.site.troubles import Troubles
+from cellcal.service.runs.run_preview import list_procedures
+from cellcal.service.site.cell_alarms import CellAlarmWatch
+from cellcal.service.site.cell_state import DueDates
+from cellcal.service.site.controller_tap import ControllerTap
 from tests.procedures.cells import scene_for
 from tests.procedures.certified import cell_config, run_in
 
@@ -34,8 +34,8 @@ def ended(
     run_id = f"{procedure}-{number:012x}"
     cell = {"devices": [{"role": "robot", "identity": {"serial": serial}}]}
     events = [
-        NewEvent(Kind.STARTED, {"procedure": procedure, "cell": cell}),
-        NewEvent(Kind.ENDED, {"verdict": verdict, "reason": ""}),
+        NewEvent(EventKind.STARTED, {"procedure": procedure, "cell": cell}),
+        NewEvent(EventKind.ENDED, {"verdict": verdict, "reason": ""}),
     ]
     with open_journal(config) as journal:
         journal.append_all(run_id, events)
@@ -55,8 +55,8 @@ async def test_a_week_after_the_last_check_the_next_is_due_and_everybody_is_told
     await run_in(config, await scene_for("drift_check"), "drift_check")
     due = today() + timedelta(7)
     assert next_drift_checks(config, TODAY) == {robot: due, other: TODAY}
-    assert {row.name: row.due for row in possible(config) if row.due} == {"drift_check": due}
-    assert {"what": f"drift check of {robot}", "due": due.isoformat()} in DueDates(config).at(0.0)
+    assert {row.name: row.due for row in list_procedures(config) if row.due} == {"drift_check": due}
+    assert {"what": f"drift check of {robot}", "due": due.isoformat()} in DueDates(config).due_items(0.0)
 
 
 def test_where_the_cell_file_says_nothing_nothing_is_due(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_where_the_cell_file_says_nothing_nothing_is_due(tmp_path: Path) -> None
     path.write_text(path.read_text().replace("drift_check_days = 14\n", ""))
     config = read_cell_file(path)
     assert next_drift_checks(config, TODAY) == {}
-    assert not any(row.due for row in possible(config))
-    assert not any("drift" in told["what"] for told in DueDates(config).at(0.0))
+    assert not any(row.due for row in list_procedures(config))
+    assert not any("drift" in told["what"] for told in DueDates(config).due_items(0.0))
 
 
 @pytest.mark.parametrize("days", ["0", "-7", "nan", "4000", '"weekly"'])
@@ -88,16 +88,16 @@ def test_only_a_check_of_this_robot_that_ended_well_counts(tmp_path: Path) -> No
 
 def test_a_reminder_looks_again_after_a_while_and_keeps_what_it_knew(tmp_path: Path) -> None:
     config = weekly(tmp_path)
-    reminder = Reminder(config)
-    first = reminder.due(0.0)
+    reminder = DriftReminder(config)
+    first = reminder.list_due(0.0)
     ended(config, 1, "passed")
-    assert reminder.due(Reminder.EVERY_S - 0.1) == first
-    later = reminder.due(Reminder.EVERY_S)
+    assert reminder.list_due(DriftReminder.EVERY_S - 0.1) == first
+    later = reminder.list_due(DriftReminder.EVERY_S)
     assert later != first
     journal_path(config).write_bytes(b"this is no database")
     for extra in journal_path(config).parent.glob("*-wal"):
         extra.unlink()
-    assert reminder.due(2 * Reminder.EVERY_S) == later
+    assert reminder.list_due(2 * DriftReminder.EVERY_S) == later
 
 
 def test_an_overdue_check_is_an_alarm_until_it_is_done(
@@ -112,11 +112,11 @@ def test_an_overdue_check_is_an_alarm_until_it_is_done(
         def now(cls, tz: object = None) -> "Later":  # type: ignore[override]
             return cls(late.year, late.month, late.day, tzinfo=UTC)
 
-    monkeypatch.setattr("cellcal.service.site.troubles.datetime", Later)
-    troubles = Troubles(config, DeskTap(None), DueDates(config))
+    monkeypatch.setattr("cellcal.service.site.cell_alarms.datetime", Later)
+    troubles = CellAlarmWatch(config, ControllerTap(None), DueDates(config))
     of_robot = f"drift check of {config.robots[0].name}"
-    raised = {alarm.source: up for _ in range(3) for alarm, up in troubles.look(100.0)}
+    raised = {alarm.source: up for _ in range(3) for alarm, up in troubles.update_alarms(100.0)}
     assert raised[of_robot]
     monkeypatch.undo()
-    cleared = {alarm.source: up for _ in range(3) for alarm, up in troubles.look(500.0)}
+    cleared = {alarm.source: up for _ in range(3) for alarm, up in troubles.update_alarms(500.0)}
     assert cleared[of_robot] is False

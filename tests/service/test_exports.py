@@ -20,16 +20,16 @@ from hypothesis import strategies as st
 from openpyxl import load_workbook
 
 from cellcal.calibration.errors import CellError
-from cellcal.service.certificates.certificate import issue
-from cellcal.service.certificates.points import readings
+from cellcal.service.certificates.certificate import issue_certificate
+from cellcal.service.certificates.points import list_readings
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
-from cellcal.service.engineering.parameters.parameter_sets import Value as Parameter
+from cellcal.service.engineering.parameters.parameter_sets import ParameterValue as Parameter
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.cell_tables import history_table, parameters_table, points_table, runs_table
 from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
-from cellcal.service.export.tables import Column, ExportError, Table, Value, unit_of
+from cellcal.service.export.tables import ExportColumn, ExportError, ExportTable, Value, unit_of
 from cellcal.service.record.journal_files import open_journal
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
@@ -43,8 +43,8 @@ HOSTILE = (
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def table_of(*rows: tuple[Value, ...]) -> Table:
-    return Table("t", tuple(Column(f"c{k}", "m") for k in range(len(rows[0]))), tuple(rows))
+def table_of(*rows: tuple[Value, ...]) -> ExportTable:
+    return ExportTable("t", tuple(ExportColumn(f"c{k}", "m") for k in range(len(rows[0]))), tuple(rows))
 
 
 def read_csv(content: bytes, delimiter: str = ",") -> list[list[str]]:
@@ -102,7 +102,7 @@ def test_no_text_is_a_formula_in_xlsx_and_none_is_changed() -> None:
 
 
 def test_names_of_columns_are_text_too_and_what_xml_cannot_hold_is_seen_to_be_missing() -> None:
-    table = Table("a/b:[c]" * 9, (Column("=1+1", "@x"),), (("a\x00b\x1b[31m",), ("x" * 40_000,)))
+    table = ExportTable("a/b:[c]" * 9, (ExportColumn("=1+1", "@x"),), (("a\x00b\x1b[31m",), ("x" * 40_000,)))
     assert read_csv(as_csv_file(table))[:2] == [["'=1+1"], ["'@x"]]
     rows = read_xlsx(as_xlsx_file([table]))
     assert rows[:3] == [["=1+1"], ["@x"], ["a\ufffdb\ufffd[31m"]]
@@ -137,19 +137,19 @@ def test_units_are_what_names_say(name: str, unit: str) -> None:
 def lived_in(folder: Path) -> tuple[CellConfig, str]:
     config = cell_config(folder)
     run_id = asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id
-    issue(config, run_id)
+    issue_certificate(config, run_id)
     values = (Parameter("a1", "m", 1e-4 / 3, 1e-5), Parameter("alpha1", "rad", -0.1 - 0.2))
     draft = ParameterSet("F-1", "m", "0", "2026-01-01", "=anna()", "test", values)
     sets = ParameterSets(folder / "parameter_sets")
-    sets.save(draft)
-    sets.rollback("F-1", 1, made_by="b", made_at="2026-01-02")
+    sets.save_draft(draft)
+    sets.roll_back("F-1", 1, made_by="b", made_at="2026-01-02")
     return config, run_id
 
 
 def test_every_number_of_the_journal_is_in_the_tables(tmp_path: Path) -> None:
     config, run_id = lived_in(tmp_path)
     with open_journal(config) as journal:
-        taken = readings(journal.events(run_id), {})
+        taken = list_readings(journal.list_events(run_id), {})
     told = read_csv(as_csv_file(points_table(config, "last")))
     assert len(told) == 2 + len(taken) > 4
     for reading, row in zip(taken, told[2:], strict=True):
@@ -215,7 +215,7 @@ def test_with_its_library_a_run_is_read_back_from_mcap(tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
     assert run_command_line(["export", "mcap", str(config.path), "--out", str(out)]) == 0
     with open_journal(config) as journal:
-        events = journal.events(run_id)
+        events = journal.list_events(run_id)
     with out.open("rb") as file:
         reader = importlib.import_module("mcap.reader").make_reader(file, validate_crcs=True)
         told = [
@@ -226,7 +226,7 @@ def test_with_its_library_a_run_is_read_back_from_mcap(tmp_path: Path) -> None:
     assert [body["body"] for topic, _, body in told if topic == "/events"] == [
         json.loads(e.body) for e in events
     ]
-    taken = readings(events, {})
+    taken = list_readings(events, {})
     assert [body["value"] for topic, _, body in told if topic == "/readings"] == [
         one["value"] for one in taken
     ]

@@ -16,15 +16,15 @@ import pytest
 from fastapi.routing import APIRoute, APIWebSocketRoute, iter_route_contexts
 from playwright.async_api import Page, expect
 
-from cellcal.service.people.authentication import Entrance
-from cellcal.service.record.signing import Checked, check, station_key
+from cellcal.service.people.authentication import Authenticator
+from cellcal.service.record.signing import CheckedDocument, check_document, station_key
 from cellcal.service.site import fleet
-from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.alarms import CellAlarm
 from cellcal.service.site.fleet import Fleet
 from cellcal.service.site.keys import StationKeys
-from cellcal.service.site.link_files import Enrolled, StationsFile
-from cellcal.service.site.sealed import Sealer
-from cellcal.service.web.fleet import PAGE, FleetHouse, create_fleet_app
+from cellcal.service.site.link_files import EnrolledCell, StationsFile
+from cellcal.service.site.signed_messages import MessageSigner
+from cellcal.service.web.fleet import PAGE, FleetContext, create_fleet_app
 from cellcal.service.web.pages import DIST
 from tests.service.browsers import PATIENCE_MS, PATIENCE_S, chromium, comes, hold_to_rules, served, speaks
 from tests.service.doors import another_browser
@@ -72,14 +72,14 @@ class Hall:
 
     def __init__(self, folder: Path, count: int) -> None:
         self.names = [f"cell-{k:03d}" for k in range(count)]
-        self.key, self.linked, self._seq = station_key(folder), True, 0
-        enrolled = Enrolled(public_key=self.key.public, enrolled_utc="")
+        self.key, self.is_linked, self._seq = station_key(folder), True, 0
+        enrolled = EnrolledCell(public_key=self.key.public_key, enrolled_utc="")
         self.fleet = Fleet(StationsFile(site=SITE, cells=dict.fromkeys(self.names, enrolled)))
         self.certificates: dict[str, bytes] = {}
 
-    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]:
+    def fetch_certificate(self, cell: str, run_id: str) -> tuple[bytes, CheckedDocument]:
         raw = self.certificates[run_id]
-        return raw, check(raw, expected_key=self.key.public)
+        return raw, check_document(raw, expected_key=self.key.public_key)
 
     def say(self, cell: str, /, **changes: Any) -> None:
         """Let a cell tell its state."""
@@ -88,10 +88,12 @@ class Hall:
             "cell": f"Line 3, {cell}", "alarms": [], "run": None, "asks": None, "attended": True, "drift": [],
             "certificate": None, "due": [], "outbox": {"first": 1, "last": 1},
         } | changes  # fmt: skip
-        key = StationKeys(SITE, cell).state
-        self.fleet.sample(key, Sealer(self.key, cell, "1").seal(key, self._seq, body), time.monotonic())
-        self.fleet.liveliness(StationKeys(SITE, cell).alive, alive=True)
-        self.fleet.look(most=10_000)
+        key = StationKeys(SITE, cell).state_key
+        self.fleet.take_sample(
+            key, MessageSigner(self.key, cell, "1").sign_message(key, self._seq, body), time.monotonic()
+        )
+        self.fleet.note_liveliness(StationKeys(SITE, cell).alive_key, alive=True)
+        self.fleet.open_newest_states(most=10_000)
 
     def fill(self) -> None:
         for k, cell in enumerate(self.names):
@@ -102,7 +104,7 @@ class Hall:
             )  # fmt: skip
 
     def leave(self, cell: str) -> None:
-        self.fleet.liveliness(StationKeys(SITE, cell).alive, alive=False)
+        self.fleet.note_liveliness(StationKeys(SITE, cell).alive_key, alive=False)
 
 
 @asynccontextmanager
@@ -121,7 +123,7 @@ async def page_of(
         page.on(
             "request", lambda asked: complaints.append(asked.url) if not asked.url.startswith(url) else None
         )
-        await page.goto(f"{url}/api/sign-in/console?token={app.state.house.entrance.console_token()}")
+        await page.goto(f"{url}/api/sign-in/console?token={app.state.house.authenticator.console_token()}")
         await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
         yield page
         await context.close()
@@ -206,17 +208,17 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
 
 async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path) -> None:
     hall = Hall(tmp_path, 2)
-    silent = Alarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
-    late = Alarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it done.")
-    broken = Alarm("run.broken", "robot_calibration", "Nothing was sent.")
+    silent = CellAlarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
+    late = CellAlarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it done.")
+    broken = CellAlarm("run.broken", "robot_calibration", "Nothing was sent.")
     hall.say(
         "cell-000", alarms=[each.as_json() for each in (silent, late, broken)], run=RUN, certificate=CERTIFICATE,
         due=[{"what": "certificate on the bus", "due": "2099-01-01"}],
     )  # fmt: skip
-    hall.fleet.sample(StationKeys(SITE, "cell-001").state, b'{"forged": 1}', time.monotonic())
+    hall.fleet.take_sample(StationKeys(SITE, "cell-001").state_key, b'{"forged": 1}', time.monotonic())
     hall.say("cell-001")
-    hall.fleet.sample(StationKeys(SITE, "cell-001").state, b'{"forged": 1}', time.monotonic())
-    hall.fleet.look()
+    hall.fleet.take_sample(StationKeys(SITE, "cell-001").state_key, b'{"forged": 1}', time.monotonic())
+    hall.fleet.open_newest_states()
     english = (
         "heard of",
         "was due",
@@ -244,9 +246,9 @@ async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: 
     hall = Hall(tmp_path, 3)
     hall.fill()
     async with page_of(hall, tmp_path, expected="40[13]") as page:  # refusals, as the browser tells them
-        hall.linked = False
+        hall.is_linked = False
         await page.get_by_text("The site's router does not answer").wait_for()
-        hall.linked = True
+        hall.is_linked = True
         await page.get_by_text("The site's router does not answer").wait_for(state="detached")
         await page.context.clear_cookies()
         await page.reload()
@@ -256,23 +258,23 @@ async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: 
 async def test_a_page_is_told_what_changed_and_nothing_else(tmp_path: Path) -> None:
     hall = Hall(tmp_path, 50)
     hall.fill()
-    house = FleetHouse(hall, Entrance(tmp_path))
+    house = FleetContext(hall, Authenticator(tmp_path))
     sent: dict[str, bytes] = {}
-    house.look()
-    assert len(json.loads(house.message(sent))["rows"]) == 50
-    house.look()
-    assert json.loads(house.message(sent))["rows"] == []
+    house.update_rows()
+    assert len(json.loads(house.changes_message(sent))["rows"]) == 50
+    house.update_rows()
+    assert json.loads(house.changes_message(sent))["rows"] == []
     hall.say("cell-007", alarms=[ALARM])
     hall.leave("cell-008")
-    house.look()
-    told = json.loads(house.message(sent))
+    house.update_rows()
+    told = json.loads(house.changes_message(sent))
     assert [(row["cell"], row["link"], len(row["alarms"])) for row in told["rows"]] == [
         ("cell-007", "online", 1), ("cell-008", "offline", 0),
     ]  # fmt: skip
     assert told["ages"].keys() == {"cell-008"}
-    hall.fleet.sample(StationKeys(SITE, "cell-009").state, b'{"forged": 1}', time.monotonic())
-    hall.fleet.look()
-    assert json.loads(house.message(sent))["not_believed"][0]["cell"] == "cell-009"
+    hall.fleet.take_sample(StationKeys(SITE, "cell-009").state_key, b'{"forged": 1}', time.monotonic())
+    hall.fleet.open_newest_states()
+    assert json.loads(house.changes_message(sent))["not_believed"][0]["cell"] == "cell-009"
 
 
 WRONG: list[dict[str, Any]] = [
@@ -292,11 +294,11 @@ WRONG: list[dict[str, Any]] = [
 def test_a_cell_of_another_version_spoils_nothing(tmp_path: Path, wrong: dict[str, Any]) -> None:
     hall = Hall(tmp_path, 3)
     hall.fill()
-    before = hall.fleet.views(time.monotonic())[1]
+    before = hall.fleet.cell_views(time.monotonic())[1]
     hall.say("cell-001", **wrong)
     assert hall.fleet.flaws[-1]["cell"] == "cell-001"
     assert "another version" in hall.fleet.flaws[-1]["what"]
-    after = hall.fleet.views(time.monotonic())[1]
+    after = hall.fleet.cell_views(time.monotonic())[1]
     assert (after.name, after.alarms, after.drift, after.due) == (
         before.name,
         before.alarms,
@@ -322,7 +324,7 @@ async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path:
         assert (await browser.get("/api/fleet", headers={"host": "evil.example"})).status_code == 421
         assert (await browser.get("/api/fleet", headers={"origin": "http://evil.example"})).status_code == 403
         assert (await browser.get("/api/sign-in/console", params={"token": "guess"})).status_code >= 400
-        token = app.state.house.entrance.console_token()
+        token = app.state.house.authenticator.console_token()
         assert (await browser.get("/api/sign-in/console", params={"token": token})).status_code == 303
         assert len((await browser.get("/api/fleet")).json()["rows"]) == 2
         assert (
@@ -331,8 +333,10 @@ async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path:
             .startswith("default-src 'self'")
         )
         hall.certificates = {
-            "good": hall.key.sign("cellcal certificate 1", {"a": 1}).encode(),
-            "forged": station_key(tmp_path / "thief").sign("cellcal certificate 1", {"a": 1}).encode(),
+            "good": hall.key.sign_document("cellcal certificate 1", {"a": 1}).encode(),
+            "forged": station_key(tmp_path / "thief")
+            .sign_document("cellcal certificate 1", {"a": 1})
+            .encode(),
         }
         good = await browser.get("/api/fleet/cell-000/certificates/good.json")
         assert (good.status_code, good.content) == (200, hall.certificates["good"])

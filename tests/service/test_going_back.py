@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from cellcal.service.cell_process.messages import Pause
+from cellcal.service.cell_process.messages import PauseRun
 from cellcal.service.engineering.parameters.parameter_sets import (
     FOLDER,
     ParameterSet,
     ParameterSets,
-    Value,
+    ParameterValue,
     to_text,
 )
-from cellcal.service.people.session_control import Seat
+from cellcal.service.people.session_control import SessionHolder
 from tests.service.doors import a_door
 
 SERIAL = "F-104711"
@@ -21,16 +21,16 @@ def two_versions(folder: Path) -> ParameterSets:
     sets = ParameterSets(folder / FOLDER)
     for scale in (1.0, 3.0):
         values = (
-            Value("J1.offset", "rad", 0.1 * scale / 3.0, 1.0e-4),
-            Value("J2.a", "m", -1.7e-4 * scale, 2.0e-5, (1.0 / 3.0,)),
-            Value("J2.sag", "rad/m", 3.1e-3 * scale, None, (0.1 + 0.2, -2.0 / 3.0)),
+            ParameterValue("J1.offset", "rad", 0.1 * scale / 3.0, 1.0e-4),
+            ParameterValue("J2.a", "m", -1.7e-4 * scale, 2.0e-5, (1.0 / 3.0,)),
+            ParameterValue("J2.sag", "rad/m", 3.1e-3 * scale, None, (0.1 + 0.2, -2.0 / 3.0)),
         )
-        sets.save(ParameterSet(SERIAL, "fanuc_m6ib", "0" * 64, "2026-01-02", "Anna", "a run", values))
+        sets.save_draft(ParameterSet(SERIAL, "fanuc_m6ib", "0" * 64, "2026-01-02", "Anna", "a run", values))
     return sets
 
 
 def values_on_disk(sets: ParameterSets, version: int) -> str:
-    text = to_text(sets.load(SERIAL, version))
+    text = to_text(sets.load_set(SERIAL, version))
     return text[text.index("[[parameter]]") :]
 
 
@@ -52,15 +52,15 @@ async def test_whoever_does_not_have_control_goes_back_to_nothing(tmp_path: Path
         sets = two_versions(tmp_path)
         control = door.app.state.house.control
         await door.from_console()
-        other = door.entrance.sessions.begin("console")
+        other = door.entrance.sessions.open_session("console")
         other = door.entrance.sign_in(other, "Tina", "141421")
-        seat = door.entrance.present(other).seat
-        control.take(Seat(seat, "Tina"))
+        seat = door.entrance.authenticate(other).session_id
+        control.take_control(SessionHolder(seat, "Tina"))
         await door.sign_in("Emil")
         refused = await door.post(AT, {"id": "1", "to": 1, "newest": 2})
-        ordered = await door.order(Pause(op="pause").model_dump())
+        ordered = await door.order(PauseRun(op="pause").model_dump())
         assert (refused.status_code, refused.json()["code"]) == (ordered.status_code, ordered.json()["code"])
         assert refused.status_code in (403, 409)
-        assert sets.load(SERIAL).version == 2
-        control.release(seat)
+        assert sets.load_set(SERIAL).version == 2
+        control.release_control(seat)
         assert (await door.post(AT, {"id": "2", "to": 1, "newest": 2})).status_code == 200

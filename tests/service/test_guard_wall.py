@@ -13,7 +13,7 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from cellcal.service.web.middleware import HEADERS, MOST_BYTES, Budget, Guard
+from cellcal.service.web.middleware import HEADERS, MOST_BYTES, RequestBudget, RequestFilter
 from cellcal.service.web.pages import DIST
 from tests.machine_speed import stretched_s
 from tests.service.browsers import served
@@ -220,9 +220,11 @@ def test_the_built_pages_need_nothing_that_the_policy_forbids() -> None:
 
 
 async def test_a_flood_waits_and_a_stop_still_gets_through(tmp_path: Path) -> None:
-    few = {kind: Budget(burst=5.0, rate_hz=1.0, clock=Clock()) for kind in ("sign-in", "orders", "else")}
+    few = {
+        kind: RequestBudget(burst=5.0, rate_hz=1.0, clock=Clock()) for kind in ("sign-in", "orders", "else")
+    }
     async with a_door(tmp_path, people=False) as door:
-        door.app.add_middleware(Guard, pages=frozenset(), budgets=few)
+        door.app.add_middleware(RequestFilter, pages=frozenset(), budgets=few)
         await door.from_console()
         flood = [(await door.client.get("/api/sign-in")).status_code for _ in range(6)]
         assert flood == [200, 200, 200, 200, 429, 429]
@@ -231,15 +233,15 @@ async def test_a_flood_waits_and_a_stop_still_gets_through(tmp_path: Path) -> No
 
 def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
     clock = Clock()
-    budget = Budget(burst=3.0, rate_hz=1.0, clock=clock)
-    assert [budget.spend("a") for _ in range(4)] == [True, True, True, False]
-    assert budget.spend("b")
+    budget = RequestBudget(burst=3.0, rate_hz=1.0, clock=clock)
+    assert [budget.spend_request("a") for _ in range(4)] == [True, True, True, False]
+    assert budget.spend_request("b")
     clock.pass_by(1.0)
-    assert [budget.spend("a") for _ in range(2)] == [True, False]
+    assert [budget.spend_request("a") for _ in range(2)] == [True, False]
     for number in range(10000):
         clock.pass_by(0.01)
-        budget.spend(str(number))
-    assert len(budget._left) < 5000
+        budget.spend_request(str(number))
+    assert len(budget._remaining) < 5000
 
 
 @asynccontextmanager
@@ -271,10 +273,10 @@ async def test_a_screen_of_a_revoked_device_sees_nothing_more(tmp_path: Path) ->
         tablet = Tablet()
         await tablet.enrol(door)
         port = int(address.split(":")[1])
-        token = door.entrance.sessions.begin(tablet.id)
+        token = door.entrance.sessions.open_session(tablet.id)
         cookie = {"cookie": f"cellcal-{port}={token}"}
         async with connect(f"ws://{address}/api/screen", additional_headers=cookie) as screen:
-            door.entrance.register.revoke(tablet.id, "test")
+            door.entrance.accounts.revoke_device(tablet.id, "test")
             await screen.send('{"op": "hold", "held": false}')
             with pytest.raises(ConnectionClosed):
                 await _everything_from(screen)

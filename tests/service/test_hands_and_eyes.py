@@ -210,7 +210,7 @@ async def test_every_character_of_the_pages_is_drawn(pendant: Pendant) -> None:
 
 async def test_a_run_in_texts_that_are_forty_percent_longer_fits(pendant: Pendant) -> None:
     """U20: a step with its meter, the row of main buttons, and a dialog, lying and upright."""
-    tool = int((await pendant.door.truth())["robots"]["fanuc"]["active"]["tool_number"])
+    tool = int((await pendant.door.read_truth())["robots"]["fanuc"]["active"]["tool_number"])
     async with a_frame_being_taught(pendant) as page:
         stop = await lengthened(page, "ask_to_stop")
         await asked(page, "touch_on_x")
@@ -218,12 +218,12 @@ async def test_a_run_in_texts_that_are_forty_percent_longer_fits(pendant: Pendan
         for width, height in ((1280, 800), (1024, 768), (800, 1280)):
             await page.set_viewport_size({"width": width, "height": height})
             await hold_to_rules(page, f"a step, {width} wide")
-        await pendant.door.fault("select", tool=tool + 1)
+        await pendant.door.inject_fault("select", tool=tool + 1)
         try:
             await page.get_by_test_id("context-guard").wait_for()
             await hold_to_rules(page, "a dialog")
         finally:
-            await pendant.door.fault("select", tool=tool)
+            await pendant.door.inject_fault("select", tool=tool)
 
 
 async def test_dates_are_iso_in_data_and_local_on_the_page(pendant: Pendant) -> None:

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from cellcal.service.cell_process.__main__ import whole_lines
 from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S
 from cellcal.service.cell_process.messages import LONGEST_LINE
-from cellcal.service.web.commands import Pressed
-from cellcal.service.web.websocket import Said
+from cellcal.service.web.commands import PressedOrder
+from cellcal.service.web.websocket import HoldMessage
 from tests.service.desks import COMMAND, RECORD, at_desk
 from tests.service.doors import a_door
 
@@ -27,21 +27,21 @@ def test_a_revision_that_is_none_is_refused(rev: Any) -> None:
     with pytest.raises(ValidationError):
         COMMAND.validate_python({"id": "1", "rev": rev, "who": "Anna", "order": order})
     with pytest.raises(ValidationError):
-        Pressed.model_validate({"id": "1", "rev": rev, "order": order})
+        PressedOrder.model_validate({"id": "1", "rev": rev, "order": order})
     with pytest.raises(ValidationError):
-        Said.model_validate({"op": "hold", "held": True, "beat": rev})
+        HoldMessage.model_validate({"op": "hold", "held": True, "beat": rev})
 
 
 @pytest.mark.parametrize("name", ODD_IDS)
 def test_an_id_that_is_none_is_refused(name: Any) -> None:
     with pytest.raises(ValidationError):
-        Pressed.model_validate({"id": name, "rev": 1, "order": {"op": "pause"}})
+        PressedOrder.model_validate({"id": name, "rev": 1, "order": {"op": "pause"}})
 
 
 @pytest.mark.parametrize("held", [1, "true", "yes", None, 1.0])
 def test_held_is_true_or_false_and_nothing_like_it(held: Any) -> None:
     with pytest.raises(ValidationError):
-        Said.model_validate({"op": "hold", "held": held, "beat": 1})
+        HoldMessage.model_validate({"op": "hold", "held": held, "beat": 1})
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_held_is_true_or_false_and_nothing_like_it(held: Any) -> None:
 )
 def test_no_flaw_of_its_id_or_revision_swallows_a_stop(broken: dict[str, Any]) -> None:
     told = {"id": "1", "rev": 1, "order": {"op": "stop"}} | broken
-    assert Pressed.model_validate(told).order.op == "stop"
+    assert PressedOrder.model_validate(told).order.op == "stop"
     assert COMMAND.validate_python(told | {"who": "Anna"}).order.op == "stop"
 
 
@@ -92,16 +92,16 @@ async def test_held_from_a_moment_ago_counts_less_and_from_nowhere_not_at_all(tm
         hold = person.desk._hold
         for late in (DEAD_MAN_S + 0.01, 3600.0):
             await person.order({"op": "hold", "held": True, "at_s": time.monotonic() - late})
-            assert not hold.held
+            assert not hold.is_held
         future = await person.order({"op": "hold", "held": True, "at_s": time.monotonic() + 5.0})
         assert not future["ok"]
-        assert not hold.held
+        assert not hold.is_held
         with pytest.raises(ValidationError):
             await person.order({"op": "hold", "held": True})
         await person.order({"op": "hold", "held": True, "at_s": time.monotonic()})
         assert hold._heard_s > 0
         await person.order({"op": "hold", "held": False})
-        assert not hold.held
+        assert not hold.is_held
 
 
 async def test_over_http_the_button_can_be_let_go_and_never_held(tmp_path: Path) -> None:

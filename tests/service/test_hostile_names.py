@@ -101,7 +101,7 @@ async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_pa
     async with a_shop(path, desk=Hostile, clock=Clock()) as shop, shop.context() as context:
         hasher = quick(pepper_of(shop.entrance.data_dir))
         for text in XSS:
-            shop.entrance.register.add(text, Role.TECHNICIAN, hasher.hashed(PIN), "test")
+            shop.entrance.accounts.add_person(text, Role.TECHNICIAN, hasher.hash_secret(PIN), "test")
         page = await context.new_page()
         await page.route("**/api/runs", _runs)
         async with _as_somebody_called_so(shop, page) as ran:

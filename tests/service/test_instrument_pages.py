@@ -10,7 +10,7 @@ import pytest_asyncio
 from playwright.async_api import expect
 
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import LOCALES, ROOT, comes, go, hold_to_rules
 from tests.service.instruments import full_cell
 from tests.service.test_pages import Looking, looking_at
@@ -23,7 +23,7 @@ RULES = {"poses": 5, "first": 4, "candidates": 40, "samples": 1}
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
     with full_cell(tmp_path_factory.mktemp("cell"), tracker_due="2020-01-31") as (path, _):
-        async with looking_at(create_app(Settings(path, open_access=True))) as looks:
+        async with looking_at(create_app(ServiceSettings(path, open_access=True))) as looks:
             yield looks
 
 

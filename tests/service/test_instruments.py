@@ -11,17 +11,17 @@ import pytest
 from cellcal.drivers.interfaces import (
     Condition,
     GaugeCapabilities,
+    LengthReading,
     Operator,
     PointReading,
     Readiness,
-    Reading,
     TrackerCapabilities,
 )
-from cellcal.procedures.cell import Cell, HeldCertificate
+from cellcal.procedures.cell import Cell, DeviceCertificate
 from cellcal.procedures.steps.measure_point import measure_point
-from cellcal.service.cell_process.live_values import Glance
+from cellcal.service.cell_process.live_values import LivePoller
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from tests.machine_speed import stretched_s
 from tests.procedures.cells import scene
@@ -32,27 +32,27 @@ DEADLINE_S = stretched_s(60.0)
 
 
 @asynccontextmanager
-async def glancing(folder: Path, **how: Any) -> AsyncIterator[tuple[Glance, Door, list[str]]]:
+async def glancing(folder: Path, **how: Any) -> AsyncIterator[tuple[LivePoller, FakeCellClient, list[str]]]:
     asked: list[str] = []
     with full_cell(folder, **how) as (path, door):
         hands: Operator = FakeHands(door, "targets")
         async with open_cell(read_cell_file(path), hands) as cell:
-            glance = Glance(cell, reads=asked.append)
+            glance = LivePoller(cell, reads=asked.append)
             try:
                 yield glance, door, asked
             finally:
-                await glance.leave()
+                await glance.cancel_polls()
 
 
-def seen(glance: Glance, role: str) -> dict[str, Any]:
+def seen(glance: LivePoller, role: str) -> dict[str, Any]:
     devices: list[dict[str, Any]] = glance.as_json()["devices"]
     return next(device for device in devices if device["role"] == role)
 
 
-async def look_until(glance: Glance, true: Callable[[], Any]) -> None:
+async def look_until(glance: LivePoller, true: Callable[[], Any]) -> None:
     async with asyncio.timeout(DEADLINE_S):
         while not true():
-            await glance.look()
+            await glance.poll_once()
             await asyncio.sleep(0.01)
 
 
@@ -66,7 +66,7 @@ async def test_every_instrument_of_a_cell_says_what_it_can(tmp_path: Path) -> No
         assert seen(glance, "gauge")["value"]["length_m"] > 0.0
         assert "plunger is free" in seen(glance, "dial")["message"]
         assert seen(glance, "dial")["value"] is None
-        await door.fault("push_in", device="dial", m=0.004)
+        await door.inject_fault("push_in", device="dial", m=0.004)
         await look_until(glance, lambda: seen(glance, "dial")["value"])
         assert seen(glance, "dial")["value"]["length_m"] == pytest.approx(0.004, abs=5e-5)
         for role in (
@@ -82,7 +82,7 @@ async def test_every_instrument_of_a_cell_says_what_it_can(tmp_path: Path) -> No
         told = seen(glance, "tracker")["value"]
         assert told == {"position_m": list(read.readings[-1].position_m), "station": read.station}
         assert seen(glance, "gauge")["value"].keys() == {"length_m", "sigma_m"}
-        contact = await cast(Any, glance.cell.probe).contact()
+        contact = await cast(Any, glance.cell.probe).read_contact()
         assert seen(glance, "probe")["value"] == {"closed": contact.closed}
 
 
@@ -92,7 +92,7 @@ async def test_a_tracker_that_does_not_answer_is_said_and_holds_up_nobody(tmp_pa
         shown = next(each for each in glance.others if each.role == "tracker")
         heard_at_s = shown.heard_at_s
         assert heard_at_s is not None
-        await door.fault("silent", device="at")
+        await door.inject_fault("silent", device="at")
         looks = 0
 
         def told() -> bool:
@@ -157,8 +157,8 @@ async def _until(true: Callable[[], Any], do: Callable[[], Awaitable[Any]]) -> N
 async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
     cell, tracker = slow_cell()
     clock = Clock()
-    glance = Glance(cell, clock=clock)
-    await glance.look()
+    glance = LivePoller(cell, clock=clock)
+    await glance.poll_once()
     assert tracker.doing == ["condition"]
     reading = asyncio.create_task(cast(Any, glance.cell.tracker).point())
     await asyncio.sleep(0)
@@ -167,12 +167,12 @@ async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
     tracker.answers.release()
     await _until(lambda: tracker.doing == ["point"], lambda: asyncio.sleep(0))
     clock.now_s += 60.0
-    await glance.look()  # a run asks: nobody else does
+    await glance.poll_once()  # a run asks: nobody else does
     assert tracker.doing == ["point"]
     tracker.answers.release()
     assert (await reading).station == 1
     assert not seen(glance, "tracker")["asked"]
-    await glance.leave()
+    await glance.cancel_polls()
 
 
 async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
@@ -180,13 +180,13 @@ async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
     for _ in range(2):
         tracker.answers.release()
     clock = Clock()
-    glance = Glance(cell, clock=clock)
+    glance = LivePoller(cell, clock=clock)
     await cast(Any, glance.cell.tracker).point()
     clock.now_s += 30.0
-    await _until(lambda: seen(glance, "tracker")["state"] == "ready", glance.look)
+    await _until(lambda: seen(glance, "tracker")["state"] == "ready", glance.poll_once)
     told = seen(glance, "tracker")
     assert (told["value_age_s"], told["age_s"]) == (30.0, 0.0)
-    await glance.leave()
+    await glance.cancel_polls()
 
 
 class TypedGauge:
@@ -201,21 +201,21 @@ class TypedGauge:
     async def condition(self) -> Condition:
         return Condition(Readiness.READY)
 
-    async def distance(self) -> Reading:
+    async def distance(self) -> LengthReading:
         self.asked += 1
-        return Reading(1.25, 2e-5, 0.0, 1_250_000_000)
+        return LengthReading(1.25, 2e-5, 0.0, 1_250_000_000)
 
 
 async def test_nobody_is_asked_to_type_what_only_a_screen_would_show() -> None:
     made, gauge = scene().cell, TypedGauge()
-    held = {"gauge": HeldCertificate("C-1", "2001-02-03", "2999-12-31")}
+    held = {"gauge": DeviceCertificate("C-1", "2001-02-03", "2999-12-31")}
     cell = Cell("c", made.robot, made.operator, gauge=cast(Any, gauge), certificates=held)
-    glance = Glance(cell)
-    await _until(lambda: seen(glance, "gauge")["state"] == "ready", glance.look)
+    glance = LivePoller(cell)
+    await _until(lambda: seen(glance, "gauge")["state"] == "ready", glance.poll_once)
     assert gauge.asked == 0
     assert (seen(glance, "gauge")["typed"], seen(glance, "gauge")["live"]) == (True, False)
-    assert glance.standing().settled is None  # nothing swings, and nothing waits for it
+    assert glance.observe_motion().settled is None  # nothing swings, and nothing waits for it
     assert (await cast(Any, glance.cell.gauge).distance()).value_m == 1.25
     assert seen(glance, "gauge")["value"]["length_m"] == 1.25
     assert seen(glance, "gauge")["due"] == "2999-12-31"
-    await glance.leave()
+    await glance.cancel_polls()

@@ -9,17 +9,17 @@ from pathlib import Path
 import httpx
 import pytest
 
-from cellcal.procedures.past import Kind
-from cellcal.service.certificates.certificate import issue
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.export.exposition import Family, rendered
-from cellcal.service.export.meter import DESK_SILENT_S, Meter
+from cellcal.service.export.cell_metrics import CONTROLLER_SILENT_S, CellMetrics
+from cellcal.service.export.exposition import MetricFamily, render_text
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import Clock, a_door
@@ -104,19 +104,25 @@ HOSTILE = 'a"b\\c\nd{e="f"} 1 # TYPE x counter \\n \\"'
 
 def test_the_parser_gets_back_whatever_was_written() -> None:
     figures = (0.1, -1e-300, 1e308, math.inf, -math.inf, 5e-324, 0.30000000000000004)
-    family = Family("a_name", "gauge", "A help\nwith \\ and a newline.")
+    family = MetricFamily("a_name", "gauge", "A help\nwith \\ and a newline.")
     for k, value in enumerate(figures):
-        family.add(value, {"text": HOSTILE * k, "k": str(k)})
+        family.add_sample(value, {"text": HOSTILE * k, "k": str(k)})
     read = parsed(
-        rendered([family, Family("empty", "gauge", "Nothing."), Family("n_total", "counter", "N.").add(3)])
+        render_text(
+            [
+                family,
+                MetricFamily("empty", "gauge", "Nothing."),
+                MetricFamily("n_total", "counter", "N.").add_sample(3),
+            ]
+        )
     )
     for k, value in enumerate(figures):
         assert read("a_name", text=HOSTILE * k, k=str(k)) == value
-    assert math.isnan(parsed(rendered([Family("x", "gauge", "X.").add(math.nan)]))("x"))
+    assert math.isnan(parsed(render_text([MetricFamily("x", "gauge", "X.").add_sample(math.nan)]))("x"))
     assert set(read.kinds) == {"a_name", "n_total"}
     for name, kind in (("a b", "gauge"), ("1a", "gauge"), ("n", "counter"), ("n_total", "gauge")):
         with pytest.raises(ValueError, match="is no name"):
-            Family(name, kind, "?")
+            MetricFamily(name, kind, "?")
 
 
 BROKEN = ["a 1", "a  \n", "a{b=c} 1\n", 'a{b="c} 1\n', "# TYPE a thing\n", "a 1\nb 1\na 2\n", "a inf\n"]
@@ -129,39 +135,39 @@ def test_the_parser_takes_nothing_else(broken: str) -> None:
 
 
 def read_of(config: CellConfig, clock: Clock | None = None, **said: dict) -> Read:
-    meter = Meter(config, clock=clock or Clock())
+    meter = CellMetrics(config, clock=clock or Clock())
     for kind, content in said.items():
-        meter.heard(kind, content)
-    return parsed(meter.text())
+        meter.on_event(kind, content)
+    return parsed(meter.render_metrics())
 
 
 def test_a_cell_that_stands_well_and_one_that_does_not(tmp_path: Path) -> None:
     config, clock = cell_config(tmp_path), Clock()
-    meter = Meter(config, clock=clock)
-    silent = parsed(meter.text())
+    meter = CellMetrics(config, clock=clock)
+    silent = parsed(meter.render_metrics())
     assert (silent("cellcal_desk_up"), silent("cellcal_cell_up"), silent("cellcal_journal_events_total")) == (
         0,
         0,
         0,
     )
-    meter.heard("session", session_of("cell-7"))
-    meter.heard("live", live_of())
-    well = parsed(meter.text())
+    meter.on_event("session", session_of("cell-7"))
+    meter.on_event("live", live_of())
+    well = parsed(meter.render_metrics())
     assert well("cellcal_desk_up") == well("cellcal_cell_up") == 1
     assert well("cellcal_device_ready", device="wire", role="gauge") == 1
     assert well("cellcal_device_value_age_seconds", device="wire", role="gauge") == 0.01
     assert well("cellcal_alarms", code="any") == 0
-    meter.heard("live", live_of(state="stopped"))
-    stopped = parsed(meter.text())
+    meter.on_event("live", live_of(state="stopped"))
+    stopped = parsed(meter.render_metrics())
     assert stopped("cellcal_device_ready", device="fanuc", role="robot") == 0
     assert stopped("cellcal_device_state", device="fanuc", role="robot", state="stopped") == 1
     assert stopped("cellcal_alarms", code="device.stopped") == 1
     run = {"state": "running", "outcome": None, "procedure": "x"}
-    meter.heard("session", session_of("cell-7", run=run, prompt={"key": "k"}))
-    busy = parsed(meter.text())
+    meter.on_event("session", session_of("cell-7", run=run, prompt={"key": "k"}))
+    busy = parsed(meter.render_metrics())
     assert busy("cellcal_run_active") == busy("cellcal_waits_for_person") == 1
-    clock.pass_by(DESK_SILENT_S + 0.1)
-    gone = parsed(meter.text())
+    clock.pass_by(CONTROLLER_SILENT_S + 0.1)
+    gone = parsed(meter.render_metrics())
     assert gone("cellcal_desk_up") == gone("cellcal_run_active") == 0
     assert gone.labelled("cellcal_device_ready") == []  # what is not known is not shown as it was
 
@@ -173,16 +179,16 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
     )
     config = cell_config(tmp_path, more=more)
     outcome = asyncio.run(run_in(config, pointing(), "three_point_frame"))
-    issue(config, outcome.run_id)
+    issue_certificate(config, outcome.run_id)
     with open_journal(config) as journal:
         header = {"procedure": "drift_check", "cell": {"devices": [{"identity": {"serial": "F-1"}}]}}
         finding = {"look": {"finding": {"change_rms_m": 0.00012, "change_max_m": 0.0003}}}
         ended = {"verdict": "passed", "judgement": {"word": "pass"}, "result": finding}
-        journal.append_all("drift-1", [NewEvent(Kind.STARTED, header), NewEvent(Kind.ENDED, ended)])
-        journal.append_all("drift-2", [NewEvent(Kind.STARTED, header)])
-        events = len(journal.events())
-    meter = Meter(config)
-    read = parsed(meter.text())
+        journal.append_all("drift-1", [NewEvent(EventKind.STARTED, header), NewEvent(EventKind.ENDED, ended)])
+        journal.append_all("drift-2", [NewEvent(EventKind.STARTED, header)])
+        events = len(journal.list_events())
+    meter = CellMetrics(config)
+    read = parsed(meter.render_metrics())
     assert read("cellcal_runs", procedure="three_point_frame", outcome="passed") == 1
     assert read("cellcal_runs", procedure="drift_check", outcome="interrupted") == 1
     assert read("cellcal_journal_events_total") == events
@@ -198,8 +204,8 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
         read("cellcal_due_timestamp_seconds", what="calibration of wire") == 1801526400.0
     )  # date -ud 2027-02-02 +%s
     with open_journal(config) as journal:
-        journal.append_all("drift-2", [NewEvent(Kind.ENDED, {"verdict": "refused"})])
-    again = parsed(meter.text())  # read on, not anew
+        journal.append_all("drift-2", [NewEvent(EventKind.ENDED, {"verdict": "refused"})])
+    again = parsed(meter.render_metrics())  # read on, not anew
     assert again("cellcal_runs", procedure="drift_check", outcome="refused") == 1
     assert (
         "cellcal_runs",
@@ -245,7 +251,7 @@ async def test_with_a_token_only_its_holder_reads_it_from_here_or_from_afar(tmp_
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
     with path.open("a", encoding="utf-8") as file:
         file.write('\n[metrics]\ntoken_file = "token"\n')
-    app = create_app(Settings(path))
+    app = create_app(ServiceSettings(path))
     for client in ("127.0.0.1", "192.168.0.9"):
         transport = httpx.ASGITransport(app, client=(client, 4))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as browser:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.exit_codes import ExitCode
@@ -20,7 +20,7 @@ async def cut(folder: Path) -> tuple[CellConfig, str]:
     """Return a cell whose journal lost its last event after a certificate was issued."""
     config = cell_config(folder)
     outcome = await run_in(config, touching(), "six_point_tcp")
-    issue(config, outcome.run_id)
+    issue_certificate(config, outcome.run_id)
     cut_off(journal_path(config))
     return config, outcome.run_id
 

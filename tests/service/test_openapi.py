@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from cellcal.service.web.fleet import create_fleet_app
 from tests.service.described import Described
 from tests.service.test_fleet import Hall
@@ -30,7 +30,7 @@ def spec(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
     if request.param == "the monitor of a site":
         return create_fleet_app(Hall(tmp_path, 1), tmp_path).openapi()
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
-    return create_app(Settings(path, open_access=True)).openapi()
+    return create_app(ServiceSettings(path, open_access=True)).openapi()
 
 
 def test_every_route_says_what_a_refusal_is(spec: dict[str, Any]) -> None:

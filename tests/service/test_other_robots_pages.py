@@ -64,7 +64,7 @@ class TwoRobots(OneQuestion):
         devices = [fine | {"role": "robot", "name": self.selected}]
         devices += [stopped | {"role": "other_robot", "name": name} for name in (other, "third")]
         self.live = {"rev": self.rev, "at_s": 0.0, "devices": devices, "record": None}
-        self._app.state.house.screens.show("live", self.live)  # and to a page whose line opens just now
+        self._app.state.house.screens.broadcast("live", self.live)  # and to a page whose line opens just now
 
     async def order(self, command: dict[str, Any]) -> dict[str, Any]:
         if command["order"]["op"] == "select_robot":

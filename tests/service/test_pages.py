@@ -21,7 +21,7 @@ from playwright.async_api import Browser, Page, expect
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,
@@ -141,7 +141,7 @@ async def looking_at_a_cell(folder: Path) -> AsyncIterator[Looking]:
     """Serve a fake cell, and look at it in Chromium."""
     async with (
         a_cell(folder) as (path, _),
-        looking_at(create_app(Settings(path, open_access=True))) as looks,
+        looking_at(create_app(ServiceSettings(path, open_access=True))) as looks,
     ):
         yield looks
 

@@ -17,14 +17,14 @@ from cryptography.hazmat.primitives.asymmetric import ec
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.cli.serve_checks import Listening, refuse_unguarded
+from cellcal.service.cli.serve_checks import ListenAddress, refuse_unguarded
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.people.accounts import REGISTER_NAME, Register
-from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.accounts import REGISTER_NAME, AccountStore
+from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
 from cellcal.service.people.naming import clean_name, refuse_weak
-from cellcal.service.people.pin_hashing import PEPPER_NAME, Hasher, pepper_of
+from cellcal.service.people.pin_hashing import PEPPER_NAME, PinHasher, pepper_of
 from cellcal.service.people.rate_limits import DAY_S
 from cellcal.service.people.roles import KEEPS, MOVES, WRITES, Role
 from tests.service.doors import PINS, Clock, quick, with_people
@@ -71,20 +71,20 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
 
 
 def test_a_pin_is_kept_as_argon2id_with_a_pepper_that_is_elsewhere(tmp_path: Path) -> None:
-    hasher = Hasher(pepper_of(tmp_path))
-    kept = hasher.hashed("314159")
+    hasher = PinHasher(pepper_of(tmp_path))
+    kept = hasher.hash_secret("314159")
     assert kept.startswith("$argon2id$v=19$m=65536,t=3,p=4$")
     assert hasher.is_right(kept, "314159")
     assert not hasher.is_right(kept, "314158")
-    assert not Hasher(bytes(32)).is_right(kept, "314159")
+    assert not PinHasher(bytes(32)).is_right(kept, "314159")
     assert (tmp_path / PEPPER_NAME).stat().st_mode & 0o777 == 0o600
     assert pepper_of(tmp_path) == hasher.pepper
     assert not hasher.is_right("no hash", "314159")
 
 
 def test_no_secret_stands_in_the_register_in_clear(tmp_path: Path) -> None:
-    entrance = with_people(Entrance(tmp_path))
-    token = entrance.register.enrolment("tablet", "test")
+    entrance = with_people(Authenticator(tmp_path))
+    token = entrance.accounts.create_enrolment("tablet", "test")
     raw = (tmp_path / REGISTER_NAME).read_bytes()
     pepper = (tmp_path / PEPPER_NAME).read_bytes()
     assert all(pin.encode() not in raw for pin in PINS.values())
@@ -106,7 +106,7 @@ def test_the_pepper_may_come_from_the_service_manager(
 
 @pytest.mark.parametrize("fault", ["open to others", "cut", "another"])
 def test_a_pepper_that_is_not_right_is_said(tmp_path: Path, fault: str) -> None:
-    entrance = with_people(Entrance(tmp_path, make_hasher=quick))
+    entrance = with_people(Authenticator(tmp_path, make_hasher=quick))
     path = tmp_path / PEPPER_NAME
     if fault == "open to others":
         path.chmod(0o644)
@@ -150,19 +150,19 @@ def test_a_name_that_cannot_be_read_or_is_the_service_s_own_is_refused(name: str
 
 def test_one_person_s_pin_is_guessed_at_most_thirty_times_a_day_by_whoever_tries(tmp_path: Path) -> None:
     clock = Clock()
-    register = Register(tmp_path, clock)
+    register = AccountStore(tmp_path, clock)
     tried = _tried(register, clock, every_s=300.0, name=lambda _: "Tom", device=lambda n: f"device {n % 50}")
     assert 20 <= tried <= 30
 
 
 def test_a_success_does_not_give_more_than_the_day_s_share(tmp_path: Path) -> None:
     clock = Clock()
-    register = Register(tmp_path, clock)
+    register = AccountStore(tmp_path, clock)
     failed = 0
     for n in range(400):
         clock.pass_by(60.0)
         try:
-            guess = register.guess("Tom", f"device {n}")
+            guess = register.note_guess("Tom", f"device {n}")
         except TooManyGuessesError:
             continue
         if n % 5 == 4:
@@ -174,21 +174,21 @@ def test_a_success_does_not_give_more_than_the_day_s_share(tmp_path: Path) -> No
 
 def test_one_device_and_the_whole_station_have_their_share(tmp_path: Path) -> None:
     clock = Clock()
-    device = Register(tmp_path / "device", clock)
+    device = AccountStore(tmp_path / "device", clock)
     assert 20 < _tried(device, clock, every_s=600.0, name=lambda n: f"p{n}", device=lambda _: "tablet") <= 60
-    station = Register(tmp_path / "station", clock)
+    station = AccountStore(tmp_path / "station", clock)
     named = {"name": lambda n: f"p{n}", "device": lambda n: f"d{n}"}
     assert _tried(station, clock, every_s=600.0, **named) == 100
     clock.pass_by(DAY_S)
-    station.guess("somebody", "somewhere")
+    station.note_guess("somebody", "somewhere")
 
 
-def _tried(register: Register, clock: Clock, *, every_s: float, name: object, device: object) -> int:
+def _tried(register: AccountStore, clock: Clock, *, every_s: float, name: object, device: object) -> int:
     tried = 0
     for n in range(int(DAY_S / every_s) - 1):
         clock.pass_by(every_s)
         try:
-            register.guess(name(n), device(n))  # type: ignore[operator]
+            register.note_guess(name(n), device(n))  # type: ignore[operator]
         except TooManyGuessesError:
             continue
         tried += 1
@@ -196,12 +196,12 @@ def _tried(register: Register, clock: Clock, *, every_s: float, name: object, de
 
 
 def test_many_guesses_at_once_are_no_more(tmp_path: Path) -> None:
-    register = Register(tmp_path, Clock())
+    register = AccountStore(tmp_path, Clock())
     let_through: list[int] = []
 
     def guess() -> None:
         with contextlib.suppress(TooManyGuessesError):
-            let_through.append(register.guess("Tom", "tablet"))
+            let_through.append(register.note_guess("Tom", "tablet"))
 
     threads = [threading.Thread(target=guess) for _ in range(16)]
     for thread in threads:
@@ -213,43 +213,43 @@ def test_many_guesses_at_once_are_no_more(tmp_path: Path) -> None:
 
 def test_a_clock_that_is_set_back_locks_nobody_out_for_years(tmp_path: Path) -> None:
     clock = Clock()
-    register = Register(tmp_path, clock)
+    register = AccountStore(tmp_path, clock)
     clock.pass_by(20 * 365 * DAY_S)
     for _ in range(5):
-        register.guess("Tom", "tablet")
+        register.note_guess("Tom", "tablet")
     clock.pass_by(-20 * 365 * DAY_S)
-    register.guess("Tina", "tablet")
+    register.note_guess("Tina", "tablet")
     clock.pass_by(3601.0)
-    register.guess("Tom", "tablet")
+    register.note_guess("Tom", "tablet")
 
 
 def test_guesses_are_counted_over_a_restart_and_taken_back_by_a_reset(tmp_path: Path) -> None:
     clock = Clock()
-    with_people(Entrance(tmp_path, wall_clock=clock))
+    with_people(Authenticator(tmp_path, wall_clock=clock))
     for _ in range(5):
-        Register(tmp_path, clock).guess("Tom", "tablet")
+        AccountStore(tmp_path, clock).note_guess("Tom", "tablet")
     with pytest.raises(TooManyGuessesError, match="60 min"):
-        Register(tmp_path, clock).guess("TOM ", "tablet")
-    Register(tmp_path, clock).reset("Tom", Role.TECHNICIAN, "kept", "test")
-    Register(tmp_path, clock).guess("Tom", "tablet")
+        AccountStore(tmp_path, clock).note_guess("TOM ", "tablet")
+    AccountStore(tmp_path, clock).reset_person("Tom", Role.TECHNICIAN, "kept", "test")
+    AccountStore(tmp_path, clock).note_guess("Tom", "tablet")
 
 
 # the register
 
 
 def test_a_name_is_given_once(tmp_path: Path) -> None:
-    register = Register(tmp_path)
-    register.add("Anna Bauer", Role.VIEWER, "kept", "test")
-    register.remove("anna  bauer", "test")
+    register = AccountStore(tmp_path)
+    register.add_person("Anna Bauer", Role.VIEWER, "kept", "test")
+    register.remove_person("anna  bauer", "test")
     for name in ("Anna Bauer", "ANNA BAUER", "\uff21nna Bauer"):
         with pytest.raises(PeopleError, match="already"):
-            register.add(name, Role.VIEWER, "kept", "test")
-    assert [what for _, _, what in register.events()] == ["add viewer Anna Bauer", "remove Anna Bauer"]
+            register.add_person(name, Role.VIEWER, "kept", "test")
+    assert [what for _, _, what in register.list_events()] == ["add viewer Anna Bauer", "remove Anna Bauer"]
 
 
 @pytest.mark.parametrize("fault", ["no database", "newer"])
 def test_a_register_that_cannot_be_read_lets_nobody_in(tmp_path: Path, fault: str) -> None:
-    entrance = Entrance(tmp_path)
+    entrance = Authenticator(tmp_path)
     session = entrance.from_console(entrance.console_token())
     if fault == "newer":
         with sqlite3.connect(tmp_path / REGISTER_NAME) as database:
@@ -258,7 +258,7 @@ def test_a_register_that_cannot_be_read_lets_nobody_in(tmp_path: Path, fault: st
     else:
         (tmp_path / REGISTER_NAME).write_bytes(b"not a database, whatever its name says" * 100)
     with pytest.raises(PeopleError):
-        entrance.present(session)
+        entrance.authenticate(session)
 
 
 # commands
@@ -287,11 +287,11 @@ def test_people_are_added_listed_and_removed_by_command(
     cellcal("people", "list", "--cell", str(cell), "--json")
     listed = capsys.readouterr()
     assert '"people": [{"name": "Anna", "role": "technician"}]' in listed.out
-    entrance = Entrance(read_cell_file(cell).cell.data_dir)
+    entrance = Authenticator(read_cell_file(cell).cell.data_dir)
     session = entrance.sign_in(entrance.from_console(entrance.console_token()), "Anna", "314159")
-    assert entrance.present(session).role is Role.TECHNICIAN
+    assert entrance.authenticate(session).role is Role.TECHNICIAN
     assert cellcal("people", "remove", "Anna", "--cell", str(cell)) == 0
-    assert entrance.present(session).role is Role.VIEWER
+    assert entrance.authenticate(session).role is Role.VIEWER
     assert "314159" not in listed.out + listed.err
 
 
@@ -331,22 +331,22 @@ def test_beyond_this_computer_all_of_tls_an_administrator_and_names_are_wanted(
     certificate, key = certificate_for(tmp_path, "cell7")
     data_dir = read_cell_file(cell).cell.data_dir
     for given in (
-        Listening("0.0.0.0"),
-        Listening("0.0.0.0", certificate, key, ("cell7.plant",)),
-        Listening("::", certificate, key),
-        Listening("cell7.plant", hosts=("cell7.plant",)),
+        ListenAddress("0.0.0.0"),
+        ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)),
+        ListenAddress("::", certificate, key),
+        ListenAddress("cell7.plant", hosts=("cell7.plant",)),
     ):
         with pytest.raises(CellError, match="not this computer alone"):
             refuse_unguarded(cell, given)
-    with_people(Entrance(data_dir))
-    refuse_unguarded(cell, Listening("0.0.0.0", certificate, key, ("cell7.plant",)))
+    with_people(Authenticator(data_dir))
+    refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
     with pytest.raises(CellError, match="allow-host"):
-        refuse_unguarded(cell, Listening("0.0.0.0", certificate, key))
+        refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key))
     with pytest.raises(CellError, match="TLS"):
-        refuse_unguarded(cell, Listening("0.0.0.0", hosts=("cell7.plant",)))
-    Register(data_dir).remove("Ada", "test")
+        refuse_unguarded(cell, ListenAddress("0.0.0.0", hosts=("cell7.plant",)))
+    AccountStore(data_dir).remove_person("Ada", "test")
     with pytest.raises(CellError, match="administrator"):
-        refuse_unguarded(cell, Listening("0.0.0.0", certificate, key, ("cell7.plant",)))
+        refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
 
 
 def test_a_certificate_that_cannot_be_used_is_said_before_anybody_connects(
@@ -356,13 +356,13 @@ def test_a_certificate_that_cannot_be_used_is_said_before_anybody_connects(
     _, other = certificate_for(tmp_path, "other")
     for pair in ((certificate, other), (tmp_path / "none.pem", key), (certificate, None)):
         with pytest.raises(CellError):
-            refuse_unguarded(cell, Listening("127.0.0.1", *pair))
+            refuse_unguarded(cell, ListenAddress("127.0.0.1", *pair))
     for name in ("*", "https://cell7", "cell7:8470", ""):
         with pytest.raises(CellError, match="host"):
-            refuse_unguarded(cell, Listening("127.0.0.1", hosts=(name,)))
+            refuse_unguarded(cell, ListenAddress("127.0.0.1", hosts=(name,)))
     key.chmod(0o644)
     with pytest.raises(CellError, match="other users"):
-        refuse_unguarded(cell, Listening("127.0.0.1", certificate, key))
+        refuse_unguarded(cell, ListenAddress("127.0.0.1", certificate, key))
 
 
 def test_serve_refuses_the_network_without_its_guards(

@@ -67,7 +67,7 @@ async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_o
         page = await browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         await page.goto(f"http://{address}/icon.svg")
-        token = door.entrance.register.enrolment("tablet 3", "test")
+        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
         person, seen = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
         assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
         assert seen == ""

@@ -4,108 +4,108 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S, Hold
+from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S, HoldButton
 from cellcal.service.people.errors import ElsewhereError
-from cellcal.service.people.session_control import ASKED_S, Control, Seat
-from cellcal.service.web.websocket import Beats
+from cellcal.service.people.session_control import REQUEST_GRANTED_S, SessionControl, SessionHolder
+from cellcal.service.web.websocket import HeartbeatNumbers
 from tests.service.doors import Clock, Door, a_door, another_browser
 
-TOM, TINA, EMIL = Seat("1", "Tom"), Seat("2", "Tina"), Seat("3", "Emil")
+TOM, TINA, EMIL = SessionHolder("1", "Tom"), SessionHolder("2", "Tina"), SessionHolder("3", "Emil")
 PAUSE, STOP = {"op": "pause"}, {"op": "stop"}
 
 
 def test_whoever_orders_first_has_control_until_it_is_given() -> None:
-    control = Control(Clock())
-    control.take(TOM)
-    control.take(TOM)
+    control = SessionControl(Clock())
+    control.take_control(TOM)
+    control.take_control(TOM)
     with pytest.raises(ElsewhereError, match="Tom"):
-        control.take(TINA)
-    control.answer(TINA.id, give=True)  # nobody asks, and Tina has nothing to give
-    control.ask(TINA)
-    control.answer(TINA.id, give=True)
-    assert control.holder == TOM
-    control.answer(TOM.id, give=True)
-    assert control.holder == TINA
-    assert control.told(TINA.id) == {
+        control.take_control(TINA)
+    control.answer_request(TINA.id, give=True)  # nobody asks, and Tina has nothing to give
+    control.request_control(TINA)
+    control.answer_request(TINA.id, give=True)
+    assert control.current_holder == TOM
+    control.answer_request(TOM.id, give=True)
+    assert control.current_holder == TINA
+    assert control.to_json(TINA.id) == {
         "mine": True, "holder": "Tina", "asking": None, "asking_mine": False, "remaining_s": None
     }  # fmt: skip
 
 
 def test_a_request_that_nobody_answers_is_granted_to_whoever_still_asks() -> None:
     clock = Clock()
-    control = Control(clock)
-    control.take(TOM)
-    control.ask(TINA)
-    clock.pass_by(ASKED_S - 1.0)
-    control.ask(TINA)
-    assert control.holder == TOM
-    assert control.told(TOM.id)["remaining_s"] == 1.0
+    control = SessionControl(clock)
+    control.take_control(TOM)
+    control.request_control(TINA)
+    clock.pass_by(REQUEST_GRANTED_S - 1.0)
+    control.request_control(TINA)
+    assert control.current_holder == TOM
+    assert control.to_json(TOM.id)["remaining_s"] == 1.0
     with pytest.raises(ElsewhereError, match="Tina"):
-        control.ask(EMIL)
+        control.request_control(EMIL)
     clock.pass_by(1.0)
-    control.ask(TINA)
-    assert control.holder == TINA
-    control.ask(EMIL)
-    clock.pass_by(2.0 * ASKED_S)  # Emil's tablet was put away
-    control.settle(lambda _: True)
-    assert control.told(EMIL.id)["asking"] is None
-    control.ask(EMIL)
-    assert control.holder == TINA
+    control.request_control(TINA)
+    assert control.current_holder == TINA
+    control.request_control(EMIL)
+    clock.pass_by(2.0 * REQUEST_GRANTED_S)  # Emil's tablet was put away
+    control.drop_inactive(lambda _: True)
+    assert control.to_json(EMIL.id)["asking"] is None
+    control.request_control(EMIL)
+    assert control.current_holder == TINA
 
 
 def test_a_request_can_be_refused_or_taken_back() -> None:
-    control = Control(Clock())
-    control.take(TOM)
-    control.ask(TINA)
-    control.answer(TOM.id, give=False)
-    assert (control.holder, control.told(TINA.id)["asking_mine"]) == (TOM, False)
-    control.ask(TINA)
-    control.withdraw(EMIL.id)
-    assert control.told(TINA.id)["asking_mine"]
-    control.withdraw(TINA.id)
-    assert not control.told(TINA.id)["asking_mine"]
+    control = SessionControl(Clock())
+    control.take_control(TOM)
+    control.request_control(TINA)
+    control.answer_request(TOM.id, give=False)
+    assert (control.current_holder, control.to_json(TINA.id)["asking_mine"]) == (TOM, False)
+    control.request_control(TINA)
+    control.withdraw_request(EMIL.id)
+    assert control.to_json(TINA.id)["asking_mine"]
+    control.withdraw_request(TINA.id)
+    assert not control.to_json(TINA.id)["asking_mine"]
 
 
 def test_whoever_may_order_nothing_any_more_has_no_control() -> None:
-    control = Control(Clock())
-    control.take(TOM)
-    control.ask(TINA)
-    control.settle(lambda seat: seat != TOM.id)
-    control.take(EMIL)
-    assert control.holder == EMIL
-    control.settle(lambda seat: seat != TINA.id)
-    assert control.told(EMIL.id)["asking"] is None
-    control.release(EMIL.id)
-    assert control.holder is None
+    control = SessionControl(Clock())
+    control.take_control(TOM)
+    control.request_control(TINA)
+    control.drop_inactive(lambda seat: seat != TOM.id)
+    control.take_control(EMIL)
+    assert control.current_holder == EMIL
+    control.drop_inactive(lambda seat: seat != TINA.id)
+    assert control.to_json(EMIL.id)["asking"] is None
+    control.release_control(EMIL.id)
+    assert control.current_holder is None
 
 
 def test_a_word_that_lay_in_a_broken_link_moves_nothing() -> None:
     clock = Clock()
-    beats = Beats(clock)
+    beats = HeartbeatNumbers(clock)
     assert beats.age_s(0) == float("inf")
-    first = beats.next()
+    first = beats.next_number()
     assert beats.age_s(first) == 0.0
     clock.pass_by(3.0)
     assert beats.age_s(first) == 3.0
-    assert beats.age_s(beats.next()) == 0.0
+    assert beats.age_s(beats.next_number()) == 0.0
     assert beats.age_s(99) == float("inf")
 
 
 def test_a_word_that_was_long_on_its_way_holds_the_button_only_for_what_is_left_of_it() -> None:
     clock = Clock()
-    hold = Hold(lambda: None, clock)
-    hold.heard(held=True, age_s=0.3)
-    assert hold.held
+    hold = HoldButton(lambda: None, clock)
+    hold.update_state(is_held=True, age_s=0.3)
+    assert hold.is_held
     clock.pass_by(DEAD_MAN_S - 0.25)
-    assert not hold.held
-    hold.heard(held=True, age_s=DEAD_MAN_S + 0.01)  # late words do not press
-    assert not hold.held
-    hold.heard(held=True)
-    hold.heard(held=True, age_s=0.3)  # and an older one takes nothing from a newer one
+    assert not hold.is_held
+    hold.update_state(held=True, age_s=DEAD_MAN_S + 0.01)  # late words do not press
+    assert not hold.is_held
+    hold.update_state(held=True)
+    hold.update_state(held=True, age_s=0.3)  # and an older one takes nothing from a newer one
     clock.pass_by(0.2)
-    assert hold.held
-    hold.heard(held=False)
-    assert not hold.held
+    assert hold.is_held
+    hold.update_state(held=False)
+    assert not hold.is_held
 
 
 async def two(door: Door, first: str, second: str) -> Door:
@@ -149,7 +149,7 @@ async def test_control_is_free_when_its_holder_leaves_idles_or_is_removed(tmp_pa
                 tom.clock.pass_by(301.0)
                 await tina.post("/api/sign-in/confirm", {"secret": "141421"})
             else:
-                tom.entrance.register.remove("Tom", "test")
+                tom.entrance.accounts.remove_person("Tom", "test")
             assert (await tina.order(PAUSE)).json()["code"] == "desk.gone", leaves
             await tina.post("/api/sign-in/leave", {})
             await tina.sign_in("Tina")

@@ -63,7 +63,7 @@ async def test_setting_people_up_ends_the_rights_of_whoever_sits_at_the_console(
     async with a_door(tmp_path, people=False) as door:
         await door.from_console()
         assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
-        door.entrance.register.add("Ada", Role.ADMIN, "kept", "test")
+        door.entrance.accounts.add_person("Ada", Role.ADMIN, "kept", "test")
         assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
 
 
@@ -102,21 +102,21 @@ async def test_an_enrolled_device_comes_in_and_a_revoked_one_is_out_at_once(tmp_
         assert (person["name"], person["role"]) == ("tablet 3", "viewer")
         await door.sign_in("Emil")
         assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
-        door.entrance.register.revoke(tablet.id, "test")
+        door.entrance.accounts.revoke_device(tablet.id, "test")
         assert (await door.order({"op": "stop"}, press="2")).status_code == 401
         assert (await tablet.come_in(door)).status_code == 403
 
 
 async def test_an_enrolment_is_used_once_and_within_ten_minutes(tmp_path: Path) -> None:
     async with a_door(tmp_path) as door:
-        token = door.entrance.register.enrolment("tablet 3", "test")
+        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
         given = {"token": token, "public_key": Tablet().spki}
         assert (await door.post("/api/sign-in/devices", given)).status_code == 200
         assert (await door.post("/api/sign-in/devices", given)).status_code == 403
-        late = door.entrance.register.enrolment("tablet 4", "test")
+        late = door.entrance.accounts.create_enrolment("tablet 4", "test")
         door.clock.pass_by(601.0)
         assert (await door.post("/api/sign-in/devices", given | {"token": late})).status_code == 403
-        assert [device.name for device in door.entrance.register.devices()] == ["tablet 3"]
+        assert [device.name for device in door.entrance.accounts.list_devices()] == ["tablet 3"]
 
 
 async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: P
         await tablet.enrol(door)
 
         async def proof(**other: Any) -> int:
-            challenge = door.entrance.challenge()
+            challenge = door.entrance.create_challenge()
             door.clock.pass_by(other.pop("late_s", 0.0))
             signature = other.pop("by", tablet).signature(challenge, other.pop("origin", "http://127.0.0.1"))
             given = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
@@ -164,11 +164,11 @@ async def test_only_a_key_on_p_256_is_enrolled(tmp_path: Path, curve: str) -> No
         form = serialization.PublicFormat.SubjectPublicKeyInfo
         raw = makers[curve]().public_key().public_bytes(serialization.Encoding.DER, form)
     async with a_door(tmp_path) as door:
-        token = door.entrance.register.enrolment("tablet 3", "test")
+        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
         assert (
             await door.post("/api/sign-in/devices", {"token": token, "public_key": url64(raw)})
         ).status_code == 403
-        assert door.entrance.register.devices() == ()
+        assert door.entrance.accounts.list_devices() == ()
 
 
 # time
@@ -219,10 +219,10 @@ async def test_a_new_pin_or_role_ends_what_was_signed_in_with_the_old(tmp_path: 
     async with a_door(tmp_path) as door:
         await door.from_console()
         await door.sign_in("Tom")
-        door.entrance.register.reset("Tom", Role.VIEWER, "kept", "test")
+        door.entrance.accounts.reset_person("Tom", Role.VIEWER, "kept", "test")
         assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
         await door.sign_in("Tina")
-        door.entrance.register.remove("Tina", "test")
+        door.entrance.accounts.remove_person("Tina", "test")
         assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
         assert (await door.sign_in("Tina")).status_code == 403
 
@@ -236,7 +236,7 @@ async def test_a_restart_asks_everybody_again_and_forgets_nobody(tmp_path: Path)
         kept = dict(door.client.cookies)
     async with a_door(tmp_path / "again", people=False) as again:
         again.entrance.data_dir = door.entrance.data_dir
-        again.entrance.register.path = door.entrance.register.path
+        again.entrance.accounts.path = door.entrance.accounts.path
         again.client.cookies.update(kept)
         assert (await again.client.get("/api/session")).status_code == 401
         assert (await tablet.come_in(again)).status_code == 200
@@ -338,22 +338,22 @@ async def test_a_yes_to_what_is_not_shown_is_not_passed_on(tmp_path: Path) -> No
 
 
 def test_in_whose_name_an_order_goes_to_the_desk() -> None:
-    from cellcal.service.cell_process.messages import AnswerIt, Pause
+    from cellcal.service.cell_process.messages import AnswerPrompt, PauseRun
     from cellcal.service.people.authentication import LOCAL_PERSON, Person
-    from cellcal.service.people.authorization import Permits
+    from cellcal.service.people.authorization import OrderAuthorizer
     from cellcal.service.people.errors import SecondPersonError
 
     session = {"rev": 1, "prompt": {"id": "a", "key": "accept_mastering"}}
-    yes = AnswerIt(op="answer", prompt_id="a")
+    yes = AnswerPrompt(op="answer", prompt_id="a")
     tom, tina = (Person(name, Role.TECHNICIAN, fresh_pin=True) for name in ("Tom", "Tina"))
-    permits = Permits()
-    assert permits.granted(tom, "1", 1, Pause(op="pause"), session) == "Tom"
+    permits = OrderAuthorizer()
+    assert permits.authorize(tom, "1", 1, PauseRun(op="pause"), session) == "Tom"
     with pytest.raises(SecondPersonError):
-        permits.granted(tom, "2", 1, yes, session)
-    assert permits.granted(tina, "3", 1, yes, session) == "Tom and Tina"
-    assert permits.granted(LOCAL_PERSON, "4", 1, yes, session) == "local technician"
+        permits.authorize(tom, "2", 1, yes, session)
+    assert permits.authorize(tina, "3", 1, yes, session) == "Tom and Tina"
+    assert permits.authorize(LOCAL_PERSON, "4", 1, yes, session) == "local technician"
     with pytest.raises(NotAllowedError):
-        permits.granted(Person("Ada", Role.ADMIN, fresh_pin=True), "5", 1, yes, session)
+        permits.authorize(Person("Ada", Role.ADMIN, fresh_pin=True), "5", 1, yes, session)
 
 
 # what people write
@@ -362,7 +362,7 @@ def test_in_whose_name_an_order_goes_to_the_desk() -> None:
 @pytest.mark.parametrize("text", XSS)
 async def test_what_people_write_comes_back_as_json_only(tmp_path: Path, text: str) -> None:
     async with a_door(tmp_path) as door:
-        door.entrance.register.add(text, Role.TECHNICIAN, "kept", "test")
+        door.entrance.accounts.add_person(text, Role.TECHNICIAN, "kept", "test")
         await door.from_console()
         dry = {"procedure": text, "settings": {text: text}}
         for answer in (
@@ -388,11 +388,11 @@ async def test_open_access_is_for_demos(tmp_path: Path) -> None:
 
 
 def test_who_is_unknown_is_told_so(tmp_path: Path) -> None:
-    from cellcal.service.people.authentication import Entrance
+    from cellcal.service.people.authentication import Authenticator
 
-    entrance = Entrance(tmp_path, clock=Clock(), wall_clock=Clock())
+    entrance = Authenticator(tmp_path, clock=Clock(), wall_clock=Clock())
     for token in (None, "", "x", "x" * 5000):
         with pytest.raises(NotSignedInError):
-            entrance.present(token)
+            entrance.authenticate(token)
     with pytest.raises(WrongSecretError):
         entrance.from_console("anything")

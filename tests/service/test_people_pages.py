@@ -68,7 +68,7 @@ class OneQuestion:
 
     def _tell(self) -> None:
         self.rev += 1
-        self._app.state.house.screens.show("session", self.session)
+        self._app.state.house.screens.broadcast("session", self.session)
 
     async def order(self, command: dict[str, Any]) -> dict[str, Any]:
         order = command["order"]
@@ -93,7 +93,7 @@ async def desk(shop: Shop) -> AsyncIterator[OneQuestion]:
     double.orders.clear()
     shop.nobody_has_control()
     yield double
-    shop.entrance.register._clock = shop.entrance.wall_clock
+    shop.entrance.accounts._clock = shop.entrance.wall_clock
     shop.entrance.sessions._clock = shop.entrance.clock
 
 
@@ -185,13 +185,13 @@ async def test_wrong_pins_are_told_and_then_have_to_wait(shop: Shop) -> None:
         await page.evaluate("location.hash = '#/sign-in'")
         await page.get_by_test_id("person").filter(has_text="Tina").click()
         now_s = shop.entrance.wall_clock()
-        shop.entrance.register._clock = lambda: now_s  # an hour, also where keys are pressed slowly
+        shop.entrance.accounts._clock = lambda: now_s  # an hour, also where keys are pressed slowly
         for _ in range(5):
             await give_pin(page, "999000")
             await shown(page, "secret-fault")
         await give_pin(page, PINS["Tina"])
         await expect(page.get_by_test_id("secret-fault")).to_contain_text("60 min")
-        shop.entrance.register._clock = lambda: now_s + 3601.0
+        shop.entrance.accounts._clock = lambda: now_s + 3601.0
         await give_pin(page, PINS["Tina"])
         await page.locator("[data-testid=who][data-role=technician]").wait_for()
 
@@ -308,7 +308,7 @@ async def test_the_pages_of_people_are_for_everybody_in_four_languages(shop: Sho
         await page.goto(f"http://127.0.0.1:{shop.port}/")
         await shown(page, "unknown-device")
         await in_every_language(page, "unknown")
-        token = shop.entrance.register.enrolment("tablet", "test")
+        token = shop.entrance.accounts.create_enrolment("tablet", "test")
         await page.evaluate("hash => { location.hash = hash; }", f"#/enrol/{token}")
         await shown(page, "enrol")
         await in_every_language(page, "enrol")

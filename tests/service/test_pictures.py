@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.procedures.past import Kind
-from cellcal.service.certificates.certificate import issue
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.certificates.printing import html_from, pdf_from
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.runs.photos import MOST_BYTES, PictureError, keep_picture, plain_picture
+from cellcal.service.runs.photos import MOST_BYTES, PictureError, plain_picture, store_picture
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import Door, a_door
@@ -54,7 +54,7 @@ def under_way(config: CellConfig) -> None:
         identity = {"vendor": "FANUC", "model": "M-6iB", "serial": "F-104711", "firmware": "1"}
         cell = {"devices": [{"role": "robot", "identity": identity}]}
         body = {"procedure": "mastering_recovery", "version": 4, "spec": {}, "cell": cell}
-        journal.append(RUN, Kind.STARTED, body, key="started")
+        journal.append(RUN, EventKind.STARTED, body, key="started")
 
 
 def sent(raw: bytes) -> dict[str, str]:
@@ -120,8 +120,8 @@ async def test_a_photo_is_kept_named_and_served_safely(tmp_path: Path) -> None:
         altered = await door.client.get(f"{at}/{kept['sha256']}")
         assert (altered.status_code, altered.json()["code"]) == (422, "picture")
         with open_journal(config) as journal:
-            assert [event.kind for event in journal.events(RUN)].count(Kind.PICTURE) == 1
-            assert journal.verify() is None
+            assert [event.kind for event in journal.list_events(RUN)].count(EventKind.PICTURE) == 1
+            assert journal.verify_chain() is None
 
 
 async def _only_runners_take(door: Door) -> None:
@@ -146,13 +146,13 @@ async def test_photos_are_named_on_every_form_and_a_finished_run_takes_none(tmp_
 
     def snap() -> None:
         with open_journal(config) as journal:
-            run_id = journal.events()[-1].run_id
-        taken.append(keep_picture(config, run_id, png(), what="witness marks", who="Zoë").sha256)
+            run_id = journal.list_events()[-1].run_id
+        taken.append(store_picture(config, run_id, png(), what="witness marks", who="Zoë").sha256)
 
     touch = made.hands.does["touch_origin"]
     made.hands.does["touch_origin"] = lambda: (touch(), snap())[0]
     outcome = await run_in(config, made, "three_point_frame")
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     verify_paper(issued.json_path)
     for form in (
         HtmlText.of(html_from(issued.json_path)).text,
@@ -161,9 +161,9 @@ async def test_photos_are_named_on_every_form_and_a_finished_run_takes_none(tmp_
     ):
         assert taken[0] in squeezed(form)
         assert "Zoë" in form
-    assert keep_picture(config, outcome.run_id, png(), what="witness marks", who="Ben").who == "Zoë"
+    assert store_picture(config, outcome.run_id, png(), what="witness marks", who="Ben").who == "Zoë"
     with pytest.raises(PictureError, match="no more"):
-        keep_picture(config, outcome.run_id, png(shade=9), what="witness marks", who="Ben")
+        store_picture(config, outcome.run_id, png(shade=9), what="witness marks", who="Ben")
 
 
 @pytest.mark.parametrize("raw", [png(side=60_000), png(side=0), jpeg(side=9000), jpeg(side=0)])

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.geometry import inverse_transform
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse
-from cellcal.service.engineering.programs.compensate import compensating
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse_set
+from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.people.roles import RIGHTS, Right, Role
@@ -261,9 +261,9 @@ async def test_a_project_that_came_along_gives_the_same_and_names_nothing_else(t
             answer = await door.post("/api/programs/jobs", {"do": "compensate", "cell": cell, "files": files})
             assert "a folder of the service's computer" in answer.json()["message"]
     cell = read_project(FOLDER / "cell_7" / "project.toml")
-    carrier = compensating(cell, Direction.UPLOAD, BRAND.configurations)
+    carrier = compensation_transfer(cell, ProgramDirection.UPLOAD, BRAND.configurations)
     for name, source in SOURCES.items():
-        assert new[name] == carrier.carry([read_ls(name, source)])[0].after.to_bytes()
+        assert new[name] == carrier.transfer_programs([read_ls(name, source)])[0].after.to_bytes()
 
 
 async def test_this_cell_compensates_by_its_own_parameters_and_entered_tools(tmp_path: Path) -> None:
@@ -290,9 +290,9 @@ async def test_this_cell_compensates_by_its_own_parameters_and_entered_tools(tmp
 
 
 def _save_parameters(folder: Path, serial: str) -> None:
-    found = parse((FOLDER / "cell_1" / "robot.toml").read_text(encoding="utf-8"), "robot.toml")
+    found = parse_set((FOLDER / "cell_1" / "robot.toml").read_text(encoding="utf-8"), "robot.toml")
     assert found.robot_serial == serial
-    ParameterSets(folder / "parameter_sets").save(found)
+    ParameterSets(folder / "parameter_sets").save_draft(found)
 
 
 async def test_engineers_and_administrators_make_and_all_others_look(tmp_path: Path) -> None:

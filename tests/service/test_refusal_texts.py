@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.motion.collision import CollisionCheck, Plane, Sphere, assumed_shape
-from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.collision import CollisionCheck, PlaneObstacle, SphereObstacle, assumed_shape
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
-from cellcal.calibration.points.touch_design import TURNS, Turn
+from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
+from cellcal.calibration.points.touch_design import TURNS, ToolTurn
 from cellcal.drivers.wire.tables import code_table
-from cellcal.service.translation import Sayings
+from cellcal.service.translation import Translations
 from tests.service.spoken import ROOT, SENTENCE, numbered, sentences
 
 TRANSLATED = ("de", "es", "zh")
@@ -36,11 +36,11 @@ WHOLE = (
     "drivers/modbus_robot/condition.py",
     "drivers/modbus_robot/frames.py",
     "drivers/modbus_robot/mastering.py",
-    "drivers/modbus_robot/program.py",
+    "drivers/modbus_robot/cell_program.py",
     "drivers/modbus_robot/robot.py",
     "drivers/programs",
     "drivers/touch_probe/coupler.py",
-    "drivers/touch_probe/dial.py",
+    "drivers/touch_probe/dial_gauge.py",
     "drivers/touch_probe/probe.py",
     "drivers/universal_robots",
     "drivers/wire/can_session.py",
@@ -62,15 +62,15 @@ WHOLE = (
     "calibration/poses/optimal_design.py",
     "calibration/poses/shortfall.py",
     "service/record/signing.py",
-    "service/demo/door.py",
-    "service/demo/mishaps.py",
-    "service/engineering/measured/carried.py",
+    "service/demo/fake_cell_client.py",
+    "service/demo/faults.py",
+    "service/engineering/measured/embedded_files.py",
     "service/engineering/measured/columns.py",
     "service/engineering/measured/table.py",
     "service/engineering/measured/tag_files.py",
     "service/people",
     "service/engineering/programs/cell_of_program.py",
-    "service/engineering/programs/judge.py",
+    "service/engineering/programs/point_checks.py",
     "service/engineering/programs/postures.py",
     "service/engineering/programs/turned_shifts.py",
     "service/record",
@@ -79,10 +79,10 @@ WHOLE = (
     "drivers/operator/terminal.py",
     "service/site/fleet.py",
     "service/site/journal_tail.py",
-    "service/site/sealed.py",
-    "service/site/standing.py",
+    "service/site/signed_messages.py",
+    "service/site/cell_state.py",
     "service/site/state_shape.py",
-    "service/site/troubles.py",
+    "service/site/cell_alarms.py",
     "service/review/arm_review.py",
     "service/web/session_control.py",
     "service/web/middleware.py",
@@ -228,7 +228,10 @@ def _found_of_bad_moves() -> set[str]:
     """Return what is found of moves that break every limit there is."""
     model = load_model("fanuc_m6ib")
     wire = WirePath((0.9, -0.7, -0.45), (0.06, 0.05, 0.12), 1.2, lowest_fraction=0.6, wrap_rad=0.1)
-    things = (Sphere("door", (0.8, 0.2, 0.5), 0.4), Plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    things = (
+        SphereObstacle("door", (0.8, 0.2, 0.5), 0.4),
+        PlaneObstacle("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    )
     shape = assumed_shape(model, things, tip_in_flange_m=(0.0, 0.0, 0.2), wire=wire)
     tight = MotionLimits(
         joint_margin_rad=0.5,
@@ -237,8 +240,8 @@ def _found_of_bad_moves() -> set[str]:
         box_high_m=(0.5, 0.2, 0.6),
         smallest_singular_value=10.0,
         wire=wire,
-        clearances=CollisionCheck.prepare(model, shape),
-        doubt=PostureDoubt((0.1,) * 6, (0.1,) * 6),
+        clearances=CollisionCheck.from_model(model, shape),
+        position_uncertainty=PositionUncertainty((0.1,) * 6, (0.1,) * 6),
     )
     rng, here = np.random.default_rng(1), np.zeros(6)
     ways = [rng.uniform(model.lower_rad, model.upper_rad, (2, 6)) for _ in range(6)]
@@ -257,8 +260,8 @@ def test_what_a_check_of_motion_finds_is_said_in_every_language() -> None:
         assert any(check in sentence for sentence in found), check
     english = re.compile(r"\b(target|limits?|the|and|of|link|flange|tool|tip|wire|clearance|box)\b")
     for locale in TRANSLATED:
-        sayings = Sayings.read(locale, ROOT / "web/src/locales")
-        said = [sayings.say(f"the way is not free: {sentence}") for sentence in found]
+        sayings = Translations.read_tables(locale, ROOT / "web/src/locales")
+        said = [sayings.translate(f"the way is not free: {sentence}") for sentence in found]
         assert not [words for words in said if english.search(words)], locale
 
 
@@ -287,11 +290,11 @@ def test_what_fills_a_hole_is_said_in_every_language_too(locale: str) -> None:
         "Try 'touch the y face 2' again?",
         "the controller reports: SRVO-062 BZAL; the robot is not mastered",
     ]
-    for turn in (Turn(about, 1.0) for about in TURNS):
-        said.append(f"Turn the tool {turn.told()} of the flange, or further.")
+    for turn in (ToolTurn(about, 1.0) for about in TURNS):
+        said.append(f"Turn the tool {turn.describe_turn()} of the flange, or further.")
         said.append(
-            f"From the first touch's attitude, turn the tool {turn.told()} of the flange, about; touch the pin."
+            f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, about; touch the pin."
         )
-    sayings = Sayings.read(locale, ROOT / "web/src/locales")
+    sayings = Translations.read_tables(locale, ROOT / "web/src/locales")
     english = re.compile(r"\b(the|of|and|between|about|touch|try|is|not|[a-z]+ing)\b")
-    assert not [words for words in map(sayings.say, said) if english.search(words)], locale
+    assert not [words for words in map(sayings.translate, said) if english.search(words)], locale

@@ -252,7 +252,7 @@ async def test_the_history_is_newest_first_filtered_and_compared(seen: Seen) -> 
 async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(seen: Seen) -> None:
     looks, past = seen
     sets = ParameterSets(past.config.path.parent / FOLDER)
-    newest = sets.load(SERIAL).version
+    newest = sets.load_set(SERIAL).version
     async with looks.page("#/parameters") as page:
         await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(newest)
         await expect(page.get_by_test_id("yes")).to_have_count(0)  # not before the difference was shown
@@ -261,14 +261,14 @@ async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(
         await hold.wait_for()
         await page.get_by_test_id("changes").wait_for()
         await let_go_early(page)  # a tap is not enough
-        assert sets.load(SERIAL).version == newest
+        assert sets.load_set(SERIAL).version == newest
         await page.get_by_test_id("why").fill("the tool was bent")
         await hold.hover()
         await page.mouse.down()
         await page.locator(f"tr[data-version='{newest + 1}']").wait_for()
         await page.mouse.up()
         await expect(page.get_by_test_id("go-back-told")).to_contain_text("1")
-    held = sets.load(SERIAL)
+    held = sets.load_set(SERIAL)
     assert (held.version, held.rolls_back_to, held.note) == (newest + 1, 1, "the tool was bent")
 
 
@@ -281,7 +281,7 @@ async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
         ).json()
         plots = page.get_by_test_id("trend")
         await page.locator("[data-testid=trend] [data-drawn]").nth(1).wait_for()
-        versions = ParameterSets(past.config.path.parent / FOLDER).load(SERIAL).version
+        versions = ParameterSets(past.config.path.parent / FOLDER).load_set(SERIAL).version
         await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(versions)
         await expect(plots.nth(0)).to_have_attribute("data-count", str(versions))
         assert len(told[0]["points"]) == 2

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import pytest_asyncio
 
-from cellcal.procedures.arm.calibration_result import HoldOut
-from cellcal.procedures.past import Finding
+from cellcal.procedures.arm.calibration_result import HoldOutErrors
+from cellcal.procedures.run_history import Finding
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
-from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.authentication import Authenticator
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import RunView, Store
-from cellcal.service.review.compute_client import Solver, SolverError
+from cellcal.service.record.run_store import RunStore, RunView
+from cellcal.service.review.compute_client import ComputeClient, ComputeError
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.doors import Clock, Door, another_browser, quick, with_people
 from tests.service.reviewed import ROBOT, SERIAL, SLIPPED_STEP, SPOILT_STEP, Past, with_a_past
 
@@ -37,7 +37,7 @@ async def past(tmp_path_factory: pytest.TempPathFactory) -> Past:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def client(past: Past) -> AsyncIterator[httpx.AsyncClient]:
     """The service over that cell's journal, without its desk; everybody may look."""
-    app = create_app(Settings(past.config.path, open_access=True))
+    app = create_app(ServiceSettings(past.config.path, open_access=True))
     async with another_browser(app) as browser:
         yield browser
     if hasattr(app.state, "solver"):
@@ -47,11 +47,11 @@ async def client(past: Past) -> AsyncIterator[httpx.AsyncClient]:
 @asynccontextmanager
 async def at_the_door(config: CellConfig) -> AsyncIterator[Door]:
     """The same service with people who have rights."""
-    app, clock = create_app(Settings(config.path)), Clock()
-    entrance = Entrance(
+    app, clock = create_app(ServiceSettings(config.path)), Clock()
+    entrance = Authenticator(
         config.cell.data_dir, open_access=False, clock=clock, wall_clock=clock, make_hasher=quick
     )
-    if not entrance.register.people():
+    if not entrance.accounts.list_people():
         with_people(entrance)
     app.state.house = replace(app.state.house, entrance=entrance)
     async with another_browser(app) as browser:
@@ -74,7 +74,7 @@ def steps(review: dict[str, Any]) -> list[str]:
 
 def view_of(past: Past, run_id: str) -> RunView:
     with open_journal(past.config) as journal:
-        return Store(journal).run(run_id)
+        return RunStore(journal).find_run(run_id)
 
 
 def captured(findings: tuple[Finding, ...], kind: str) -> np.ndarray:
@@ -89,7 +89,7 @@ async def test_a_review_tells_the_signed_figures(past: Past, client: httpx.Async
     assert len(told["points"]) == 16 + sum(identified["tool"]["captures"])
     assert told["rms_m"] == pytest.approx(np.sqrt(3.0) * identified["residual_rms_m"], rel=1e-9)
     assert told["u_m"] == told["signed_u_m"] == pytest.approx(identified["tip_u_m"], rel=1e-9)
-    out = HoldOut(**identified["hold_out"])
+    out = HoldOutErrors(**identified["hold_out"])
     for which, rms_m, max_m in (
         ("before", out.before_rms_m, out.before_max_m),
         ("after", out.after_rms_m, out.after_max_m),
@@ -136,7 +136,7 @@ async def test_a_reading_less_is_known_a_little_worse_and_changes_nothing_signed
 ) -> None:
     before = (await client.get(f"/api/runs/{past.calibration}/certificate.json")).content
     with open_journal(past.config) as journal:
-        head = journal.head()
+        head = journal.head_hash()
     told = await asked(client, f"/api/runs/{past.calibration}/review")
     less = (await what_if(client, past.calibration, steps(told)[1:])).json()
     assert [p["step"] for p in less["points"] if not p["used"]] == steps(told)[:1]
@@ -145,7 +145,7 @@ async def test_a_reading_less_is_known_a_little_worse_and_changes_nothing_signed
     assert again == told
     assert (await client.get(f"/api/runs/{past.calibration}/certificate.json")).content == before
     with open_journal(past.config) as journal:
-        assert journal.head() == head
+        assert journal.head_hash() == head
 
 
 async def test_touches_are_reviewed_like_readings(past: Past, client: httpx.AsyncClient) -> None:
@@ -167,7 +167,7 @@ async def test_points_of_any_fit_can_be_left_out_and_nothing_is_kept(
     at = f"/api/runs/{past.moved}/certificate.json"
     signed = (await client.get(at)).content
     with open_journal(past.config) as journal:
-        head = journal.head()
+        head = journal.head_hash()
     told = await asked(client, f"/api/runs/{past.moved}/review")
     assert (told["along"], told["u_of"], told["signed"]) == ("place", "origin", True)
     found = view_of(past, past.moved).result["found"]
@@ -186,7 +186,7 @@ async def test_points_of_any_fit_can_be_left_out_and_nothing_is_kept(
     assert (fewer.status_code, fewer.json()["code"]) == (422, "review.too_few")
     assert (await client.get(at)).content == signed
     with open_journal(past.config) as journal:
-        assert journal.head() == head
+        assert journal.head_hash() == head
 
 
 def _origin_of(found: Any) -> np.ndarray:
@@ -223,16 +223,16 @@ async def test_a_what_if_of_nothing_says_why(
 
 
 async def test_the_solver_survives_what_breaks_a_question(past: Past) -> None:
-    solver = Solver(past.config.path)
+    solver = ComputeClient(past.config.path)
     try:
-        with pytest.raises(SolverError, match="failed"):
-            await solver.ask("review", no_such_argument=1)
-        with pytest.raises(SolverError):
-            await solver.ask("review", run_id="x")
-        both = [solver.ask("review", run_id=run) for run in (past.calibration, past.touches)]
+        with pytest.raises(ComputeError, match="failed"):
+            await solver.ask_worker("review", no_such_argument=1)
+        with pytest.raises(ComputeError):
+            await solver.ask_worker("review", run_id="x")
+        both = [solver.ask_worker("review", run_id=run) for run in (past.calibration, past.touches)]
         assert [each["run_id"] for each in await asyncio.gather(*both)] == [past.calibration, past.touches]
     finally:
-        await solver.leave()
+        await solver.stop_worker()
 
 
 async def test_an_accuracy_check_is_told_before_and_after(past: Past, client: httpx.AsyncClient) -> None:
@@ -317,7 +317,7 @@ async def test_a_diff_is_told_in_millimetres_of_the_tip(past: Past, client: http
 async def test_going_back_takes_what_a_write_takes(past: Past) -> None:
     sets = ParameterSets(past.config.path.parent / FOLDER)
     files = {path: path.read_bytes() for path in (past.config.path.parent / FOLDER).rglob("*.toml")}
-    newest = sets.load(SERIAL).version
+    newest = sets.load_set(SERIAL).version
     back = {"id": "a", "to": 1, "newest": newest, "note": "the tool was bent"}
     at = f"/api/parameters/{SERIAL}/rollback"
     async with at_the_door(past.config) as door:
@@ -328,7 +328,7 @@ async def test_going_back_takes_what_a_write_takes(past: Past) -> None:
         await door.sign_in("Tom")
         assert (await door.post(at, back)).json()["code"] == "people.second_person"
         assert (await door.post(at, back)).json()["code"] == "people.second_person"  # again the same person
-        assert sets.load(SERIAL).version == newest
+        assert sets.load_set(SERIAL).version == newest
         await door.sign_in("Tina")
         door.clock.pass_by(150.0)
         assert (await door.post(at, back)).json()["code"] == "people.pin"
@@ -336,16 +336,16 @@ async def test_going_back_takes_what_a_write_takes(past: Past) -> None:
         saved = await door.post(at, back)
         assert saved.status_code == 200, saved.text
         assert (await door.post(at, back)).json() == saved.json()  # a lost answer: nothing is saved twice
-    held = sets.load(SERIAL)
+    held = sets.load_set(SERIAL)
     assert (held.version, held.rolls_back_to, held.made_by) == (newest + 1, 1, "Tom and Tina")
     assert held.note == "the tool was bent"
-    assert held.values == sets.load(SERIAL, 1).values
+    assert held.values == sets.load_set(SERIAL, 1).values
     assert {path: path.read_bytes() for path in files} == files
 
 
 async def test_going_back_is_refused_where_it_means_another_version(past: Past) -> None:
     sets = ParameterSets(past.config.path.parent / FOLDER)
-    newest = sets.load(SERIAL).version
+    newest = sets.load_set(SERIAL).version
     at = f"/api/parameters/{SERIAL}/rollback"
     async with at_the_door(past.config) as door:
         await door.from_console()
@@ -360,6 +360,6 @@ async def test_going_back_is_refused_where_it_means_another_version(past: Past) 
         assert (
             await door.post("/api/parameters/none/rollback", {"id": "x", "to": 1, "newest": 2})
         ).status_code == 422
-        assert sets.load(SERIAL).version == newest
+        assert sets.load_set(SERIAL).version == newest
         assert (await door.post(at, {"id": "e", "to": 1, "newest": newest})).status_code == 200
-    assert sets.load(SERIAL).made_by == "Emil"
+    assert sets.load_set(SERIAL).made_by == "Emil"

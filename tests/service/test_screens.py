@@ -17,27 +17,27 @@ from websockets.asyncio.client import ClientConnection, connect
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web import websocket_hub as rules
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
-from cellcal.service.web.websocket_hub import Screen, Screens
+from cellcal.service.web.context import ServiceSettings
+from cellcal.service.web.websocket_hub import OpenScreen, OpenScreens
 from tests.service.browsers import PATIENCE_S, comes, served
 
 LIVE = 1_000_000  # bytes of a message, so that a link that nobody reads is full after a few
 _NUMBER = re.compile(rb'"n":(\d+)')
 
 
-class Watched(Screens):
+class Watched(OpenScreens):
     """The screens, and how many the service is done with."""
 
     done = 0
 
-    async def attend(self, screen: Screen, receive: Callable[[], Awaitable[None]]) -> None:
-        await super().attend(screen, receive)
+    async def serve_screen(self, screen: OpenScreen, receive: Callable[[], Awaitable[None]]) -> None:
+        await super().serve_screen(screen, receive)
         self.done += 1
 
     async def says(self, number: int) -> None:
-        self.show("live", {"n": number, "pad": "x" * LIVE})
+        self.broadcast("live", {"n": number, "pad": "x" * LIVE})
         await asyncio.sleep(0.01)
-        assert all(set(screen.newest) <= {"live", "person", "control"} for screen in self.open)
+        assert all(set(screen.newest) <= {"live", "person", "control"} for screen in self.open_screens)
 
 
 @dataclass
@@ -70,7 +70,7 @@ class Hall:
 async def a_hall(folder: Path) -> AsyncIterator[Hall]:
     """Serve the pages' service without its desk: what its screens are shown, the test says."""
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
-    app = create_app(Settings(path, open_access=True))
+    app = create_app(ServiceSettings(path, open_access=True))
     screens = Watched()
     app.state.house = replace(app.state.house, screens=screens)
     async with served(app, lifespan="off") as url:
@@ -113,7 +113,7 @@ async def test_a_screen_that_reads_late_is_shown_the_newest_and_not_what_it_miss
             await hall.open(1)
             for number in range(1, last + 1):
                 await hall.screens.says(number)
-            (kept,) = hall.screens.open
+            (kept,) = hall.screens.open_screens
             assert _NUMBER.findall(kept.newest["live"].encode()) == [str(last).encode()]
             heard = await asyncio.to_thread(_read_until, screen, last)
         assert heard == sorted(heard)

@@ -17,7 +17,7 @@ from websockets.asyncio.client import connect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.desks import PATIENCE_S, RECORD, a_cell
 from tests.service.doors import another_browser
 from tests.soak.served import address_of
@@ -149,7 +149,7 @@ async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
 @asynccontextmanager
 async def without_a_desk(folder: Path) -> AsyncIterator[httpx.AsyncClient]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
-    async with another_browser(create_app(Settings(path, open_access=True))) as client:
+    async with another_browser(create_app(ServiceSettings(path, open_access=True))) as client:
         yield client
 
 

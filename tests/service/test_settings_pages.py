@@ -8,10 +8,10 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from cellcal.procedures.catalogue import ENTRIES
-from cellcal.procedures.limits import in_reach
+from cellcal.procedures.accuracy_limits import is_in_reach
+from cellcal.procedures.catalogue import DEFINITIONS
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import go, hold_to_rules, speaks
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at, looking_at_a_cell
@@ -61,7 +61,7 @@ async def foretell(page: Page) -> dict[str, Any]:
 
 async def test_all_settings_unfolded_are_fields_for_gloves_and_none_wants_json(looking: Looking) -> None:
     async with looking.page(size=(800, 1280)) as page:
-        for entry in ENTRIES:
+        for entry in DEFINITIONS:
             await go(page, f"#/procedure/{entry.name}")
             await page.get_by_test_id("settings").wait_for(state="attached")  # one has none
             await unfold(page)
@@ -120,7 +120,7 @@ async def test_a_dry_run_says_how_well_it_would_be_known_and_on_what_that_rests(
             await unfold(page)
             limits = [(one["expanded"], limit) for one in predictions for limit in one["limits"].values()]
             shown = [text[0] for text in await foretold.locator(".chip").all_inner_texts()]
-            assert shown == ["✓" if in_reach(*each) else "✗" for each in limits]
+            assert shown == ["✓" if is_in_reach(*each) else "✗" for each in limits]
             marks += shown
             for told in ("assumed", "not_checked"):
                 lines = page.get_by_test_id(f"foretold_{told}").locator("li")
@@ -210,7 +210,7 @@ async def test_how_a_file_of_tags_is_written_is_told_in_fields(looking: Looking)
 async def test_what_the_cell_file_answers_is_filled_in_and_need_not_be_told(tmp_path: Path) -> None:
     async with (
         a_cell(tmp_path) as (path, _),
-        looking_at(create_app(Settings(with_usual(path, USUAL), open_access=True))) as looks,
+        looking_at(create_app(ServiceSettings(with_usual(path, USUAL), open_access=True))) as looks,
     ):
         await _is_filled_in(looks)
 

@@ -6,7 +6,7 @@ import pytest
 
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.service.cli.app import run_command_line as main
-from cellcal.service.runs.settings_told import settings_of
+from cellcal.service.runs.settings_description import settings_of
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))

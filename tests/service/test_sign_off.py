@@ -6,25 +6,25 @@ from typing import Any
 
 import pytest
 
-from cellcal.procedures.past import Kind
-from cellcal.service.cell_process.answering import Answering
-from cellcal.service.cell_process.cell_process import Desk
-from cellcal.service.cell_process.messages import AnswerIt, Command, Signer, SignOff, Start
-from cellcal.service.cell_process.running import Running
-from cellcal.service.certificates.certificate import issue
-from cellcal.service.certificates.page import page_of
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.cell_process.cell_controller import CellController
+from cellcal.service.cell_process.messages import AnswerPrompt, SessionCommand, Signer, SignOff, StartRun
+from cellcal.service.cell_process.run_status import RunStatus
+from cellcal.service.cell_process.signer_roles import SignerRoles
+from cellcal.service.certificates.certificate import issue_certificate
+from cellcal.service.certificates.page_sections import page_of
 from cellcal.service.certificates.printing import html_from, pdf_from
 from cellcal.service.certificates.text import as_text
 from cellcal.service.cli.runs import show
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.people.authentication import LOCAL_PERSON, Person
-from cellcal.service.people.authorization import Permits
+from cellcal.service.people.authorization import OrderAuthorizer
 from cellcal.service.people.errors import SecondPersonError
 from cellcal.service.people.roles import Role
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import certificates_folder, open_journal
-from cellcal.service.record.run_store import Store
-from cellcal.service.record.signing import Finding, check
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.signing import CheckFinding, check_document
 from tests.procedures.cells import pointing, recovering
 from tests.procedures.certified import cell_config, run_in
 from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
@@ -35,7 +35,7 @@ LINE = "Safety functions that depend on the robot's position"
 
 def signed(config: CellConfig, run_id: str, who: str, lines: list[str]) -> None:
     with open_journal(config) as journal:
-        journal.append(run_id, Kind.SIGNED, {"who": who, "lines": lines}, key="signed", actor=who)
+        journal.append(run_id, EventKind.SIGNED, {"who": who, "lines": lines}, key="signed", actor=who)
 
 
 def content_in(path: Path) -> dict[str, Any]:
@@ -46,23 +46,23 @@ def content_in(path: Path) -> dict[str, Any]:
 async def test_a_second_persons_signature_stands_on_all_four_forms(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, await recovering(), "mastering_recovery")
-    before = issue(config, outcome.run_id)
+    before = issue_certificate(config, outcome.run_id)
     kept = before.json_path.read_bytes()
     lines = tuple(content_in(before.json_path)["verdict"]["to_sign"])
     line = next(line for line in lines if LINE in line)
     assert "Signature ____" in before.text_path.read_text()
-    command = Command(
+    command = SessionCommand(
         id="1", rev=1, who="Zoë Ångström-O'Neil", people=(Signer(name="Zoë Ångström-O'Neil", role="engineer"),),
         order=SignOff(op="sign", run_id=outcome.run_id, lines=lines),
     )  # fmt: skip
-    await Answering(config).note(outcome.run_id, command)
+    await SignerRoles(config).note_signers(outcome.run_id, command)
     signed(config, outcome.run_id, command.who, list(lines))
 
-    after = issue(config, outcome.run_id)
+    after = issue_certificate(config, outcome.run_id)
     raw = after.json_path.read_bytes()
-    assert check(raw, expected_key=after.key.public).finding is Finding.INTACT
+    assert check_document(raw, expected_key=after.key.public_key).finding is CheckFinding.INTACT
     assert (
-        check(kept, expected_key=after.key.public).finding is Finding.INTACT
+        check_document(kept, expected_key=after.key.public_key).finding is CheckFinding.INTACT
     )  # a copy from before stays good
     given = content_in(after.json_path)["sign_off"]
     last = next(one for one in given if one["what"] == line)
@@ -89,11 +89,11 @@ async def test_one_changed_name_in_the_sign_off_is_found_offline(tmp_path: Path)
     outcome = await run_in(config, await recovering(), "mastering_recovery")
     line = outcome.judgement["to_sign"][0]
     signed(config, outcome.run_id, "Berta", [line])
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     raw = issued.json_path.read_bytes()
     assert raw.count(b'"Berta"') == 1
     forged = raw.replace(b'"Berta"', b'"Bertl"')
-    assert check(forged, expected_key=issued.key.public).finding is Finding.TAMPERED
+    assert check_document(forged, expected_key=issued.key.public_key).finding is CheckFinding.TAMPERED
 
 
 async def test_a_certificate_from_before_signing_was_printed_still_verifies_and_prints(
@@ -101,12 +101,12 @@ async def test_a_certificate_from_before_signing_was_printed_still_verifies_and_
 ) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    issued = issue(config, outcome.run_id)
+    issued = issue_certificate(config, outcome.run_id)
     old = content_in(issued.json_path)
     del old["sign_off"]
-    raw = issued.key.sign("cellcal certificate 1", old).encode()
-    checked = check(raw, expected_key=issued.key.public)
-    assert checked.finding is Finding.INTACT
+    raw = issued.key.sign_document("cellcal certificate 1", old).encode()
+    checked = check_document(raw, expected_key=issued.key.public_key)
+    assert checked.finding is CheckFinding.INTACT
     page = page_of(old, checked.sha256, checked.public_key)
     assert HEADING not in [section.title for section in page.sections]
     assert HEADING not in as_text(old, checked.sha256, checked.public_key)
@@ -115,13 +115,13 @@ async def test_a_certificate_from_before_signing_was_printed_still_verifies_and_
 async def test_roles_are_those_of_the_moment_and_are_noted_once(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    answering = Answering(config)
+    answering = SignerRoles(config)
 
     async def press(role: str) -> None:
         people = (Signer(name="Tom", role="technician"), Signer(name="Ben", role=role))
-        order = AnswerIt(op="answer", prompt_id="1")
-        command = Command(id="1", rev=1, who="Tom and Ben", people=people, order=order)
-        await answering.note(outcome.run_id, command)
+        order = AnswerPrompt(op="answer", prompt_id="1")
+        command = SessionCommand(id="1", rev=1, who="Tom and Ben", people=people, order=order)
+        await answering.note_signers(outcome.run_id, command)
 
     await press("technician")
     await press("technician")
@@ -132,13 +132,13 @@ async def test_roles_are_those_of_the_moment_and_are_noted_once(tmp_path: Path) 
     with open_journal(config) as journal:
         assert len(_noted(journal, outcome.run_id)) == 2
         _approve(journal, outcome.run_id)
-    given = content_in(issue(config, outcome.run_id).json_path)["sign_off"]
+    given = content_in(issue_certificate(config, outcome.run_id).json_path)["sign_off"]
     roles = [[p["role"] for p in one["people"]] for one in given if one["who"] == "Tom and Ben"]
     assert roles == [["technician", "technician"], ["technician", "engineer"]]
     assert [one["people"] for one in given if one["who"] == "anna"] == [
         []
     ]  # run from the console: no role is known
-    text = issue(config, outcome.run_id).text_path.read_text()
+    text = issue_certificate(config, outcome.run_id).text_path.read_text()
     assert "by Tom and Ben (technician and engineer)" in text
     assert "by anna (role not recorded)" in text
 
@@ -148,23 +148,23 @@ async def test_who_began_a_run_is_told_with_the_role_that_counted_then(
 ) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, pointing(), "three_point_frame")
-    answering = Answering(config)
+    answering = SignerRoles(config)
     with open_journal(config) as journal:
-        assert Store(journal).run(outcome.run_id).begun_as == ()  # from the console: no role is known
+        assert RunStore(journal).find_run(outcome.run_id).begun_as == ()  # from the console: no role is known
 
     async def begin(who: str, role: str) -> None:
-        order = Start(op="start", procedure="three_point_frame", settings={}, hold_to_move=False)
+        order = StartRun(op="start", procedure="three_point_frame", settings={}, hold_to_move=False)
         people = (Signer(name=who, role=role),)
-        await answering.note("", Command(id=who, rev=1, who=who, people=people, order=order))
-        answering.began(outcome.run_id, who)
+        await answering.note_signers("", SessionCommand(id=who, rev=1, who=who, people=people, order=order))
+        answering.note_beginning(outcome.run_id, who)
 
     await begin("Tom", "technician")  # who goes on with it did not begin it
     with open_journal(config) as journal:
-        assert Store(journal).run(outcome.run_id).begun_as == ()
+        assert RunStore(journal).find_run(outcome.run_id).begun_as == ()
     await begin("anna", "engineer")
     await begin("anna", "technician")
     with open_journal(config) as journal:
-        told = Store(journal).run(outcome.run_id)
+        told = RunStore(journal).find_run(outcome.run_id)
         assert len(_noted(journal, outcome.run_id)) == 3
     assert (told.begun_by, told.begun_as) == ("anna", ("engineer",))
     assert show("last", cell=Path(config.path)) == 0
@@ -172,45 +172,47 @@ async def test_who_began_a_run_is_told_with_the_role_that_counted_then(
 
 
 def _noted(journal: Journal, run_id: str) -> list[str]:
-    return [event.body for event in journal.events(run_id) if event.kind == Kind.ANSWERS_AS]
+    return [event.body for event in journal.list_events(run_id) if event.kind == EventKind.ANSWERS_AS]
 
 
 def _approve(journal: Journal, run_id: str) -> None:
     body = {"before": "go on", "key": "may_move", "who": "Tom and Ben", "text": "May it move?"}
-    journal.append(run_id, Kind.APPROVAL, body)
+    journal.append(run_id, EventKind.APPROVAL, body)
 
 
 def test_the_permits_know_who_is_behind_a_name() -> None:
-    permits, order = Permits(), AnswerIt(op="answer", prompt_id="q")
+    permits, order = OrderAuthorizer(), AnswerPrompt(op="answer", prompt_id="q")
     session = {"rev": 1, "prompt": {"id": "q", "key": "accept_mastering"}}
     tom = Person("Tom", Role.TECHNICIAN, fresh_pin=True)
     with pytest.raises(SecondPersonError):
-        permits.granted(tom, "1", 1, order, session)
-    both = permits.granted(Person("Tina", Role.TECHNICIAN, fresh_pin=True), "2", 1, order, session)
-    assert permits.behind(both) == [
+        permits.authorize(tom, "1", 1, order, session)
+    both = permits.authorize(Person("Tina", Role.TECHNICIAN, fresh_pin=True), "2", 1, order, session)
+    assert permits.signers_of(both) == [
         {"name": "Tom", "role": "technician"},
         {"name": "Tina", "role": "technician"},
     ]
-    emil = permits.granted(Person("Emil", Role.ENGINEER, fresh_pin=True), "3", 1, order, session)
-    assert permits.behind(emil) == [{"name": "Emil", "role": "engineer"}]
-    console = permits.granted(LOCAL_PERSON, "4", 1, order, session)
-    assert permits.behind(console)[0]["role"] == "console"
-    assert permits.behind("nobody") == []
+    emil = permits.authorize(Person("Emil", Role.ENGINEER, fresh_pin=True), "3", 1, order, session)
+    assert permits.signers_of(emil) == [{"name": "Emil", "role": "engineer"}]
+    console = permits.authorize(LOCAL_PERSON, "4", 1, order, session)
+    assert permits.signers_of(console)[0]["role"] == "console"
+    assert permits.signers_of("nobody") == []
 
 
 async def test_signing_at_the_desk_writes_the_certificate_anew(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, await recovering(), "mastering_recovery")
-    issue(config, outcome.run_id)
-    desk = Desk(config, lambda kind, content: None)
-    ended = Running("mastering_recovery", "Mastering recovery", "Anna", run_id=outcome.run_id, state="ended")
+    issue_certificate(config, outcome.run_id)
+    desk = CellController(config, lambda kind, content: None)
+    ended = RunStatus(
+        "mastering_recovery", "Mastering recovery", "Anna", run_id=outcome.run_id, state="ended"
+    )
     ended.outcome = {"judgement": outcome.judgement}
     desk._run = ended
     order = SignOff(op="sign", run_id=outcome.run_id, lines=tuple(outcome.judgement["to_sign"]))
     people = (Signer(name="Tina", role="technician"),)
-    command = Command(id="1", rev=desk.rev, who="Tina", people=people, order=order)
-    assert (await desk.obey(command))["ok"]
-    assert (await desk.obey(command))["ok"]  # sent again after a lost link
+    command = SessionCommand(id="1", rev=desk.rev, who="Tina", people=people, order=order)
+    assert (await desk.execute_command(command))["ok"]
+    assert (await desk.execute_command(command))["ok"]  # sent again after a lost link
     lies = certificates_folder(config) / f"{outcome.run_id}.json"
     given = [one for one in content_in(lies)["sign_off"] if one["did"] == "signed"]
     assert [one["what"] for one in given] == list(order.lines)
@@ -222,10 +224,10 @@ async def test_signing_at_the_desk_writes_the_certificate_anew(tmp_path: Path) -
 async def test_a_run_that_was_signed_says_so_after_every_reading_of_its_journal(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     outcome = await run_in(config, await recovering(), "mastering_recovery")
-    issue(config, outcome.run_id)
+    issue_certificate(config, outcome.run_id)
     signed(config, outcome.run_id, "Berta", list(outcome.judgement["to_sign"]))
-    first = issue(config, outcome.run_id).json_path.read_bytes()
-    assert issue(config, outcome.run_id).json_path.read_bytes() == first
+    first = issue_certificate(config, outcome.run_id).json_path.read_bytes()
+    assert issue_certificate(config, outcome.run_id).json_path.read_bytes() == first
     assert (certificates_folder(config) / f"{outcome.run_id}.json").read_bytes() == first
     with open_journal(config) as journal:
-        assert Store(journal).run(outcome.run_id).state == "passed"
+        assert RunStore(journal).find_run(outcome.run_id).state == "passed"

@@ -14,28 +14,28 @@ import zenoh
 from cellcal.calibration.errors import CellError
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.record.signing import Finding, station_key
+from cellcal.service.record.signing import CheckFinding, station_key
 from cellcal.service.site.access import MOST_JOINTS_HZ
 from cellcal.service.site.authority import new_authority, read_authority
 from cellcal.service.site.keys import MONITOR_NAME
 from cellcal.service.site.link_files import MONITOR_FILE, read_link_folder
-from cellcal.service.site.listener import Listener
-from cellcal.service.site.outbox import Outbox
-from cellcal.service.site.sealed import Sealer
+from cellcal.service.site.listener import FleetListener
+from cellcal.service.site.outbox import SiteOutbox
+from cellcal.service.site.signed_messages import MessageSigner
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
 
 RUN = "drift_check-0123456789ab"
 
 
-def view(listener: Listener, cell: str):
-    return next(one for one in listener.fleet.views(time.monotonic()) if one.cell == cell)
+def view(listener: FleetListener, cell: str):
+    return next(one for one in listener.fleet.cell_views(time.monotonic()) if one.cell == cell)
 
 
 def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07")
-    with site.router(), Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+    with site.router(), FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
         assert view(listener, "cell-07").link == "never"
         with site.publishing("cell-07") as say:
 
@@ -45,15 +45,17 @@ def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) 
                 return view(listener, "cell-07").link == "online" and view(listener, "cell-07").attended
 
             until(attended)
-            joints = until(lambda: listener.fleet.value(site.keys("cell-07").joints))
+            joints = until(lambda: listener.fleet.newest_value(site.keys("cell-07").joints_key))
             assert joints.body["joints_rad"] == [0.1] * 6
-            wire = until(lambda: listener.fleet.value(site.keys("cell-07").device("wire", "value")))
+            wire = until(
+                lambda: listener.fleet.newest_value(site.keys("cell-07").device_key("wire", "value"))
+            )
             assert wire.body["length_m"] == 1.25
             site.journal("cell-07", RUN, 5)
             say("live", live_of(state="stopped"))
             until(lambda: view(listener, "cell-07").alarms)
             assert view(listener, "cell-07").alarms[0]["text"] == "E-stop."
-            until(lambda: len(listener.numbers("cell-07")) == 6)
+            until(lambda: len(listener.event_numbers("cell-07")) == 6)
             say("gone", {})
             until(
                 lambda: len(view(listener, "cell-07").alarms) == 2 and not view(listener, "cell-07").attended
@@ -69,17 +71,17 @@ def test_a_router_that_is_killed_costs_no_event(tmp_path: Path) -> None:
     with site.publishing("cell-07"):
         site.journal("cell-07", RUN, 5)
         with site.router() as router:
-            listener = Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S)
+            listener = FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S)
             with listener:
                 site.journal("cell-07", RUN, 10, first=5)
-                until(lambda: listener.numbers("cell-07") == list(range(1, 16)))
+                until(lambda: listener.event_numbers("cell-07") == list(range(1, 16)))
                 router.kill()
                 router.wait()
                 site.journal("cell-07", RUN, 20, first=15)
                 until(lambda: view(listener, "cell-07").link != "online")
                 with site.router():
                     site.journal("cell-07", RUN, 5, first=35)
-                    until(lambda: listener.numbers("cell-07") == list(range(1, 41)))
+                    until(lambda: listener.event_numbers("cell-07") == list(range(1, 41)))
                 assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
 
 
@@ -91,25 +93,28 @@ def test_after_hours_without_a_link_the_site_asks_for_what_it_misses(tmp_path: P
     with (
         site.router(),
         site.publishing("cell-07"),
-        Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+        FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
     ):
-        until(lambda: listener.numbers("cell-07") == list(range(1, 521)))
-        assert view(listener, "cell-07").events.missing == 0
-        newest = listener.events("cell-07", 1)[0]["body"]
+        until(lambda: listener.event_numbers("cell-07") == list(range(1, 521)))
+        assert view(listener, "cell-07").events.missing_count == 0
+        newest = listener.stored_events("cell-07", 1)[0]["body"]
         assert newest["journal_seq"] == 520
-        runs = listener.ask("cell-07", "runs")
+        runs = listener.ask_cell("cell-07", "runs")
         assert runs[0].body == {"runs": []}  # findings alone are no run
-        told = listener.ask("cell-07", "run", id=RUN, after=510)
+        told = listener.ask_cell("cell-07", "run", id=RUN, after=510)
         assert [message.body["journal_seq"] for message in told] == list(range(511, 521))
         with pytest.raises(CellError, match="there is no verb 'move'"):
-            listener.ask("cell-07", "move")
+            listener.ask_cell("cell-07", "move")
         with pytest.raises(CellError, match="no certificate"):
-            listener.certificate("cell-07", RUN)
+            listener.fetch_certificate("cell-07", RUN)
         kept = site.cells["cell-07"].cell.data_dir / "certificates" / f"{RUN}.json"
         kept.parent.mkdir()
-        for folder, finding in ((kept.parent.parent, Finding.INTACT), (tmp_path, Finding.UNKNOWN_KEY)):
-            kept.write_text(station_key(folder).sign("cellcal certificate 1", {"a": 1}))
-            raw, checked = listener.certificate("cell-07", RUN)
+        for folder, finding in (
+            (kept.parent.parent, CheckFinding.INTACT),
+            (tmp_path, CheckFinding.UNKNOWN_KEY),
+        ):
+            kept.write_text(station_key(folder).sign_document("cellcal certificate 1", {"a": 1}))
+            raw, checked = listener.fetch_certificate("cell-07", RUN)
             assert (raw, checked.finding) == (kept.read_bytes(), finding)
         capsys.readouterr()
         asked = ["monitor", str(site.folder), "--store", str(tmp_path / "other")]
@@ -124,14 +129,14 @@ def test_a_monitor_that_comes_again_keeps_what_it_had(tmp_path: Path) -> None:
     with site.router(), site.publishing("cell-07"):
         site.journal("cell-07", RUN, 8)
         for first in (8, 12):
-            with Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
-                until(lambda count=first: listener.numbers("cell-07") == list(range(1, count + 1)))
+            with FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+                until(lambda count=first: listener.event_numbers("cell-07") == list(range(1, count + 1)))
             site.journal("cell-07", RUN, 4, first=first)
 
 
 def test_foreign_puts_reach_nobody_and_no_cell_hears_anything(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07", "cell-08")
-    read_authority(site.folder).issue("laptop", tmp_path)  # certified, but no rule names it
+    read_authority(site.folder).issue_certificate("laptop", tmp_path)  # certified, but no rule names it
     seven, eight = site.keys("cell-07"), site.keys("cell-08")
     with (
         site.router(),
@@ -141,15 +146,20 @@ def test_foreign_puts_reach_nobody_and_no_cell_hears_anything(tmp_path: Path) ->
         opened(_as(site, tmp_path / "laptop")) as laptop,
     ):
         site_ear, laptop_ear = Ear(monitor), Ear(laptop)
-        cell_ear = Ear(victim, f"{eight.base}/**")
-        until(lambda: (thief.put(seven.state, "control"), site_ear.has("control"))[1])
-        until(lambda: (victim.put(eight.state, "own voice"), site_ear.has("own voice"))[1])
+        cell_ear = Ear(victim, f"{eight.base_key}/**")
+        until(lambda: (thief.put(seven.state_key, "control"), site_ear.has("control"))[1])
+        until(lambda: (victim.put(eight.state_key, "own voice"), site_ear.has("own voice"))[1])
         for who, name in ((thief, "thief"), (monitor, "monitor"), (laptop, "laptop")):
-            for key in (eight.state, eight.alarm, eight.answer("move"), f"{eight.base}/command"):
+            for key in (
+                eight.state_key,
+                eight.alarm_key,
+                eight.answer_key("move"),
+                f"{eight.base_key}/command",
+            ):
                 who.put(key, f"forged by {name}")
-        replies = list(laptop.get(eight.answer("runs"), timeout=5.0))
+        replies = list(laptop.get(eight.answer_key("runs"), timeout=5.0))
         before = len(site_ear.heard)
-        until(lambda: (thief.put(seven.state, "the last"), site_ear.has("the last"))[1])
+        until(lambda: (thief.put(seven.state_key, "the last"), site_ear.has("the last"))[1])
         # a session hears its own puts: what the monitor itself said did not go through the router
         foreign = [line for line in site_ear.heard if "forged" in line and "by monitor" not in line]
         assert foreign == []
@@ -174,7 +184,7 @@ def test_without_a_certificate_or_with_another_authority_nobody_comes_in(tmp_pat
     other = tmp_path / "other"
     other.mkdir()
     authority = new_authority("hall-3", other)  # of the same name
-    authority.issue(MONITOR_NAME, other)
+    authority.issue_certificate(MONITOR_NAME, other)
     link = read_link_folder(site.monitor, MONITOR_FILE)
     tls = "transport/link/tls"
     without = [(f"{tls}/enable_mtls", False)] + [
@@ -203,31 +213,31 @@ def test_without_a_certificate_or_with_another_authority_nobody_comes_in(tmp_pat
 def test_a_message_that_was_changed_or_moved_is_named_and_dropped(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07", "cell-08")
     keys, config = site.keys("cell-07"), site.cells["cell-07"]
-    with Outbox(config.cell.data_dir) as outbox:
+    with SiteOutbox(config.cell.data_dir) as outbox:
         epoch = outbox.epoch
-    sealer = Sealer(station_key(config.cell.data_dir), "cell-07", epoch)
-    other = Sealer(station_key(site.cells["cell-08"].cell.data_dir), "cell-07", epoch)
+    sealer = MessageSigner(station_key(config.cell.data_dir), "cell-07", epoch)
+    other = MessageSigner(station_key(site.cells["cell-08"].cell.data_dir), "cell-07", epoch)
     body = {"id": "x:y", "active": True, "source": "y", "text": "true", "code": "x", "remedy": ""}
-    good = sealer.seal(keys.alarm, 1, body)
+    good = sealer.sign_message(keys.alarm_key, 1, body)
     bad = {
         "the signature does not belong": good.replace(b'"true"', b'"lies"'),
-        "another key signed": other.seal(keys.alarm, 2, body),
-        "was put here": sealer.seal(keys.session_event(RUN), 3, body),
+        "another key signed": other.sign_message(keys.alarm_key, 2, body),
+        "was put here": sealer.sign_message(keys.session_event(RUN), 3, body),
         "no JSON": b"\xff\xfe",
         "has not the parts": b'{"seq": 1}',
     }
     with (
         site.router(),
-        Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+        FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
         opened(site.zenoh_of("cell-07")) as stolen,
     ):
-        until(lambda: (stolen.put(keys.alarm, good), listener.numbers("cell-07"))[1])
+        until(lambda: (stolen.put(keys.alarm_key, good), listener.event_numbers("cell-07"))[1])
         for raw in bad.values():
-            stolen.put(keys.alarm, raw)
+            stolen.put(keys.alarm_key, raw)
         until(lambda: listener.fleet.flaw_count >= len(bad))
         told = " ".join(flaw["what"] for flaw in listener.fleet.flaws)
         assert all(words in told for words in bad)
-        assert listener.numbers("cell-07") == [1]
+        assert listener.event_numbers("cell-07") == [1]
         assert [alarm["text"] for alarm in view(listener, "cell-07").alarms] == ["true"]
 
 
@@ -243,7 +253,7 @@ def test_a_cell_that_floods_its_joints_is_heard_as_often_as_others_and_its_event
     ):
         ear = Ear(monitor)
         loud, calm = (
-            one.declare_publisher(site.keys(cell).joints)
+            one.declare_publisher(site.keys(cell).joints_key)
             for one, cell in ((flooding, "cell-07"), (healthy, "cell-08"))
         )
         event = flooding.declare_publisher(
@@ -264,9 +274,9 @@ def test_a_cell_that_floods_its_joints_is_heard_as_often_as_others_and_its_event
 
         until(lambda: heard(site.keys("cell-07").session_event(RUN)) == many)
         until(
-            lambda: heard(site.keys("cell-08").joints) >= few / 2
+            lambda: heard(site.keys("cell-08").joints_key) >= few / 2
         )  # its ten a second come a little unevenly
-        of_flood = heard(site.keys("cell-07").joints)
+        of_flood = heard(site.keys("cell-07").joints_key)
         assert 2 <= of_flood <= took_s * MOST_JOINTS_HZ + 2  # so few of so many, however long it took
 
 
@@ -275,16 +285,16 @@ def test_a_router_takes_in_a_new_cell_while_it_runs(tmp_path: Path) -> None:
     with site.router(), site.publishing("cell-07"):
         site.add("cell-08")
         with (
-            Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+            FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
             site.publishing("cell-08"),
         ):
-            until(lambda: [one.link for one in listener.fleet.views(time.monotonic())] == ["online"] * 2)
+            until(lambda: [one.link for one in listener.fleet.cell_views(time.monotonic())] == ["online"] * 2)
 
 
 async def test_the_service_of_a_cell_tells_its_site_by_itself(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07")  # none of its devices is there
-    app = create_app(Settings(site.cells["cell-07"].path))
-    with site.router(), Listener(site.monitor, tmp_path / "s", patience_s=PATIENCE_S) as listener:
+    app = create_app(ServiceSettings(site.cells["cell-07"].path))
+    with site.router(), FleetListener(site.monitor, tmp_path / "s", patience_s=PATIENCE_S) as listener:
         async with app.router.lifespan_context(app):
             await asyncio.to_thread(until, lambda: view(listener, "cell-07").attended)
             await asyncio.to_thread(until, lambda: view(listener, "cell-07").alarms)

@@ -18,20 +18,20 @@ from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import certificates_folder
-from cellcal.service.record.signing import StationKey, station_key
-from cellcal.service.site.access import ASKING, SAYING, cell_access, router_access
-from cellcal.service.site.alarms import CALM_S, Alarm, Alarms, wrong_in
-from cellcal.service.site.answers import Answers
-from cellcal.service.site.enrolment import Applicant, NewSite, applicant, enroll
+from cellcal.service.record.signing import CellKey, station_key
+from cellcal.service.site.access import ASKING, CELL_MESSAGES, cell_access, router_access
+from cellcal.service.site.alarms import CALM_S, AlarmSet, CellAlarm, wrong_in
+from cellcal.service.site.answers import CellAnswers
+from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells, parse_applicant
 from cellcal.service.site.fleet import SILENT_S, Fleet
-from cellcal.service.site.journal_tail import JournalTail, chain_flaw, told
-from cellcal.service.site.keys import chunk
-from cellcal.service.site.ledger import Ledger
-from cellcal.service.site.link_files import CELL_FILE, Enrolled, StationsFile, read_link_folder
-from cellcal.service.site.outbox import Outbox, ToSend, rows_between
+from cellcal.service.site.journal_tail import JournalTail, chain_flaw, event_to_json
+from cellcal.service.site.keys import key_part
+from cellcal.service.site.ledger import SiteLedger
+from cellcal.service.site.link_files import CELL_FILE, EnrolledCell, StationsFile, read_link_folder
+from cellcal.service.site.outbox import SiteOutbox, UnsentEvent, rows_between
 from cellcal.service.site.publisher import CERTIFICATES, site_folder
-from cellcal.service.site.sealed import Message, Sealer, opened, public_key
-from cellcal.service.site.site_store import Received, SiteStore
+from cellcal.service.site.signed_messages import MessageSigner, SignedMessage, open_message, public_key
+from cellcal.service.site.site_store import ReceivedEvent, SiteStore
 from tests.service.sites import live_of, session_of
 
 NEW = NewSite("hall-3", "127.0.0.1:7447")
@@ -47,7 +47,7 @@ def files_in(folder: Path) -> dict[Path, bytes]:
 
 def test_keys_are_for_their_owner_and_a_second_enrolment_only_adds(tmp_path: Path) -> None:
     site = tmp_path / "site"
-    enroll(site, [Applicant("cell-07", KEYS[0])], NEW)
+    enroll_cells(site, [CellApplicant("cell-07", KEYS[0])], NEW)
     before = files_in(site)
     assert {path.name for path in before if path.suffix == ".key"} == {
         "ca.key", "site-router.key", "site-monitor.key", "cell-07.key",
@@ -55,7 +55,7 @@ def test_keys_are_for_their_owner_and_a_second_enrolment_only_adds(tmp_path: Pat
     for path in before:
         if path.suffix == ".key":
             assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    enroll(site, [Applicant("cell-08", KEYS[1])])
+    enroll_cells(site, [CellApplicant("cell-08", KEYS[1])])
     after = files_in(site)
     changed = {path.name for path in before if after[path] != before[path]}
     assert changed == {"router.json5", "stations.json"}
@@ -66,26 +66,26 @@ def test_keys_are_for_their_owner_and_a_second_enrolment_only_adds(tmp_path: Pat
 @pytest.mark.parametrize(
     ("cells", "words"),
     [
-        ([Applicant("cell-07", KEYS[2])], "enrolled already"),
-        ([Applicant("cell-08", KEYS[0])], "would be one cell"),
-        ([Applicant("cell-09", KEYS[3]), Applicant("cell-09", KEYS[4])], "two cells"),
+        ([CellApplicant("cell-07", KEYS[2])], "enrolled already"),
+        ([CellApplicant("cell-08", KEYS[0])], "would be one cell"),
+        ([CellApplicant("cell-09", KEYS[3]), CellApplicant("cell-09", KEYS[4])], "two cells"),
     ],
 )
 def test_what_would_be_written_over_is_refused_and_nothing_changes(tmp_path: Path, cells, words: str) -> None:
     site = tmp_path / "site"
-    enroll(site, [Applicant("cell-07", KEYS[0])], NEW)
+    enroll_cells(site, [CellApplicant("cell-07", KEYS[0])], NEW)
     before = files_in(site)
     with pytest.raises(CellError, match=words):
-        enroll(site, cells)
+        enroll_cells(site, cells)
     assert files_in(site) == before
 
 
 def test_a_site_is_begun_once_and_needs_a_name(tmp_path: Path) -> None:
     with pytest.raises(CellError, match="no site yet"):
-        enroll(tmp_path / "site", [Applicant("cell-07", KEYS[0])])
-    enroll(tmp_path / "site", [], NEW)
+        enroll_cells(tmp_path / "site", [CellApplicant("cell-07", KEYS[0])])
+    enroll_cells(tmp_path / "site", [], NEW)
     with pytest.raises(CellError, match="holds a site already"):
-        enroll(tmp_path / "site", [], NEW)
+        enroll_cells(tmp_path / "site", [], NEW)
 
 
 @pytest.mark.parametrize(
@@ -93,15 +93,15 @@ def test_a_site_is_begun_once_and_needs_a_name(tmp_path: Path) -> None:
 )
 def test_no_cell_gets_a_name_that_means_more_than_one_cell(word: str) -> None:
     with pytest.raises(CellError):
-        applicant(f"{word}={KEYS[0]}")
+        parse_applicant(f"{word}={KEYS[0]}")
 
 
 def test_a_cell_without_its_public_key_is_not_enrolled(tmp_path: Path) -> None:
     with pytest.raises(CellError, match="is no cell file"):
-        applicant("cell-07")
+        parse_applicant("cell-07")
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
-    found = applicant(str(path))
-    assert found == Applicant("demo", station_key(tmp_path / "data").public)
+    found = parse_applicant(str(path))
+    assert found == CellApplicant("demo", station_key(tmp_path / "data").public_key)
 
 
 def test_the_command_enrols_a_cell_of_this_computer(tmp_path: Path) -> None:
@@ -112,13 +112,13 @@ def test_the_command_enrols_a_cell_of_this_computer(tmp_path: Path) -> None:
     assert not (tmp_path / "site").exists()
     assert run_command_line([*enrol, "--name", "hall-3", "--endpoint", "127.0.0.1:7447"]) == 0
     path.write_text(path.read_text() + '\n[site]\nfolder = "site/cells/demo"\n')
-    assert read_link_folder(site_folder(read_cell_file(path)), CELL_FILE).certificate.name == "demo.pem"
+    assert read_link_folder(site_folder(read_cell_file(path)), CELL_FILE).own_certificate.name == "demo.pem"
     assert run_command_line(enrol) == ExitCode.USAGE  # a second time
 
 
 def test_a_key_that_others_may_read_is_not_used(tmp_path: Path) -> None:
-    (folder,) = enroll(tmp_path / "site", [Applicant("cell-07", KEYS[0])], NEW)
-    assert read_link_folder(folder, CELL_FILE).certificate == folder / "cell-07.pem"
+    (folder,) = enroll_cells(tmp_path / "site", [CellApplicant("cell-07", KEYS[0])], NEW)
+    assert read_link_folder(folder, CELL_FILE).own_certificate == folder / "cell-07.pem"
     (folder / "cell-07.key").chmod(0o640)
     with pytest.raises(CellError, match="may read the private key"):
         read_link_folder(folder, CELL_FILE)
@@ -138,14 +138,16 @@ def test_the_rules_deny_by_default_and_no_subject_is_a_wildcard() -> None:
     router = {rule["id"]: rule for rule in router_access("hall-3", cells)["rules"]}
     puts_in = [rule for rule in router.values() if "put" in rule["messages"] and "ingress" in rule["flows"]]
     assert [rule["key_exprs"][0] for rule in puts_in] == [f"cellcal/v1/hall-3/{cell}/**" for cell in cells]
-    assert set(ASKING).isdisjoint(SAYING)
+    assert set(ASKING).isdisjoint(CELL_MESSAGES)
 
 
 def test_zenohs_own_router_reads_the_file_and_holds_joints_to_a_rate(tmp_path: Path) -> None:
     """`zenohd -c` reads a file as `from_file` does, and stops at a word that it does not know."""
     site = tmp_path / "site"
-    keys = {cell: station_key(tmp_path / cell).public for cell in ("cell-07", "cell-08")}
-    enroll(site, [Applicant(cell, key) for cell, key in keys.items()], NewSite("hall-3", "127.0.0.1:7447"))
+    keys = {cell: station_key(tmp_path / cell).public_key for cell in ("cell-07", "cell-08")}
+    enroll_cells(
+        site, [CellApplicant(cell, key) for cell, key in keys.items()], NewSite("hall-3", "127.0.0.1:7447")
+    )
     (rate,) = json.loads(zenoh.Config.from_file(site / "router" / "router.json5").get_json("downsampling"))
     assert (rate["flows"], rate["messages"]) == (["ingress"], ["put"])
     assert [rule["key_expr"] for rule in rate["rules"]] == ["cellcal/v1/hall-3/*/joints"]
@@ -165,7 +167,7 @@ def test_the_site_table_is_off_unless_it_is_written(tmp_path: Path) -> None:
 
 @given(st.text(min_size=1, max_size=80), st.text(min_size=1, max_size=80))
 def test_names_become_parts_of_keys_and_stay_different(left: str, right: str) -> None:
-    parts = chunk(left), chunk(right)
+    parts = key_part(left), key_part(right)
     for part in parts:
         assert 0 < len(part) <= 32
         assert set(part) <= set("abcdefghijklmnopqrstuvwxyz0123456789-")
@@ -174,54 +176,54 @@ def test_names_become_parts_of_keys_and_stay_different(left: str, right: str) ->
 
 # signatures
 
-_KEY = StationKey(Path("none"), Ed25519PrivateKey.generate(), created=True)
+_KEY = CellKey(Path("none"), Ed25519PrivateKey.generate(), created=True)
 
 
 @given(st.integers(min_value=0), st.integers(min_value=0, max_value=255))
 def test_no_byte_of_a_message_can_be_changed(place: int, value: int) -> None:
     body = {"a": [1.5, "ü", None], "b": {"c": 1e-9}}
-    raw = Sealer(_KEY, "cell-07", "e").seal("k", 1, body, "2026-01-01T00:00:00+00:00")
-    public = public_key(_KEY.public)
-    assert isinstance(opened(raw, "k", "cell-07", public), Message)
+    raw = MessageSigner(_KEY, "cell-07", "e").sign_message("k", 1, body, "2026-01-01T00:00:00+00:00")
+    public = public_key(_KEY.public_key)
+    assert isinstance(open_message(raw, "k", "cell-07", public), SignedMessage)
     changed = bytearray(raw)
     changed[place % len(raw)] = value
-    found = opened(bytes(changed), "k", "cell-07", public)
-    if isinstance(found, Message):
+    found = open_message(bytes(changed), "k", "cell-07", public)
+    if isinstance(found, SignedMessage):
         assert json.loads(bytes(changed)) == json.loads(raw)  # says the same, for example in other blanks
 
 
 def test_numbers_that_are_not_finite_are_neither_signed_nor_believed(tmp_path: Path) -> None:
-    sealer = Sealer(station_key(tmp_path), "cell-07", "e")
+    sealer = MessageSigner(station_key(tmp_path), "cell-07", "e")
     with pytest.raises(ValueError, match="JSON"):
-        sealer.seal("k", 1, {"a": float("nan")})
-    raw = sealer.seal("k", 1, {"a": 1.0}).replace(b"1.0", b"1e999")
-    assert not isinstance(opened(raw, "k", "cell-07", public_key(sealer.key.public)), Message)
+        sealer.sign_message("k", 1, {"a": float("nan")})
+    raw = sealer.sign_message("k", 1, {"a": 1.0}).replace(b"1.0", b"1e999")
+    assert not isinstance(open_message(raw, "k", "cell-07", public_key(sealer.key.public_key)), SignedMessage)
 
 
 # outbox and store
 
 
-def add(outbox: Outbox, count: int, first: int = 1) -> None:
-    outbox.add([ToSend("k", lambda seq: b"%d" % seq, first + k) for k in range(count)])
+def add(outbox: SiteOutbox, count: int, first: int = 1) -> None:
+    outbox.add_events([UnsentEvent("k", lambda seq: b"%d" % seq, first + k) for k in range(count)])
 
 
 def test_the_outbox_numbers_without_holes_and_each_event_once(tmp_path: Path) -> None:
-    with Outbox(tmp_path) as outbox:
+    with SiteOutbox(tmp_path) as outbox:
         add(outbox, 5)
         add(outbox, 5, first=3)
         assert [row.seq for row in rows_between(outbox.path, 1, 100)] == list(range(1, 8))
         lives = [outbox.next_live(), outbox.next_live()]
         with pytest.raises(CellError, match="already tells"):
-            Outbox(tmp_path)
+            SiteOutbox(tmp_path)
         epoch = outbox.epoch
-    with Outbox(tmp_path, kept_rows=3) as again:
+    with SiteOutbox(tmp_path, kept_rows=3) as again:
         assert again.epoch == epoch
         assert again.next_live() > lives[1] > lives[0]
         add(again, 1, first=8)
-        assert again.bounds() == (6, 8)
-        assert again.journalled() == 8
+        assert again.number_bounds() == (6, 8)
+        assert again.last_journal_seq() == 8
     (tmp_path / "site_outbox.sqlite").unlink()
-    with Outbox(tmp_path) as new:
+    with SiteOutbox(tmp_path) as new:
         assert new.epoch > epoch
 
 
@@ -229,40 +231,40 @@ def test_a_failure_while_signing_leaves_no_hole(tmp_path: Path) -> None:
     def fails(seq: int) -> bytes:
         raise ValueError(seq)
 
-    with Outbox(tmp_path) as outbox:
+    with SiteOutbox(tmp_path) as outbox:
         with pytest.raises(ValueError, match="2"):
-            outbox.add([ToSend("k", lambda seq: b"x"), ToSend("k", fails)])
-        assert outbox.bounds() == (1, 0)
+            outbox.add_events([UnsentEvent("k", lambda seq: b"x"), UnsentEvent("k", fails)])
+        assert outbox.number_bounds() == (1, 0)
         add(outbox, 1)
-        assert outbox.bounds() == (1, 1)
+        assert outbox.number_bounds() == (1, 1)
 
 
-def received(seq: int, body: object = None, raw: bytes = b"", epoch: str = "e1") -> Received:
-    return Received(Message("cell-07", epoch, seq, "now", "k", body), raw or b"%d" % seq)
+def received(seq: int, body: object = None, raw: bytes = b"", epoch: str = "e1") -> ReceivedEvent:
+    return ReceivedEvent(SignedMessage("cell-07", epoch, seq, "now", "k", body), raw or b"%d" % seq)
 
 
 @given(st.permutations(list(range(1, 13))), st.lists(st.integers(1, 12), max_size=8))
 def test_events_in_any_order_and_doubled_are_kept_once(order: list[int], doubled: list[int]) -> None:
     with SiteStore(Path(":memory:")) as store:
         for seq in order + doubled:
-            assert store.add([received(seq)]) == []
-            have = set(store.numbers("cell-07"))
-            reach = store.reach("cell-07", "e1").upto
+            assert store.add_events([received(seq)]) == []
+            have = set(store.event_numbers("cell-07"))
+            reach = store.event_reach("cell-07", "e1").upto
             assert set(range(1, reach + 1)) <= have
             assert reach + 1 not in have
-        assert store.numbers("cell-07") == list(range(1, 13))
+        assert store.event_numbers("cell-07") == list(range(1, 13))
 
 
 def test_what_a_cell_no_longer_has_is_counted_as_lost(tmp_path: Path) -> None:
     with SiteStore(tmp_path / "s.sqlite") as store:
-        store.add([received(1), received(2), received(5)])
-        assert store.know("cell-07", "e1", 1, 9).missing == 7
-        reach = store.know("cell-07", "e1", 8, 9)
-        assert (reach.upto, reach.known, reach.lost) == (7, 9, 4)  # 3, 4, 6, 7
+        store.add_events([received(1), received(2), received(5)])
+        assert store.update_reach("cell-07", "e1", 1, 9).missing_count == 7
+        reach = store.update_reach("cell-07", "e1", 8, 9)
+        assert (reach.upto, reach.existing, reach.lost) == (7, 9, 4)  # 3, 4, 6, 7
     with SiteStore(tmp_path / "s.sqlite") as store:
-        store.add([received(8), received(9)])
-        assert store.know("cell-07", "e1", 8, 9).missing == 0
-        assert store.reach("cell-07", "e1").lost == 4
+        store.add_events([received(8), received(9)])
+        assert store.update_reach("cell-07", "e1", 8, 9).missing_count == 0
+        assert store.event_reach("cell-07", "e1").lost == 4
 
 
 def test_two_events_under_one_number_and_a_rewritten_journal_are_named(tmp_path: Path) -> None:
@@ -270,11 +272,13 @@ def test_two_events_under_one_number_and_a_rewritten_journal_are_named(tmp_path:
         return {"journal_seq": seq, "prev": prev, "hash": own}
 
     with SiteStore(tmp_path / "s.sqlite") as store:
-        assert store.add([received(1, link(1, "", "a")), received(2, link(2, "a", "b"))]) == []
-        assert "another event under the number 1" in store.add([received(1, raw=b"other")])[0]
-        assert "rewritten" in store.add([received(3, link(3, "x", "c"))])[0]
-        assert store.add([received(1, link(1, "", "a"), epoch="e2")]) == []  # the same, from a new outbox
-        assert "rewritten" in store.add([received(2, link(2, "a", "y"), epoch="e2")])[0]
+        assert store.add_events([received(1, link(1, "", "a")), received(2, link(2, "a", "b"))]) == []
+        assert "another event under the number 1" in store.add_events([received(1, raw=b"other")])[0]
+        assert "rewritten" in store.add_events([received(3, link(3, "x", "c"))])[0]
+        assert (
+            store.add_events([received(1, link(1, "", "a"), epoch="e2")]) == []
+        )  # the same, from a new outbox
+        assert "rewritten" in store.add_events([received(2, link(2, "a", "y"), epoch="e2")])[0]
 
 
 # journal
@@ -282,16 +286,16 @@ def test_two_events_under_one_number_and_a_rewritten_journal_are_named(tmp_path:
 
 def test_the_tail_follows_while_the_journal_is_written_and_cannot_write_it(tmp_path: Path) -> None:
     tail = JournalTail(tmp_path / "journal.db")
-    assert tail.after(0) == []
+    assert tail.events_after(0) == []
     (tmp_path / "journal.db").touch()  # its writer has opened it and not come to the table yet
-    assert (tail.after(0), tail.trouble) == ([], "")
-    with Journal.open(tmp_path / "journal.db") as journal:
+    assert (tail.events_after(0), tail.trouble) == ([], "")
+    with Journal.open_file(tmp_path / "journal.db") as journal:
         journal.append("r-1", "finding", {"value": 0.1})
-        first = tail.after(0)
+        first = tail.events_after(0)
         journal.append("r-1", "finding", {"value": "ü"})
-        assert [event.seq for event in (*first, *tail.after(1))] == [1, 2]
-        assert chain_flaw(told(first[0])) == ""
-        assert "not what its hash says" in chain_flaw(told(first[0]) | {"actor": "somebody else"})
+        assert [event.seq for event in (*first, *tail.events_after(1))] == [1, 2]
+        assert chain_flaw(event_to_json(first[0])) == ""
+        assert "not what its hash says" in chain_flaw(event_to_json(first[0]) | {"actor": "somebody else"})
         assert tail._database is not None
         with pytest.raises(sqlite3.OperationalError, match="readonly"):
             tail._database.execute("DELETE FROM event")
@@ -299,7 +303,7 @@ def test_the_tail_follows_while_the_journal_is_written_and_cannot_write_it(tmp_p
 
 
 def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> None:
-    ledger, journal = Ledger(), Journal.open(tmp_path / "j.db")
+    ledger, journal = SiteLedger(), Journal.open_file(tmp_path / "j.db")
     header = {"procedure": "drift_check", "cell": {"devices": [{"identity": {"serial": "F-1"}}]}}
     finding = {"change_rms_m": 0.00012, "change_max_m": 0.0004}
     for run, verdict, result in (
@@ -311,13 +315,13 @@ def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> 
         journal.append(run, "run_started", header)
         body = {"verdict": verdict, "reason": "", "result": result, "judgement": {"word": "pass"}}
         journal.append(run, "run_ended", body)
-    for event in journal.events():
-        ledger.take(event)
+    for event in journal.list_events():
+        ledger.take_event(event)
     journal.close()
     assert [told["change_rms_m"] for told in ledger.drift] == [0.00012]
     assert ledger.certificate is not None
     assert (ledger.certificate["run_id"], ledger.certificate["word"]) == ("d-3", "refused")
-    assert [run["run_id"] for run in ledger.runs()] == ["d-4", "d-3", "d-2", "d-1"]
+    assert [run["run_id"] for run in ledger.list_runs()] == ["d-4", "d-3", "d-2", "d-1"]
 
 
 def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None:
@@ -327,21 +331,21 @@ def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None
     kept.mkdir(parents=True)
     (kept / "run-1-refused.json").write_text("refused")
     (tmp_path / "data" / "signing_key.json").write_text("secret")
-    answers = Answers(tmp_path / "none", tmp_path / "none", kept, Ledger())
-    assert answers.certificate("run-1") == b"refused"
+    answers = CellAnswers(tmp_path / "none", tmp_path / "none", kept, SiteLedger())
+    assert answers.read_certificate("run-1") == b"refused"
     for name in ("run-2", "../signing_key", "", "a/b", "run-1\x00"):
         with pytest.raises(CellError, match="no certificate"):
-            answers.certificate(name)
+            answers.read_certificate(name)
 
 
 # alarms and presence
 
 
 def test_a_device_that_flaps_is_one_alarm() -> None:
-    alarms, wrong = Alarms(), [Alarm("device.stopped", "fanuc", "E-stop.")]
-    changes = [alarms.look(wrong if k % 2 else [], k * 0.5) for k in range(1, 12)]
+    alarms, wrong = AlarmSet(), [CellAlarm("device.stopped", "fanuc", "E-stop.")]
+    changes = [alarms.update_alarms(wrong if k % 2 else [], k * 0.5) for k in range(1, 12)]
     assert [raised for told in changes for _, raised in told] == [True]
-    assert alarms.look([], 6.0 + CALM_S) == [(wrong[0], False)]
+    assert alarms.update_alarms([], 6.0 + CALM_S) == [(wrong[0], False)]
 
 
 def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:
@@ -357,30 +361,32 @@ def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:
 
 def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None:
     key = station_key(tmp_path)
-    fleet = Fleet(StationsFile(site="s", cells={"c": Enrolled(public_key=key.public, enrolled_utc="")}))
+    fleet = Fleet(
+        StationsFile(site="s", cells={"c": EnrolledCell(public_key=key.public_key, enrolled_utc="")})
+    )
     state = {"cell": "c", "alarms": [], "run": None, "asks": None, "attended": True, "drift": []}
     state |= {"certificate": None, "due": [], "outbox": {"first": 1, "last": 0}}
-    name, sealer = "cellcal/v1/s/c/state", Sealer(key, "c", "e")
+    name, sealer = "cellcal/v1/s/c/state", MessageSigner(key, "c", "e")
 
     def link(now_s: float) -> str:
-        fleet.look()
-        return fleet.views(now_s)[0].link
+        fleet.open_newest_states()
+        return fleet.cell_views(now_s)[0].link
 
     assert link(0.0) == "never"
     for _ in range(2):
-        fleet.liveliness("cellcal/v1/s/c/alive", alive=True)  # a double changes nothing
+        fleet.note_liveliness("cellcal/v1/s/c/alive", alive=True)  # a double changes nothing
     assert link(0.0) == "silent"
-    fleet.sample(name, sealer.seal(name, 2, state), 1.0)
+    fleet.take_sample(name, sealer.sign_message(name, 2, state), 1.0)
     assert link(1.5) == "online"
     assert link(1.6 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
-    fleet.sample(name, sealer.seal(name, 1, state), 9.0)
+    fleet.take_sample(name, sealer.sign_message(name, 1, state), 9.0)
     assert link(9.0) == "silent"  # an old one, said again
-    fleet.sample(name, b"{}", 9.0)
+    fleet.take_sample(name, b"{}", 9.0)
     assert link(9.0) == "silent"
     assert fleet.flaw_count == 1
-    fleet.sample("cellcal/v1/s/other/state", b"{}", 9.0)
-    fleet.liveliness("cellcal/v1/s/c/alive", alive=False)
+    fleet.take_sample("cellcal/v1/s/other/state", b"{}", 9.0)
+    fleet.note_liveliness("cellcal/v1/s/c/alive", alive=False)
     assert link(9.0) == "offline"
     for k in range(1000):
-        fleet.sample(f"cellcal/v1/s/c/device/{k}/value", b"{}", 9.0)
+        fleet.take_sample(f"cellcal/v1/s/c/device/{k}/value", b"{}", 9.0)
     assert len(fleet._stations["c"].waiting) <= 200

@@ -8,7 +8,7 @@ HEAVY = (
     "canopen", "can", "pymodbus", "rtde_control", "rtde_receive",
     "cellcal.procedures.catalogue", "cellcal.calibration.identification.identify",
     "cellcal.service.runs.run_procedure",
-    "cellcal.service.certificates.certificate", "cellcal.service.cell_process.cell_process",
+    "cellcal.service.certificates.certificate", "cellcal.service.cell_process.cell_controller",
 )  # fmt: skip
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
-from cellcal.procedures.catalogue import ENTRIES
-from cellcal.procedures.entry import NEEDS, Entry
+from cellcal.procedures.catalogue import DEFINITIONS
+from cellcal.procedures.procedure_definition import NEEDS, ProcedureDefinition
 
 ROOT = Path(__file__).parents[2]
 TRANSLATED = ("de", "es", "zh")
@@ -84,8 +84,8 @@ def forms(schema: dict[str, Any]) -> Iterator[list[str]]:
         yield list(each.get("properties", {}))
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
-def test_no_form_calls_two_of_its_settings_the_same(entry: Entry) -> None:
+@pytest.mark.parametrize("entry", DEFINITIONS, ids=lambda entry: entry.name)
+def test_no_form_calls_two_of_its_settings_the_same(entry: ProcedureDefinition) -> None:
     for names in forms(TypeAdapter(entry.spec_type).json_schema()):
         said = Counter(plain_name(name) for name in names)
         assert [name for name, times in said.items() if times > 1] == []
@@ -102,12 +102,12 @@ def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str
     table = tables()[locale]
     settings = {
         plain_name(name)
-        for entry in ENTRIES
+        for entry in DEFINITIONS
         for name in setting_names(TypeAdapter(entry.spec_type).json_schema())
     }
     wanted = {
-        "titles": {key(entry.title) for entry in ENTRIES},
-        "names": {entry.name.replace("_", " ") for entry in ENTRIES},
+        "titles": {key(entry.title) for entry in DEFINITIONS},
+        "names": {entry.name.replace("_", " ") for entry in DEFINITIONS},
         "steps": step_names(),
         "settings": settings,
         "needs": {words for words, _ in NEEDS.values()},

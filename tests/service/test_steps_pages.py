@@ -213,7 +213,7 @@ async def test_points_that_make_no_frame_are_refused(pendant: Pendant, tmp_path:
 
 async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pendant, tmp_path: Path) -> None:
     """U7: old and new are named, the points stay, and nothing can be recorded until it is put back."""
-    tool = int((await pendant.door.truth())["robots"]["fanuc"]["active"]["tool_number"])
+    tool = int((await pendant.door.read_truth())["robots"]["fanuc"]["active"]["tool_number"])
     async with a_run(pendant, "six_point_tcp", tool_number=3, method="four_point") as page:
         await asked(page, "pin_is_fixed")
         await record(page)
@@ -221,7 +221,7 @@ async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pen
         await record(page)
         await pendant.touch(tip_at_home(), about("x", TILT))
         await why(page, "")
-        await pendant.door.fault("select", tool=tool + 1)
+        await pendant.door.inject_fault("select", tool=tool + 1)
         guard = page.get_by_test_id("context-guard")
         await guard.wait_for()
         await expect(guard).to_contain_text(f"tool {tool + 1} is active, and not tool {tool}")
@@ -234,7 +234,7 @@ async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pen
         early = {"id": "another tool", "rev": session["rev"], "order": press}
         refused = await pendant.looks.client.post("/api/commands", json=early)
         assert refused.json()["code"] == "context.changed"
-        await pendant.door.fault("select", tool=tool)
+        await pendant.door.inject_fault("select", tool=tool)
         await guard.wait_for(state="hidden")
         await why(page, "")
         await record(page)
@@ -314,7 +314,7 @@ async def test_the_approved_plan_is_drawn_until_the_run_has_left_it(pendant: Pen
 async def test_more_speed_turned_up_at_the_pendant_waits_for_a_yes(pendant: Pendant, tmp_path: Path) -> None:
     """U7: old and new are named, the points stay, and the robot stands until somebody agrees; less is never asked."""
     await pendant.bring(pendant.start_rad)
-    await pendant.door.fault("override", device="fanuc", percent=30)
+    await pendant.door.inject_fault("override", device="fanuc", percent=30)
     async with a_run(pendant, "mastering_record", hold=True, poses=12) as page:
         await asked(page, "wire_is_hooked")
         await record(page)
@@ -324,24 +324,26 @@ async def test_more_speed_turned_up_at_the_pendant_waits_for_a_yes(pendant: Pend
         await page.get_by_test_id("hold").hover()
         await page.mouse.down()
         await pendant.looks.until(lambda session: len(session["run"]["series"]["measured"]) >= 2)
-        await pendant.door.fault("override", device="fanuc", percent=100)
+        await pendant.door.inject_fault("override", device="fanuc", percent=100)
         await asked(page, "may_move_faster")
         await page.mouse.up()
         said = page.get_by_test_id("instruction")
         await expect(said).to_contain_text("The speed override stands at 100 %, and was 30 % at most")
         taken = len((await pendant.looks.session())["run"]["series"]["measured"])
         assert 2 <= taken < 12
-        stood = (await pendant.door.truth())["robots"]["fanuc"]["joints_rad"]
+        stood = (await pendant.door.read_truth())["robots"]["fanuc"]["joints_rad"]
         await _shoot(page, tmp_path, "faster")
-        assert (await pendant.door.truth())["robots"]["fanuc"]["joints_rad"] == pytest.approx(stood, abs=1e-9)
+        assert (await pendant.door.read_truth())["robots"]["fanuc"]["joints_rad"] == pytest.approx(
+            stood, abs=1e-9
+        )
         await page.get_by_test_id("yes").click()
         await page.get_by_test_id("hold").hover()
         await page.mouse.down()
         await pendant.looks.until(lambda session: len(session["run"]["series"]["measured"]) > taken)
-        await pendant.door.fault("override", device="fanuc", percent=60)
+        await pendant.door.inject_fault("override", device="fanuc", percent=60)
         await page.get_by_test_id("outcome").wait_for()
         await page.mouse.up()
-    await pendant.door.fault("override", device="fanuc", percent=100)
+    await pendant.door.inject_fault("override", device="fanuc", percent=100)
 
 
 async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do(pendant: Pendant) -> None:
@@ -437,7 +439,7 @@ async def test_a_swinging_wire_is_waited_for(tmp_path: Path) -> None:
             await swinging
         await why(page, "")
         await expect(page.get_by_test_id("yes")).to_be_enabled()
-        await pendant.door.fault("node_off")
+        await pendant.door.inject_fault("node_off")
         await page.locator("[data-testid=gauge][data-stale=true]").first.wait_for()
         await expect(page.get_by_test_id("yes")).to_be_disabled()
 
@@ -446,6 +448,6 @@ async def _swing(pendant: Pendant) -> None:
     """Let the wire's reading go to and fro by some millimetres, twice a second."""
     way = 0.004
     while True:
-        await pendant.door.fault("wire_offset", m=way)
+        await pendant.door.inject_fault("wire_offset", m=way)
         way = -way
         await asyncio.sleep(0.25)

@@ -32,7 +32,7 @@ def tell(shop: Shop, state: str, **trouble: str) -> None:
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
     told = {"devices": [robot | {"value": None, "settle": None} | trouble]}
     shop.app.state.house.link.live = told
-    shop.app.state.house.screens.show("live", told)
+    shop.app.state.house.screens.broadcast("live", told)
 
 
 async def _box(place: Locator) -> FloatRect:
@@ -113,4 +113,4 @@ async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: st
         await expect(banner).to_contain_text("SRVO-023 Stop error", timeout=PATIENCE_MS)
         if locale != "en":
             await expect(banner).not_to_contain_text("the robot refused", timeout=PATIENCE_MS)
-    shop.app.state.house.screens.show("session", shop.app.state.house.link.session)
+    shop.app.state.house.screens.broadcast("session", shop.app.state.house.link.session)

@@ -26,13 +26,13 @@ from cellcal.fake_devices.cell import FakeCell
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, write_cell_file
-from cellcal.service.export.webhook_sender import send
-from cellcal.service.site.feed import Feed
-from cellcal.service.site.listener import Listener
-from cellcal.service.watching.follow import Listener as Hearer
-from cellcal.service.watching.follow import Watches, follow
+from cellcal.service.export.webhook_sender import run_sender
+from cellcal.service.site.forwarding_process import ForwardingProcess
+from cellcal.service.site.listener import FleetListener
+from cellcal.service.watching.follow import RobotListener as Hearer
+from cellcal.service.watching.follow import RobotWatches, follow_robots
 from cellcal.service.web.cell_client import TASK as CELL_PROCESS
-from cellcal.service.web.cell_client import DeskLink
+from cellcal.service.web.cell_client import CellProcessClient
 from cellcal.service.web.fleet import create_fleet_app
 from tests.service.browsers import served
 from tests.service.desks import a_cell, at_desk
@@ -46,13 +46,13 @@ from tests.service.test_webhooks import cell_with_webhook
 # one who began it looks at its end. Anything else belongs into drivers/supervision.py.
 SHORT_LIVED = {
     ("service/cell_process/__main__.py", "_attend"): "one order each: it answers whatever it raises",
-    ("service/cell_process/cell_process.py", "obey"): "one order, awaited by whoever gave it",
-    ("service/cell_process/cell_process.py", "_set_going"): "the run: what it raises is its outcome",
+    ("service/cell_process/cell_controller.py", "obey"): "one order, awaited by whoever gave it",
+    ("service/cell_process/cell_controller.py", "_set_going"): "the run: what it raises is its outcome",
     ("service/cell_process/hold_to_move.py", "_moved"): "one move, awaited",
     ("service/cell_process/live_values.py", "look"): "one look at an instrument; its end is looked at",
     ("service/watching/follow.py", "follow"): "supervised inside",
     ("service/web/cell_client.py", "_run_once"): "the cell's process and its last words; supervised by start",
-    ("service/site/feed.py", "_run_once"): "a process of the outlets; supervised by start",
+    ("service/site/forwarding_process.py", "_run_once"): "a process of the outlets; supervised by start",
     ("service/web/fleet.py", "live"): "one page, awaited",
     ("service/web/websocket_hub.py", "attend"): "one screen, awaited",
     ("service/web/server.py", "_accept"): "one connection's beginning; its end is looked at",
@@ -63,12 +63,12 @@ SHORT_LIVED = {
     ("service/engineering/programs/jobs/jobs.py", "begin"): "one job: its end is its state",
     ("service/engineering/programs/jobs/jobs.py", "_run"): "the process of one job, awaited",
     ("service/engineering/programs/jobs/work.py", "main"): "ends the job's process with the service's",
-    ("service/engineering/programs/forks.py", "_begin"): "ends a process with the command's",
-    ("service/engineering/programs/forks.py", "forked"): "processes of one command",
+    ("service/engineering/programs/worker_processes.py", "_begin"): "ends a process with the command's",
+    ("service/engineering/programs/worker_processes.py", "forked"): "processes of one command",
     ("service/engineering/programs/files.py", "write_all"): "threads of one command",
     ("service/demo/fake_cell.py", "running_fakes"): "the fakes' process: its end is told by every device",
-    ("service/demo/story.py", "_lose_and_notice"): "a task group: what it raises ends the demo",
-    ("service/demo/wizard.py", "_serve"): "loading, awaited",
+    ("service/demo/recovery_demo.py", "_lose_and_notice"): "a task group: what it raises ends the demo",
+    ("service/demo/demo_server.py", "_serve"): "loading, awaited",
     ("drivers/wire/worker.py", "__init__"): "hands whatever a call raises to its caller",
     ("drivers/wire/process.py", "_spawn"): "a device's process: its end is told to every caller",
     ("drivers/wire/modbus.py", "_first"): "one request, awaited",
@@ -97,13 +97,13 @@ def test_every_supervised_task_is_made_to_raise_here() -> None:
 
 async def failed_and_back(name: str, healthy: Callable[[], object] = lambda: True) -> None:
     """Make a task raise, and wait until it was named and does its work again."""
-    before = SUPERVISOR.failures().get(name, 0)
+    before = SUPERVISOR.failure_counts().get(name, 0)
     async with asyncio.timeout(PATIENCE_S):
         while not raise_in(name):
             await asyncio.sleep(0.01)
         while not is_back(name, before, healthy):
             await asyncio.sleep(0.01)
-    named = {trouble.task: trouble for trouble in SUPERVISOR.troubles()}
+    named = {trouble.task: trouble for trouble in SUPERVISOR.list_troubles()}
     assert "Injected" in named[name].message
     assert named[name].remedy
 
@@ -122,8 +122,8 @@ async def test_the_tasks_of_the_cells_process_are_named_on_the_screen_and_come_b
             assert f"{name} failed" in caplog.text
         for name in running_like("CAN receiver of {}"):
             raise_in(name)
-            await person.until(lambda session: SUPERVISOR.failures().get(name))  # noqa: B023
-            await person.until(lambda _: SUPERVISOR.holder(name) is not None and connected())  # noqa: B023
+            await person.until(lambda session: SUPERVISOR.failure_counts().get(name))  # noqa: B023
+            await person.until(lambda _: SUPERVISOR.holder_of(name) is not None and connected())  # noqa: B023
 
 
 async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
@@ -138,7 +138,7 @@ async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
         from tests.service.desks import AtDesk
 
         person = AtDesk(path, door)
-        attending = asyncio.create_task(person.desk.attend())
+        attending = asyncio.create_task(person.desk.stay_connected())
         try:
             await person.until(lambda session: session["connection"]["message"] not in ("", "connecting"))
             assert not person.session["connection"]["connected"]
@@ -153,12 +153,12 @@ async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
 async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _):
         told: list[str] = []
-        link = DeskLink(path, lambda kind, _content: told.append(kind))
-        keeping = link.start()
+        link = CellProcessClient(path, lambda kind, _content: told.append(kind))
+        keeping = link.start_process()
         try:
             await comes(lambda: link.session)
             for deed in ("killed", "babbles"):
-                before, process = SUPERVISOR.failures().get(CELL_PROCESS, 0), link._process
+                before, process = SUPERVISOR.failure_counts().get(CELL_PROCESS, 0), link._process
                 if deed == "killed":
                     assert process is not None
                     os.kill(process.pid, signal.SIGKILL)
@@ -166,7 +166,9 @@ async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path:
                     raise_in_task(keeping)
                 await comes(lambda: is_back(CELL_PROCESS, before, lambda: link.session))  # noqa: B023
                 assert "gone" in told
-            words = [trouble.message for trouble in SUPERVISOR.troubles() if trouble.task == CELL_PROCESS]
+            words = [
+                trouble.message for trouble in SUPERVISOR.list_troubles() if trouble.task == CELL_PROCESS
+            ]
             assert words
         finally:
             keeping.cancel()
@@ -177,12 +179,12 @@ async def test_a_process_of_the_outlets_is_named_with_its_last_words_and_begun_a
     path = write_cell_file(
         tmp_path, "127.0.0.1", seed=1, time_factor=1.0
     )  # no [webhook]: the sender cannot begin
-    feed = Feed("cellcal.service.export.webhook_sender", path)
-    feed.heard("session", {"rev": 1})
-    tasks = feed.start()
+    feed = ForwardingProcess("cellcal.service.export.webhook_sender", path)
+    feed.on_event("session", {"rev": 1})
+    tasks = feed.start_tasks()
     try:
-        await comes(lambda: SUPERVISOR.failures().get(feed.title, 0) > 1)  # and again
-        words = next(trouble.message for trouble in SUPERVISOR.troubles() if trouble.task == feed.title)
+        await comes(lambda: SUPERVISOR.failure_counts().get(feed.title, 0) > 1)  # and again
+        words = next(trouble.message for trouble in SUPERVISOR.list_troubles() if trouble.task == feed.title)
         assert "no [webhook] table" in words
         await failed_and_back(f"words for {feed.title}")
     finally:
@@ -197,12 +199,12 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
         reading, writing = os.pipe()
         leave = threading.Event()
         stream = os.fdopen(reading, "rb")
-        sending = threading.Thread(target=send, args=(config, stream, leave))
+        sending = threading.Thread(target=run_sender, args=(config, stream, leave))
         sending.start()
         try:
             await failed_and_back("webhook: delivery")
-            before = SUPERVISOR.failures().get("desk tap", 0)
-            await comes(lambda: SUPERVISOR.holder("desk tap"))
+            before = SUPERVISOR.failure_counts().get("desk tap", 0)
+            await comes(lambda: SUPERVISOR.holder_of("desk tap"))
             raise_in("desk tap")
             while not is_back(
                 "desk tap", before, lambda: True
@@ -218,9 +220,9 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
 
 def test_the_monitors_threads_come_back(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07")
-    with site.router(), Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+    with site.router(), FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
         for name in ("monitor: hearing", "monitor: asking"):
-            before = SUPERVISOR.failures().get(name, 0)
+            before = SUPERVISOR.failure_counts().get(name, 0)
             until(lambda: raise_in(name))  # noqa: B023
             until(lambda: is_back(name, before, lambda: True))  # noqa: B023
         assert any("cannot go on" in flaw["what"] for flaw in listener.fleet.flaws)
@@ -286,7 +288,9 @@ async def test_the_watch_command_goes_on_with_each_robot(tmp_path: Path) -> None
         async def on_loss(_: object) -> None:
             return None
 
-        following = asyncio.create_task(follow(Watches(read_cell_file(path), on_loss), Hearer(said.append)))
+        following = asyncio.create_task(
+            follow_robots(RobotWatches(read_cell_file(path), on_loss), Hearer(said.append))
+        )
         try:
             await comes(lambda: len(said) >= 2)
             for name in running_like("watch of {}"):
@@ -315,20 +319,20 @@ async def test_the_fakes_go_on_when_their_time_fails(
 async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_ends_is_forgotten() -> None:
     register = Supervisor()
     changes: list[int] = []
-    register.listen(lambda: changes.append(1))
+    register.add_listener(lambda: changes.append(1))
 
     async def fail() -> None:
         raise InjectedHere
 
     task = start_task("always", fail, register)
-    await comes(lambda: register.failures().get("always", 0) >= 3)
-    trouble = register.troubles()[0]
+    await comes(lambda: register.failure_counts().get("always", 0) >= 3)
+    trouble = register.list_troubles()[0]
     assert (trouble.task, trouble.failures >= 3) == ("always", True)
     assert changes
     task.cancel()
     await asyncio.wait({task})
-    assert (register.names(), register.troubles()) == ([], [])
-    assert register.failed("always", InjectedHere()) <= LONGEST_PAUSE_S
+    assert (register.task_names(), register.list_troubles()) == ([], [])
+    assert register.note_failure("always", InjectedHere()) <= LONGEST_PAUSE_S
 
 
 @pytest.mark.parametrize("begin", [start_task, keep_running])
@@ -361,7 +365,7 @@ async def test_a_links_task_that_raises_is_told_to_the_link() -> None:
 
     await start_link_task("answers of x", fail, told.append)
     assert isinstance(told[0], InjectedHere)
-    assert SUPERVISOR.failures()["answers of x"] >= 1
+    assert SUPERVISOR.failure_counts()["answers of x"] >= 1
 
 
 def test_a_thread_is_begun_anew_until_it_may_leave(caplog: pytest.LogCaptureFixture) -> None:
@@ -374,7 +378,7 @@ def test_a_thread_is_begun_anew_until_it_may_leave(caplog: pytest.LogCaptureFixt
 
     with caplog.at_level(logging.ERROR):
         thread = start_thread("worker", work, leave, register)
-        until(lambda: register.failures().get("worker") == 2 and register.holder("worker"))
+        until(lambda: register.failure_counts().get("worker") == 2 and register.holder_of("worker"))
     leave.set()
     thread.join(PATIENCE_S)
     assert "worker failed: InjectedHere" in caplog.text

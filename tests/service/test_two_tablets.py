@@ -270,7 +270,7 @@ class TestHold:
         await floor.waits_for_hold()
         page = floor.tina
         await can(page, "hold")
-        await floor.door.fault("emergency_stop", device="fanuc")
+        await floor.door.inject_fault("emergency_stop", device="fanuc")
         try:
             await seen(page, "stopped")
             await expect(page.get_by_test_id("stopped")).to_have_attribute("role", "alert")
@@ -286,5 +286,5 @@ class TestHold:
                 await seen(page, "stopped")
         finally:
             for mended in ("release_emergency_stop", "press_reset"):
-                await floor.door.fault(mended, device="fanuc")
+                await floor.door.inject_fault(mended, device="fanuc")
         await seen(page, "stopped", there=False)

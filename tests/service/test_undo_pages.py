@@ -12,8 +12,8 @@ from playwright.async_api import Page, expect
 from pydantic_core import to_jsonable_python
 
 from cellcal.drivers.interfaces import MasteringData
-from cellcal.procedures.canonical import canonical_json
-from cellcal.procedures.past import Kind
+from cellcal.procedures.canonical_json import canonical_json
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import open_journal
@@ -35,7 +35,7 @@ async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pen
 
 async def on_the_robot(pendant: Pendant) -> bytes:
     """Return what the fake controller holds, in its stored form."""
-    robot = (await pendant.door.truth())["robots"]["fanuc"]
+    robot = (await pendant.door.read_truth())["robots"]["fanuc"]
     data = MasteringData(tuple(robot["counts_at_zero"]), robot["mastered"])
     return canonical_json(to_jsonable_python(data)).encode()
 
@@ -56,11 +56,11 @@ def wrote(
         "effect": "none",
         "value": held_before | {"epoch": robot["epoch"]},
     }
-    journal.append(run_id, Kind.STARTED, header, key="started")
-    journal.append(run_id, Kind.FINDING, read)
+    journal.append(run_id, EventKind.STARTED, header, key="started")
+    journal.append(run_id, EventKind.FINDING, read)
     inputs = [[robot["counts_at_zero"]], {}]
     body = {"step": "write the mastering", "attempt": 1, "effect": "write", "inputs": inputs}
-    journal.append(run_id, Kind.INTENT, body)
+    journal.append(run_id, EventKind.INTENT, body)
 
 
 def config_of(pendant: Pendant) -> CellConfig:
@@ -89,12 +89,12 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
     pendant: Pendant, tmp_path: Path
 ) -> None:
     original = await on_the_robot(pendant)
-    robot = (await pendant.door.truth())["robots"]["fanuc"]
+    robot = (await pendant.door.read_truth())["robots"]["fanuc"]
     other = [count + off for count, off in zip(robot["counts_at_zero"], OFF, strict=True)]
     backup = canonical_json({"counts_at_zero": other, "mastered": True}).encode()
     with open_journal(config_of(pendant)) as journal:
         wrote(journal, {"counts_at_zero": other}, robot)
-        known = mastering_backups(journal.events(), SERIAL)
+        known = mastering_backups(journal.list_events(), SERIAL)
     assert [len(known), known[0].of_run] == [1, "robot_calibration-earlier"]
 
     async with pendant.looks.page() as page:

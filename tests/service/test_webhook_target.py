@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from cellcal.service.export.webhook_sender import signed_headers
-from cellcal.service.export.webhook_target import WebhookError, deliver, refuse_address, target_of
+from cellcal.service.export.webhook_target import WebhookError, deliver_event, refuse_address, target_of
 from tests.service.receivers import SECRET, Receiver, table
 from tests.service.sites import free_port
 
@@ -88,7 +88,7 @@ def test_a_name_of_this_computer_that_is_not_said_so_reaches_nobody(tmp_path: Pa
         own_name = socket.gethostname()
         target = target_of(table(f"https://{own_name}.localdomain:{receiver.port}/", tmp_path))
         with pytest.raises(WebhookError):
-            deliver(target, b"{}", signed_headers(SECRET, "evt_1", b"{}", 0.0))
+            deliver_event(target, b"{}", signed_headers(SECRET, "evt_1", b"{}", 0.0))
     assert receiver.heard == []
 
 
@@ -99,7 +99,7 @@ def test_a_proxy_of_the_environment_is_not_used(tmp_path: Path, monkeypatch: pyt
     body = json.dumps({"type": "test", "data": {"code": "x"}}).encode()
     with receiver.open():
         target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
-        assert deliver(target, body, signed_headers(SECRET, "evt_1", body, 0.0)) == 204
+        assert deliver_event(target, body, signed_headers(SECRET, "evt_1", body, 0.0)) == 204
 
 
 def certified(folder: Path) -> tuple[ssl.SSLContext, Path]:
@@ -133,8 +133,8 @@ def test_tls_is_checked_against_the_name_and_who_vouches_for_it(tmp_path: Path) 
     headers = signed_headers(SECRET, "evt_1", body, 0.0)
     with receiver.open():
         good = table(f"https://localhost:{receiver.port}/", tmp_path, ca_file=ca_file)
-        assert deliver(target_of(good), body, headers) == 204
+        assert deliver_event(target_of(good), body, headers) == 204
         for url, ca in ((f"https://127.0.0.1:{receiver.port}/", ca_file), (good.url, None)):
             with pytest.raises(WebhookError, match="does not take the event"):
-                deliver(target_of(table(url, tmp_path, ca_file=ca)), body, headers)
+                deliver_event(target_of(table(url, tmp_path, ca_file=ca)), body, headers)
     assert len(receiver.heard) == 1

@@ -17,13 +17,13 @@ import pytest
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.export.meter import Meter
+from cellcal.service.export.cell_metrics import CellMetrics
 from cellcal.service.export.webhook_outbox import WebhookOutbox
-from cellcal.service.export.webhook_sender import Delivery, read_secret, send
+from cellcal.service.export.webhook_sender import WebhookDelivery, read_secret, run_sender
 from cellcal.service.export.webhook_target import WebhookError, target_of
-from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.alarms import CellAlarm
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.procedures.certified import cell_config
 from tests.service.receivers import SECRET, Receiver, table
 from tests.service.sites import PATIENCE_S, free_port, live_of, session_of, until
@@ -66,7 +66,7 @@ def sender(cell: Path) -> Iterator[Say]:
     def work() -> None:
         try:
             with os.fdopen(reading, "rb") as stream:
-                send(read_cell_file(cell), stream, threading.Event())
+                run_sender(read_cell_file(cell), stream, threading.Event())
         except BaseException as error:
             failed.append(error)
 
@@ -95,12 +95,12 @@ def killed_while_it_waits(cell: Path) -> None:
 
 def waiting(cell: Path) -> int:
     with WebhookOutbox(cell.parent / "data") as outbox:
-        return outbox.standing().waiting
+        return outbox.delivery_state().waiting
 
 
 def last_error(cell: Path) -> str:
     with WebhookOutbox(cell.parent / "data") as outbox:
-        return outbox.standing().last_error
+        return outbox.delivery_state().last_error
 
 
 def test_down_and_up_again_and_killed_between_nothing_is_lost_and_nothing_doubled(tmp_path: Path) -> None:
@@ -131,21 +131,23 @@ def test_down_and_up_again_and_killed_between_nothing_is_lost_and_nothing_double
     assert len(receiver.heard) == 6  # the first was sent three times, under one id
     assert receiver.heard[0] == receiver.heard[1] == receiver.heard[2]
     with WebhookOutbox(tmp_path / "data") as outbox:
-        assert outbox.up() == []
-        assert outbox.standing().delivered == 4
+        assert outbox.active_alarms() == []
+        assert outbox.delivery_state().delivered == 4
 
 
 def test_an_event_that_is_never_understood_does_not_hold_up_the_others(tmp_path: Path) -> None:
     receiver = Receiver(free_port(), answers=[400] * 5)
     target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
     with WebhookOutbox(tmp_path) as outbox, receiver.open():
-        outbox.put("cell-7", [(Alarm("a", "1", "first"), True), (Alarm("b", "2", "second"), True)])
-        delivery = Delivery(outbox, target, SECRET)
-        waits = [delivery.step() for _ in range(6)]
+        outbox.add_changes(
+            "cell-7", [(CellAlarm("a", "1", "first"), True), (CellAlarm("b", "2", "second"), True)]
+        )
+        delivery = WebhookDelivery(outbox, target, SECRET)
+        waits = [delivery.deliver_next() for _ in range(6)]
         assert [wait > 0 for wait in waits] == [True] * 4 + [False, False]
         assert waits[:4] == sorted(waits[:4])
         assert receiver.events == [("alarm.raised", "b")]
-        standing = outbox.standing()
+        standing = outbox.delivery_state()
         assert (standing.waiting, standing.delivered, standing.refused) == (0, 1, 1)
 
 
@@ -156,21 +158,23 @@ def test_what_is_wrong_with_the_receiver_is_waited_for_and_no_redirect_is_follow
     receiver = Receiver(free_port(), answers=[status] * 7)
     target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
     with WebhookOutbox(tmp_path) as outbox, receiver.open():
-        outbox.put("cell-7", [(Alarm("a", "1", "first"), True)])
-        delivery = Delivery(outbox, target, SECRET)
-        assert all(delivery.step() > 0 for _ in range(7))
-        assert outbox.standing().waiting == 1
-        assert str(status) in outbox.standing().last_error
-        assert delivery.step() == 0.0
-        assert outbox.standing().last_error == ""
+        outbox.add_changes("cell-7", [(CellAlarm("a", "1", "first"), True)])
+        delivery = WebhookDelivery(outbox, target, SECRET)
+        assert all(delivery.deliver_next() > 0 for _ in range(7))
+        assert outbox.delivery_state().waiting == 1
+        assert str(status) in outbox.delivery_state().last_error
+        assert delivery.deliver_next() == 0.0
+        assert outbox.delivery_state().last_error == ""
     assert len(receiver.heard) == 8
 
 
 def test_a_long_outage_keeps_the_newest_and_counts_what_it_had_to_drop(tmp_path: Path) -> None:
     with WebhookOutbox(tmp_path, kept_rows=10) as outbox:
         for k in range(12):
-            outbox.put("cell-7", [(Alarm("a", str(k), "x"), True), (Alarm("a", str(k), "x"), False)])
-        standing, oldest = outbox.standing(), outbox.next()
+            outbox.add_changes(
+                "cell-7", [(CellAlarm("a", str(k), "x"), True), (CellAlarm("a", str(k), "x"), False)]
+            )
+        standing, oldest = outbox.delivery_state(), outbox.next_event()
         assert (standing.waiting, standing.dropped) == (10, 14)
         assert oldest is not None
         assert json.loads(oldest.body)["data"]["source"] == "7"
@@ -202,13 +206,13 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         say("live", live_of(state="stopped"))
         until(lambda: waiting(cell) == 1 and last_error(cell))
         with pytest.raises(WebhookError, match="another process already sends"):
-            send(read_cell_file(cell), None, threading.Event())
+            run_sender(read_cell_file(cell), None, threading.Event())
     capsys.readouterr()
     assert run_command_line(["webhooks", "show", str(cell), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["waiting"], told["delivered"]) == (1, 0)
     assert "does not take the event" in told["last_error"]
-    figures = Meter(read_cell_file(cell)).text()
+    figures = CellMetrics(read_cell_file(cell)).render_metrics()
     assert "\ncellcal_webhook_waiting 1.0\n" in figures
     with receiver.open():
         receiver.answers = [204]
@@ -219,7 +223,7 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 async def test_the_service_sends_alarms_by_itself(tmp_path: Path) -> None:
     receiver = Receiver(free_port())
     cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/")
-    app = create_app(Settings(cell))  # of a cell whose devices are not there
+    app = create_app(ServiceSettings(cell))  # of a cell whose devices are not there
     with receiver.open():
         async with app.router.lifespan_context(app), asyncio.timeout(2 * PATIENCE_S):
             while not receiver.events:

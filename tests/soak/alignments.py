@@ -13,12 +13,12 @@ from rich.progress import track
 
 from cellcal.calibration.geometry import Pose
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.demo.door import Door
-from cellcal.service.demo.technician import DemoTechnician
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from cellcal.service.demo.simulated_technician import SimulatedTechnician
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import Verdict
-from cellcal.service.runs.open_cell import lend_record, open_cell
+from cellcal.service.record.run_outcome import RunVerdict
+from cellcal.service.runs.open_cell import open_cell, with_robot_history
 from cellcal.service.runs.run_procedure import run_procedure
 from cellcal.service.runs.settings import build_spec
 from tests.soak.figures import Figures
@@ -69,28 +69,28 @@ class Robot:
     """One of the two robots in a running cell."""
 
     config: CellConfig
-    door: Door
+    door: FakeCellClient
     journal: Journal
     name: str
 
     async def run(self, *asked: tuple[str, dict[str, Any]]) -> list[Any]:
         """Run procedures one after the other with the real drivers; return their results."""
         results = []
-        hands = DemoTechnician(self.door, lambda _: None, self._wire)
+        hands = SimulatedTechnician(self.door, lambda _: None, self._wire)
         async with open_cell(self.config, hands, self.name) as cell:
             for procedure, settings in asked:
                 await cell.robot.move_joints((0.0,) * 6, speed_rad_s=0.4)
-                lent = await lend_record(cell, self.journal)
+                lent = await with_robot_history(cell, self.journal)
                 spec = build_spec(self.config, self.name, procedure, settings)
                 outcome = await run_procedure(lent, procedure, spec, self.journal)
-                if outcome.result is None or outcome.verdict is not Verdict.PASSED:
+                if outcome.result is None or outcome.verdict is not RunVerdict.PASSED:
                     raise AlignmentsError(f"{procedure} of {self.name}: {outcome.reason}")
                 results.append(outcome.result)
         return results
 
     async def base_fixture(self) -> np.ndarray:
         """Return the true fixture (4, 4) in the robot's own base."""
-        return np.array((await self.door.truth())["gauges"][self._wire]["fixture_in_base"])
+        return np.array((await self.door.read_truth())["gauges"][self._wire]["fixture_in_base"])
 
     @property
     def _wire(self) -> str:

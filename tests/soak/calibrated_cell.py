@@ -12,8 +12,8 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import homogeneous
-from cellcal.calibration.identification.free_parameters import StartingPoint, state_of
+from cellcal.calibration.geometry import homogeneous_matrix
+from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
@@ -114,7 +114,7 @@ class Bench:
         def put(number: int) -> None:
             if number:
                 wire.gauge.hook_to(number)
-                tracker.sensor.flange_probe = homogeneous(home[:3, :3], holes.hole_in_flange(number))
+                tracker.sensor.flange_probe = homogeneous_matrix(home[:3, :3], holes.hole_in_flange(number))
             else:
                 wire.gauge.go_home()
                 tracker.sensor.flange_probe = home
@@ -148,15 +148,19 @@ class Bench:
         elif what == "device" and method == "wire":
             setattr(device, stand, before[stand] + np.array([0.001, 0.0012, 0.0015]))
         elif what == "device":
-            setattr(device, stand, homogeneous(np.eye(3), np.array([0.001, -0.0005, 0.0008])) @ before[stand])
+            setattr(
+                device,
+                stand,
+                homogeneous_matrix(np.eye(3), np.array([0.001, -0.0005, 0.0008])) @ before[stand],
+            )
         elif what == "warmth":
             changes = np.zeros((6, 5))
-            changes[:, 1:3] = WARM_GROWTH * arm.dh[:, 1:3]
-            arm.bend(changes)
+            changes[:, 1:3] = WARM_GROWTH * arm.true_dh[:, 1:3]
+            arm.bend_links(changes)
         elif what.startswith("J"):
             changes = np.zeros((6, 5))
             changes[:, 0] = LOST_ZERO_RAD * arm.coupling[:, int(what[1:]) - 1]
-            arm.bend(changes)
+            arm.bend_links(changes)
 
         def undo() -> None:
             arm.hidden = hidden
@@ -210,16 +214,16 @@ def errors_m(bench: Bench, arm: CalibratedArm, hook_m: np.ndarray) -> np.ndarray
     The user frame in which that is looked at is set at other postures than those that are judged.
     """
     set_by, judged = ((said, bench.targets_m(at, hook_m)) for at, said in _said(arm, (FRAME, WORK)))
-    frame = best_fit_transform(set_by[0].tolist(), set_by[1].tolist()).target_source.matrix()
+    frame = best_fit_transform(set_by[0].tolist(), set_by[1].tolist()).target_source.to_matrix()
     said, true = judged
     return np.linalg.norm(said @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)
 
 
 def _said(arm: CalibratedArm, draws: Iterable[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield postures of each draw, and where the identified arm says that its target is there."""
-    start = StartingPoint(arm.values())
-    tool = homogeneous(np.eye(3), np.array(arm.target_in_flange_m))
-    state = state_of(load_model(arm.model), start, (), tool, ())
+    start = StartingPoint(arm.parameter_values())
+    tool = homogeneous_matrix(np.eye(3), np.array(arm.target_in_flange_m))
+    state = starting_state(load_model(arm.model), start, (), tool, ())
     for joints_rad in map(work, draws):
         moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
-        yield joints_rad, (state.arm.base_flange(moved) @ state.flange_tool)[:, :3, 3]
+        yield joints_rad, (state.arm_model.base_flange(moved) @ state.flange_tool)[:, :3, 3]

@@ -12,7 +12,7 @@ from rich.progress import track
 
 from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.drift_check import drift_check
-from cellcal.procedures.robot_calibration import ENTRY, robot_calibration
+from cellcal.procedures.robot_calibration import DEFINITION, robot_calibration
 from cellcal.procedures.run import Run
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.calibrated_cell import cell_behind_sockets, errors_m
@@ -47,14 +47,14 @@ async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibra
         errors = errors_m(bench, result.arm, hook)
     found = result.identified
     fixed = found.fixed_plan_captures
-    assert ENTRY.verdict is not None
+    assert DEFINITION.verdict is not None
     return Calibrated(
         mean_m=float(errors.mean()),
         rms_m=float(np.sqrt(np.mean(errors**2))),
         tip_u_m=found.tip_u_m,
         captures=found.captures,
         saved=None if fixed is None else 1.0 - found.captures / fixed,
-        verdict=ENTRY.verdict(spec, result).word,
+        verdict=DEFINITION.verdict(spec, result).overall_decision,
         before_m=found.hold_out.before_rms_m,
         after_m=found.hold_out.after_rms_m,
     )
@@ -105,13 +105,13 @@ async def find_tool(seed: int, folder: Path, method: Method) -> ToolFound:
         found, truth = result.identified.tool, bench.flange_tool()
         errors = errors_m(bench, result.arm, bench.target_m(method))
     assert found is not None
-    assert ENTRY.verdict is not None
+    assert DEFINITION.verdict is not None
     return ToolFound(
         error=error_of(found.flange_tool, truth),
         u=stated_u(found.covariance),
         not_written=result.tool_not_written,
         captures=sum(found.captures),
-        verdict=ENTRY.verdict(spec, result).word,
+        verdict=DEFINITION.verdict(spec, result).overall_decision,
         target_m=float(np.sqrt(np.mean(errors**2))),
         target_u_m=result.identified.tip_u_m,
     )
@@ -159,7 +159,11 @@ async def drift(seed: int, folder: Path, method: Method) -> list[Drifted]:
             undo()
             assert look is not None
             named = (
-                "nothing" if not look.finding.seen else look.finding.likeliest.name if look.decided else ""
+                "nothing"
+                if not look.finding.has_changed
+                else look.finding.likeliest_cause.name
+                if look.decided
+                else ""
             )
             told.append(Drifted(happened, named))
     return told

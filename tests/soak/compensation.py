@@ -34,9 +34,9 @@ def compensation(points: int) -> Figures:
     for seed in range(-(-points // _BLOCK)):
         nominal = load_model(_ROBOTS[seed % len(_ROBOTS)])
         rng = np.random.default_rng(seed)
-        errors = rng.normal(size=(nominal.axes, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
+        errors = rng.normal(size=(nominal.axis_count, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
         count = min(_BLOCK, points - done)
-        start = rng.uniform(nominal.lower_rad, nominal.upper_rad, (count, nominal.axes))
+        start = rng.uniform(nominal.lower_rad, nominal.upper_rad, (count, nominal.axis_count))
         _judge(tally, nominal.with_dh_errors(errors), nominal, start, rng)
         done += count
     line = (
@@ -56,13 +56,13 @@ def _judge(
     arrived = (distance <= 1.001 * _NEAR_ENOUGH_M) & (angle <= 3e-8)
     inside = ((done.joints_rad >= nominal.lower_rad) & (done.joints_rad <= nominal.upper_rad)).all(axis=1)
     tally.leaps += int((np.abs(done.joints_rad - start) > _BRANCH_RAD + 1e-12).any(axis=1).sum())
-    tally.silent += int((done.converged & ~(arrived & inside)).sum())
+    tally.silent += int((done.has_converged & ~(arrived & inside)).sum())
     tally.wrong_numbers += int((np.abs(done.position_error_m - distance) > 1e-11).sum())
-    tally.converged += int(done.converged.sum())
+    tally.converged += int(done.has_converged.sum())
     smallest = np.linalg.svd(nominal.flange_jacobian(start)[1], compute_uv=False)[:, -1]
     fair = (smallest > _REGULAR) & (done.status != PointStatus.LIMIT)
     tally.regular += int(fair.sum())
-    tally.regular_converged += int((fair & done.converged).sum())
+    tally.regular_converged += int((fair & done.has_converged).sum())
     tally.missed += _missed(real, nominal, start, done, rng)
 
 

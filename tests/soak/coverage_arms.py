@@ -11,7 +11,7 @@ from cellcal.calibration.geometry import (
     Array,
     exp_rotation,
     exp_twist,
-    homogeneous,
+    homogeneous_matrix,
     inverse_transform,
     log_transform,
 )
@@ -21,7 +21,7 @@ from cellcal.calibration.identification.parameters import Priors
 PRIORS = Priors()
 SIGMA_M, SIGMA_RAD = 5e-5, 1e-4
 TIP = np.array([0.06, -0.04, 0.12])
-TOOL = homogeneous(np.eye(3), TIP)
+TOOL = homogeneous_matrix(np.eye(3), TIP)
 TRACKER = exp_twist(np.array([1.8, -0.9, 0.3, 0.2, -0.4, 1.1]))
 ANCHOR = np.array([0.9, -0.7, -0.4])
 PINS = np.array([[0.45, 0.15, 0.15], [0.35, -0.25, 0.3], [0.3, 0.3, 0.45]])
@@ -54,12 +54,12 @@ class Arm:
     @classmethod
     def drawn(cls, dice: np.random.Generator) -> "Arm":
         model = load_model(_ROBOT)
-        errors = dice.standard_normal((model.axes, 5)) * _SPREAD
+        errors = dice.standard_normal((model.axis_count, 5)) * _SPREAD
         return cls(model, model.with_dh_errors(errors), errors)
 
     def joints(self, dice: np.random.Generator, count: int) -> Array:
         low, high = np.maximum(self.model.lower_rad, -1.5), np.minimum(self.model.upper_rad, 1.5)
-        return dice.uniform(low, high, (count, self.model.axes))
+        return dice.uniform(low, high, (count, self.model.axis_count))
 
     def tips(self, joints: Array) -> Array:
         return self.real.tip_positions(joints, TIP)
@@ -92,7 +92,7 @@ def apart(answer: Array, truth: Array) -> Array:
 
 
 def shifted(place_m: Array) -> Array:
-    return homogeneous(np.eye(3), np.asarray(place_m, dtype=float))
+    return homogeneous_matrix(np.eye(3), np.asarray(place_m, dtype=float))
 
 
 def small_motion(dice: np.random.Generator) -> Array:
@@ -107,7 +107,7 @@ def planes() -> tuple[Array, ...]:
     turns = ([0.05, -0.03, 0.0], [0.0, 1.4, 0.0], [1.5, 0.1, 0.0])
     spots = ([0.4, 0.0, 0.1], [0.5, 0.0, 0.3], [0.3, -0.3, 0.3])
     return tuple(
-        homogeneous(exp_rotation(np.array(turn)), np.array(spot))
+        homogeneous_matrix(exp_rotation(np.array(turn)), np.array(spot))
         for turn, spot in zip(turns, spots, strict=True)
     )
 
@@ -138,7 +138,7 @@ def at_plane(number: int) -> Array:
 def _reaching(missed: Callable[[Array], tuple[Array, Array]], dice: np.random.Generator, count: int) -> Array:
     """Return joints at which nothing is missed, by damped Newton from random postures; those that arrive."""
     model = load_model(_ROBOT)
-    joints = dice.uniform(-1.2, 1.2, (count, model.axes))
+    joints = dice.uniform(-1.2, 1.2, (count, model.axis_count))
     for _ in range(60):
         tips, slopes = model.tip_jacobian(joints, TIP)
         miss, turned = missed(tips)

@@ -4,7 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.cell import (
+    CalibrationCell,
+    CellDevice,
+    CellRobot,
+    CellSeries,
+    CellTarget,
+    CellTool,
+    DeviceScalar,
+)
 from cellcal.calibration.cells.contact_observations import (
     BarLengths,
     CellObservations,
@@ -15,12 +23,12 @@ from cellcal.calibration.cells.contact_observations import (
 )
 from cellcal.calibration.cells.estimate import CellFit, estimate_cell
 from cellcal.calibration.cells.first_guess import first_places
-from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
 from cellcal.calibration.cells.robust import fit_cell_robustly
-from cellcal.calibration.cells.state import CellLayout, CellState, Frames, cell_layout
+from cellcal.calibration.cells.state import CellFrames, CellLayout, CellState, cell_layout
 from cellcal.calibration.cells.system import CellProblem
-from cellcal.calibration.geometry import Array, exp_rotation, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.geometry import Array, exp_rotation, exp_twist, homogeneous_matrix, inverse_transform
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
 from cellcal.calibration.uncertainty import coverage_factor
@@ -65,7 +73,7 @@ class _Draw:
 
 
 _EXACT = np.array([[0.0, 1.0, 0.0]])
-_WIRE = {"zero_m": Scalar(0.0, PRIORS.wire_zero_m), "scale": Scalar(1.0, PRIORS.wire_scale)}
+_WIRE = {"zero_m": DeviceScalar(0.0, PRIORS.wire_zero_m), "scale": DeviceScalar(1.0, PRIORS.wire_scale)}
 
 
 def pin(dice: np.random.Generator, found: bool) -> Score:
@@ -76,7 +84,7 @@ def pin(dice: np.random.Generator, found: bool) -> Score:
         spot = expected + 1e-4 * dice.standard_normal(3) * known
         joints = some(at_pin(number), dice, 8)
         offsets = arm.tips(joints) - spot + noise(len(joints), 3)
-        place = Place.known_point(expected, 1e-4) if known else Place.unknown_point()
+        place = FramePrior.from_point(expected, 1e-4) if known else FramePrior.point_without_prior()
         rows = PinTouches(joints, offsets, *noise.stated(len(joints)))
         seen.append(_Seen(CellDevice(f"pin {number + 1}", (place,)), rows, shifted(spot)))
     return _in_cell(arm, seen, dice, found)
@@ -88,7 +96,7 @@ def plane(dice: np.random.Generator, found: bool) -> Score:
     for number, place in enumerate(planes()):
         joints = some(at_plane(number), dice, 25)
         heights = (arm.tips(joints) - place[:3, 3]) @ place[:3, 2] + noise(len(joints))
-        device = CellDevice(f"plane {number + 1}", (Place.unknown(place @ small_motion(dice)),))
+        device = CellDevice(f"plane {number + 1}", (FramePrior.without_prior(place @ small_motion(dice)),))
         seen.append(_Seen(device, PlaneContacts(joints, heights, *noise.stated(len(joints))), place))
     return _in_cell(arm, seen, dice, found)
 
@@ -100,8 +108,8 @@ def sphere(dice: np.random.Generator, found: bool) -> Score:
         larger = 1e-5 * float(dice.standard_normal())
         joints = some(at_pin(number, 0.05), dice, 30)
         radii = np.linalg.norm(arm.tips(joints) - centre, axis=1) - larger + noise(len(joints))
-        rough = Place.unknown_point(centre + 0.01 * dice.standard_normal(3))
-        device = CellDevice(f"ball {number + 1}", (rough,), {"radius_m": Scalar(0.0, 1e-5)})
+        rough = FramePrior.point_without_prior(centre + 0.01 * dice.standard_normal(3))
+        device = CellDevice(f"ball {number + 1}", (rough,), {"radius_m": DeviceScalar(0.0, 1e-5)})
         rows = SphereContacts(joints, radii, *noise.stated(len(joints)))
         seen.append(_Seen(device, rows, shifted(centre), (0.0, 1.0, larger)))
     return _in_cell(arm, seen, dice, found)
@@ -114,7 +122,7 @@ def bar(dice: np.random.Generator, found: bool) -> Score:
     first, second = arm.joints(dice, 60), arm.joints(dice, 60)
     lengths = np.linalg.norm(arm.tips(first) - arm.tips(second), axis=1) + zero + noise(len(first))
     rows = BarLengths(first, lengths, *noise.stated(len(first)), second)
-    device = CellDevice("bar", (Place.known(np.eye(4)),), {"zero_m": Scalar(0.0, 2e-5)})
+    device = CellDevice("bar", (FramePrior.from_pose(np.eye(4)),), {"zero_m": DeviceScalar(0.0, 2e-5)})
     return _in_cell(arm, [_Seen(device, rows, np.eye(4), (zero, 1.0, 0.0))], dice, found)
 
 
@@ -123,7 +131,7 @@ def guided(dice: np.random.Generator, found: bool) -> Score:
     arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
     zero, scale = _wire_errors(dice)
     radius = 4e-3 + 1e-4 * float(dice.standard_normal())
-    place = homogeneous(exp_rotation(np.array([0.2, -0.7, 0.0])), ANCHOR)
+    place = homogeneous_matrix(exp_rotation(np.array([0.2, -0.7, 0.0])), ANCHOR)
     joints = arm.joints(dice, 60)
     tips = (arm.tips(joints) - place[:3, 3]) @ place[:3, :3]
     across, height = np.hypot(tips[:, 0], tips[:, 1]), tips[:, 2]
@@ -132,9 +140,11 @@ def guided(dice: np.random.Generator, found: bool) -> Score:
     turn = np.pi - aside - np.arccos(radius / way)
     lengths = zero + scale * (np.sqrt(way**2 - radius**2) + radius * turn) + noise(len(joints))
     tilt = 0.05 * dice.standard_normal(3) * [1.0, 1.0, 0.0]
-    rough = place @ homogeneous(exp_rotation(-tilt), 0.01 * dice.standard_normal(3))
-    known = {**_WIRE, "radius_m": Scalar(4e-3, 1e-4)}
-    device = CellDevice("guided wire", (Place(rough, np.array([*(np.inf,) * 3, 0.05, 0.05, 0.0])),), known)
+    rough = place @ homogeneous_matrix(exp_rotation(-tilt), 0.01 * dice.standard_normal(3))
+    known = {**_WIRE, "radius_m": DeviceScalar(4e-3, 1e-4)}
+    device = CellDevice(
+        "guided wire", (FramePrior(rough, np.array([*(np.inf,) * 3, 0.05, 0.05, 0.0])),), known
+    )
     rows = GuidedLengthObservations(joints, lengths, *noise.stated(len(joints)))
     return _in_cell(arm, [_Seen(device, rows, place, (zero, scale, radius))], dice, found)
 
@@ -143,7 +153,7 @@ def targets(dice: np.random.Generator, found: bool) -> Score:
     """Three reflectors of one plate, by a tracker."""
     arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
     plate = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.02], [0.0, 0.12, 0.0]])
-    mounted = homogeneous(exp_rotation(np.array([0.3, -0.2, 0.4])), TIP)
+    mounted = homogeneous_matrix(exp_rotation(np.array([0.3, -0.2, 0.4])), TIP)
     series = []
     for spot in plate:
         joints = arm.joints(dice, 8)
@@ -151,12 +161,12 @@ def targets(dice: np.random.Generator, found: bool) -> Score:
         seen = there[:, :3, 3] + noise(len(joints), 3)
         series.append(PointObservations(joints, seen, *noise.stated(len(joints))))
     names = [f"reflector {number + 1}" for number in range(len(plate))]
-    known = [CellTarget(n, "tool", Place.known_point(p)) for n, p in zip(names, plate, strict=True)]
-    cell = Cell(
+    known = [CellTarget(n, "tool", FramePrior.from_point(p)) for n, p in zip(names, plate, strict=True)]
+    cell = CalibrationCell(
         [CellRobot("robot", arm.model)],
-        [CellTool("tool", "robot", Place.unknown())],
+        [CellTool("tool", "robot", FramePrior.without_prior())],
         [CellDevice("tracker")],
-        [Series(name, "tracker", name, rows) for name, rows in zip(names, series, strict=True)],
+        [CellSeries(name, "tracker", name, rows) for name, rows in zip(names, series, strict=True)],
         known,
     )
     places = {("tool", "tool"): mounted, ("device", "tracker"): TRACKER}
@@ -172,7 +182,7 @@ def devices(dice: np.random.Generator, found: bool) -> Score:
     points = (inverse_transform(TRACKER) @ arm.real.base_flange(joints[0]) @ TOOL)[:, :3, 3] + noise(10, 3)
     lengths = zero + scale * np.linalg.norm(arm.tips(joints[1]) - ANCHOR, axis=1) + noise(24)
     offsets = arm.tips(joints[2]) - PINS[0] + noise(8, 3)
-    wire = CellDevice("wire", (Place.unknown_point(),), _WIRE)
+    wire = CellDevice("wire", (FramePrior.point_without_prior(),), _WIRE)
     seen = [
         _Seen(CellDevice("tracker"), PointObservations(joints[0], points, *noise.stated(10)), TRACKER),
         _Seen(
@@ -182,7 +192,7 @@ def devices(dice: np.random.Generator, found: bool) -> Score:
             (zero, scale, 0.0),
         ),
         _Seen(
-            CellDevice("pin", (Place.unknown_point(),)),
+            CellDevice("pin", (FramePrior.point_without_prior(),)),
             PinTouches(joints[2], offsets, *noise.stated(8)),
             shifted(PINS[0]),
         ),
@@ -199,10 +209,10 @@ def robots(dice: np.random.Generator, found: bool) -> Score:
         joints = arm.joints(dice, 20)
         seen = (inverse_transform(TRACKER) @ base @ arm.real.base_flange(joints) @ TOOL)[:, :3, 3]
         rows = PointObservations(joints, seen + noise(len(joints), 3), *noise.stated(len(joints)))
-        series.append(Series(f"series {number + 1}", "tracker", f"tool {number + 1}", rows))
-    cell = Cell(
+        series.append(CellSeries(f"series {number + 1}", "tracker", f"tool {number + 1}", rows))
+    cell = CalibrationCell(
         [CellRobot("robot 1", arms[0].model), CellRobot("robot 2", arms[1].model)],
-        [CellTool(f"tool {n}", f"robot {n}", Place.unknown_point()) for n in (1, 2)],
+        [CellTool(f"tool {n}", f"robot {n}", FramePrior.point_without_prior()) for n in (1, 2)],
         [CellDevice("tracker")],
         series,
     )
@@ -232,11 +242,11 @@ def _wire_errors(dice: np.random.Generator) -> tuple[float, float]:
 
 def _in_cell(arm: Arm, seen: list[_Seen], dice: np.random.Generator, found: bool) -> Score:
     """Fit the rows of several devices that look at the same tip, and score."""
-    cell = Cell(
+    cell = CalibrationCell(
         [CellRobot("robot", arm.model)],
-        [CellTool("tool", "robot", Place.unknown_point(TIP + 0.005 * dice.standard_normal(3)))],
+        [CellTool("tool", "robot", FramePrior.point_without_prior(TIP + 0.005 * dice.standard_normal(3)))],
         [each.device for each in seen],
-        [Series(each.device.name, each.device.name, "tool", each.rows) for each in seen],
+        [CellSeries(each.device.name, each.device.name, "tool", each.rows) for each in seen],
     )
     known = {("device", each.device.name): each.place for each in seen}
     numbers = np.array([each.numbers for each in seen])
@@ -244,10 +254,10 @@ def _in_cell(arm: Arm, seen: list[_Seen], dice: np.random.Generator, found: bool
 
 
 def _cell_score(
-    cell: Cell, arms: list[Arm], places: dict[tuple[str, str], Array], numbers: Array, draw: _Draw
+    cell: CalibrationCell, arms: list[Arm], places: dict[tuple[str, str], Array], numbers: Array, draw: _Draw
 ) -> Score:
     """Fit, and compare every frame, number, arm and predicted tip with the truth."""
-    frames = Frames.of(cell)
+    frames = CellFrames.from_cell(cell)
     fit, factor = _fit_cell(frames, draw.found)
     layout, answer = fit.layout, fit.state
     true_places = answer.places.copy()
@@ -271,10 +281,10 @@ def _cell_score(
     )
 
 
-def _fit_cell(frames: Frames, found: bool) -> tuple[CellFit, float]:
+def _fit_cell(frames: CellFrames, found: bool) -> tuple[CellFit, float]:
     terms = [()] * len(frames.cell.robots)
     coarse = cell_layout(frames, FRAMES, terms, PRIORS)
-    problem = CellProblem.of(frames, coarse.expected)
+    problem = CellProblem.from_frames(frames, coarse.expected)
     # As fit_cell does: rows that are taken at their stated deviations would bend the frames to fit the arm's errors.
     rough = fit_cell_robustly(
         coarse, replace(coarse.expected, places=first_places(frames)), problem
@@ -289,7 +299,7 @@ def _fit_cell(frames: Frames, found: bool) -> tuple[CellFit, float]:
 
 def _deviations(layout: CellLayout, answer: CellState, truth: CellState) -> Array:
     """Return truth minus answer of every free unknown, NaN for planes and exits: other frames there are as true."""
-    off = layout.deviations(truth) - layout.deviations(answer)
+    off = layout.prior_deviations(truth) - layout.prior_deviations(answer)
     for number, slot in enumerate(layout.frames.slots):
         off_here = apart(answer.places[number], truth.places[number])
         if slot.name.startswith(("plane", "guided wire")):
@@ -302,7 +312,7 @@ def _deviations(layout: CellLayout, answer: CellState, truth: CellState) -> Arra
 
 def _cell_tips(fit: CellFit, arm: Arm, tool: str, places: Array, dice: np.random.Generator) -> Array:
     """Score the tip in the robot's base."""
-    joints = dice.uniform(-1.2, 1.2, (CHECKED, arm.model.axes))
+    joints = dice.uniform(-1.2, 1.2, (CHECKED, arm.model.axis_count))
     there = arm.real.base_flange(joints) @ places[fit.layout.frames.names["tool", tool]]
     spread = np.sqrt(np.diagonal(tip_covariance(fit, tool, joints), axis1=1, axis2=2))
     return ((there[:, :3, 3] - target_positions(fit, tool, joints)) / spread).reshape(-1)

@@ -3,15 +3,15 @@
 import numpy as np
 
 from cellcal.calibration.geometry import Array, exp_rotation
-from cellcal.calibration.identification.estimator import Problem, estimate
+from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     Observations,
     PointObservations,
     PoseObservations,
 )
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
 from cellcal.calibration.identification.robust import fit_robustly
 from cellcal.calibration.identification.series_breaks import fit_frames
 from cellcal.calibration.identification.tip_uncertainty import predict_tips
@@ -34,7 +34,7 @@ from tests.soak.coverage_arms import (
 def point(dice: np.random.Generator, found: bool) -> Score:
     """Positions of one target in the frame of a tracker."""
     arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
-    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (Device(TRACKER, np.zeros(3)),))
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (DevicePlacement(TRACKER, np.zeros(3)),))
     joints = arm.joints(dice, 20)
     seen = truth.seen_from(0).base_flange(joints)[:, :3, 3] + noise(len(joints), 3)
     return _alone(truth, PointObservations(joints, seen, *noise.stated(len(joints))), dice, found)
@@ -43,7 +43,7 @@ def point(dice: np.random.Generator, found: bool) -> Score:
 def pose(dice: np.random.Generator, found: bool) -> Score:
     """Full poses of one target in the frame of a camera."""
     arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
-    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (Device(TRACKER, np.zeros(3)),))
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (DevicePlacement(TRACKER, np.zeros(3)),))
     joints = arm.joints(dice, 12)
     there = truth.seen_from(0).base_flange(joints)
     turned = exp_rotation(noise(len(joints), 3, sigma=SIGMA_RAD)) @ there[:, :3, :3]
@@ -57,7 +57,7 @@ def length(dice: np.random.Generator, found: bool) -> Score:
     """Lengths of one draw-wire whose anchor, zero and scale are unknown."""
     arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
     zero, scale = dice.standard_normal(2) * [PRIORS.wire_zero_m, PRIORS.wire_scale]
-    device = Device(np.eye(4), ANCHOR, float(zero), 1.0 + float(scale))
+    device = DevicePlacement(np.eye(4), ANCHOR, float(zero), 1.0 + float(scale))
     truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (device,))
     joints = arm.joints(dice, 60)
     free = np.linalg.norm(arm.tips(joints) - device.anchor_in_base_m, axis=1)
@@ -72,17 +72,17 @@ def _alone(truth: ArmState, seen: Observations, dice: np.random.Generator, found
     """Fit one device's rows, and score parameters and tips."""
     start = fit_frames(truth.nominal, seen, ()).state
     layout = make_layout(truth.nominal, seen.kind, 1, level=GEOMETRY, priors=PRIORS)
-    problem, factor = Problem.of(start, seen), 2.0
+    problem, factor = FitProblem.from_observations(start, seen), 2.0
     if found:
         robust = fit_robustly(layout, start, problem)
         fit, factor = robust.fit, coverage_factor(robust.degrees_of_freedom)
     else:
-        fit = estimate(layout, start, problem)
-    off = layout.deviations(truth) - layout.deviations(fit.state)
+        fit = estimate_arm(layout, start, problem)
+    off = layout.prior_deviations(truth) - layout.prior_deviations(fit.state)
     _put(off, layout, "base", apart(fit.state.devices[0].device_base, truth.devices[0].device_base))
     _put(off, layout, "anchor", truth.devices[0].anchor_in_base_m - fit.state.devices[0].anchor_in_base_m)
     _put(off, layout, "tool", apart(fit.state.flange_tool, truth.flange_tool))
-    joints = dice.uniform(-1.2, 1.2, (CHECKED, truth.nominal.axes))
+    joints = dice.uniform(-1.2, 1.2, (CHECKED, truth.nominal.axis_count))
     told, there = predict_tips(fit, joints, mounting=0), truth.seen_from(0).base_flange(joints)[:, :3, 3]
     spread = np.sqrt(np.diagonal(told.covariance_m2, axis1=1, axis2=2))
     return Score(
@@ -93,6 +93,6 @@ def _alone(truth: ArmState, seen: Observations, dice: np.random.Generator, found
     )
 
 
-def _put(off: Array, layout: Layout, role: str, values: Array) -> None:
+def _put(off: Array, layout: ParameterLayout, role: str, values: Array) -> None:
     at = [i for i, parameter in enumerate(layout.parameters) if parameter.role == role]
     off[at] = values[: len(at)]

@@ -59,7 +59,7 @@ async def _whole_day(pictures: Path, locale: str) -> tuple[list[Ended], set[str]
             ended = []
             for story in _told(stories()):
                 if story.procedure == "mastering_recovery":
-                    await day.hands.door.fault("battery_loss", device=story.robot)
+                    await day.hands.door.inject_fault("battery_loss", device=story.robot)
                 ended.append(await day.tell(story))
         kept = Path(folder) / "data" / "certificates"
         assert all(verify(kept / end.certificate) == 0 for end in ended if end.certificate)

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import Journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 from tests.service.desks import a_cell
 from tests.soak.figures import Figures
 from tests.soak.served import RECORD, Browser, Service, free_port, serving
@@ -213,19 +213,19 @@ def _has_ended(session: dict[str, Any] | None) -> bool:
 
 
 def _state_of(journal: Path, run_id: str) -> str:
-    with Journal.open(next(journal.glob("*.db"))) as opened:
-        return Store(opened).run(run_id).state
+    with Journal.open_file(next(journal.glob("*.db"))) as opened:
+        return RunStore(opened).find_run(run_id).state
 
 
 def _journal_faults(folder: Path, stored: dict[str, list[tuple[str, Any]]]) -> list[str]:
     """Compare the journal with what it held after the kill before; keep what it holds."""
     wrong = []
-    with Journal.open(next(folder.glob("*.db"))) as journal:
+    with Journal.open_file(next(folder.glob("*.db"))) as journal:
         if journal.damage is not None:
             wrong.append(f"the journal is damaged: {journal.damage}")
         now = dict[str, list[tuple[str, Any]]]()
-        for event in journal.events():
-            if event.kind == Kind.FINDING:
+        for event in journal.list_events():
+            if event.kind == EventKind.FINDING:
                 body = json.loads(event.body)
                 now.setdefault(event.run_id, []).append((body["step"], body["value"]))
     for run_id, before in stored.items():

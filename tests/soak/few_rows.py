@@ -10,11 +10,11 @@ from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmon
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.effect_lint import misfit_notes
-from cellcal.calibration.identification.free_parameters import values_of
-from cellcal.calibration.identification.identify import Identification, identify
-from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.free_parameters import parameter_values
+from cellcal.calibration.identification.identify import Identification, identify_arm
+from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.soak.coverage_arms import SIGMA_M, TOOL, TRACKER, Arm
 from tests.soak.figures import Figures
 
@@ -85,7 +85,7 @@ _ARMS: dict[str, Callable[[ArmState, np.random.Generator], ArmState]] = {
 def world(effect: str, rows: int, dice: np.random.Generator) -> World:
     """Draw an arm from the priors with one effect, and measure it."""
     arm = Arm.drawn(dice)
-    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (Device(TRACKER, np.zeros(3)),))
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (DevicePlacement(TRACKER, np.zeros(3)),))
     if effect in _ARMS:
         truth = _ARMS[effect](truth, dice)
     joints = arm.joints(dice, rows)
@@ -111,7 +111,7 @@ def true_values(truth: ArmState) -> dict[str, float]:
     model: RobotModel = truth.nominal
     layout = make_layout(model, "point", 1, level=GEOMETRY, terms=truth.terms)
     names = [parameter.name for parameter in layout.parameters]
-    return dict(zip(names, layout.deviations(truth).tolist(), strict=True))
+    return dict(zip(names, layout.prior_deviations(truth).tolist(), strict=True))
 
 
 def share_inside(found: Identification, truth: ArmState) -> float:
@@ -121,7 +121,7 @@ def share_inside(found: Identification, truth: ArmState) -> float:
     held = [
         abs(value - known.get(parameter.name, 0.0)) < 2.0 * sigma
         for parameter, value, sigma in zip(
-            layout.parameters, values_of(layout, found.state), sigmas, strict=True
+            layout.parameters, parameter_values(layout, found.state), sigmas, strict=True
         )
         if parameter.role not in _PLACES
     ]
@@ -131,7 +131,7 @@ def share_inside(found: Identification, truth: ArmState) -> float:
 def identify_few(effect: str, rows: int, seed: int) -> FewRows:
     """Identify one arm from few rows, and compare with the truth."""
     there = world(effect, rows, np.random.default_rng([seed, rows, EFFECTS.index(effect)]))
-    found = identify(there.truth.nominal, there.observations, options=Options(judge=False))
+    found = identify_arm(there.truth.nominal, there.observations, options=IdentificationOptions(judge=False))
     notes = misfit_notes(found.misfit, rows, len(found.rejected))
     return FewRows(
         share_inside(found, there.truth), bool(notes) or bool(found.breaks) or found.level > GEOMETRY

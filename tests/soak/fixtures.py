@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from cellcal.calibration.points.alignment import Alignment
-from cellcal.calibration.points.fixture import BaseToBase, base_through_fixture, u_of
+from cellcal.calibration.points.fixture import BaseToBase, base_through_fixture, worst_expanded_u
 from cellcal.calibration.points.joint_bases import bases_together
 from tests.soak.figures import Figures
 from tests.unit.helpers.fixture_world import FixtureWorld, error_of, find_tool, stated_u
@@ -97,11 +97,11 @@ class SeenFixture:
 
     @property
     def origin_u_m(self) -> float:
-        return u_of(self.covariance[:3, :3])
+        return worst_expanded_u(self.covariance[:3, :3])
 
     @property
     def angle_u_rad(self) -> float:
-        return u_of(self.covariance[3:, 3:])
+        return worst_expanded_u(self.covariance[3:, 3:])
 
 
 def _seen_fixture(seed: int, effort: Effort) -> SeenFixture:

@@ -19,11 +19,11 @@ from pathlib import Path
 
 from playwright.async_api import BrowserContext, Page
 
+from cellcal.service.gc_freeze import freeze_startup_objects
 from cellcal.service.record.signing import station_key
-from cellcal.service.settled import settle
-from cellcal.service.site.enrolment import Applicant, NewSite, enroll
-from cellcal.service.site.listener import Listener
-from cellcal.service.web.fleet import FleetHouse, create_fleet_app
+from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells
+from cellcal.service.site.listener import FleetListener
+from cellcal.service.web.fleet import FleetContext, create_fleet_app
 from tests.service.browsers import PATIENCE_MS, chromium, served
 from tests.service.sites import SITE, free_port, router_of, until
 from tests.soak.figures import Figures
@@ -97,10 +97,10 @@ async def _fleet(rounds: int) -> tuple[list[float], list[float], list[float], _C
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         root = Path(name)
         keys = {cell: station_key(root / "keys" / cell) for cell in names}
-        applicants = [Applicant(cell, key.public) for cell, key in keys.items()]
-        enroll(root / "site", applicants, NewSite(SITE, f"127.0.0.1:{free_port()}"))
+        applicants = [CellApplicant(cell, key.public_key) for cell, key in keys.items()]
+        enroll_cells(root / "site", applicants, NewSite(SITE, f"127.0.0.1:{free_port()}"))
         stack.enter_context(router_of(root / "site"))
-        listener = stack.enter_context(Listener(root / "site/monitor", root / "s.sqlite", patience_s=60))
+        listener = stack.enter_context(FleetListener(root / "site/monitor", root / "s.sqlite", patience_s=60))
         leaving, staying = names[: 2 * rounds], names[2 * rounds :]
         shares = (*([one] for one in leaving), staying[::2], staying[1::2])
         players = [player_of(root, some, _SPAN_S) for some in shares]
@@ -122,37 +122,39 @@ async def _fleet(rounds: int) -> tuple[list[float], list[float], list[float], _C
         return opened, closed, frozen, cost
 
 
-async def _cost(listener: Listener, house: FleetHouse) -> _Cost:
+async def _cost(listener: FleetListener, house: FleetContext) -> _Cost:
     """Watch this process, and the loop that serves the page, while all cells speak."""
     loop, late_s = asyncio.get_running_loop(), list[float]()
     ticking = await asyncio.create_subprocess_exec(
         sys.executable, "-c", _TICKS, str(_COST_S), str(_TICK_S), stdout=asyncio.subprocess.PIPE
     )
-    before, used_s, began_s = sum(listener.fleet.samples().values()), time.process_time(), loop.time()
+    before, used_s, began_s = sum(listener.fleet.sample_counts().values()), time.process_time(), loop.time()
     while loop.time() < began_s + _COST_S:
         slept_s = loop.time()
         await asyncio.sleep(_TICK_S)
         late_s.append(loop.time() - slept_s - _TICK_S)
     passed_s, used_s = loop.time() - began_s, time.process_time() - used_s
-    samples = sum(listener.fleet.samples().values()) - before
+    samples = sum(listener.fleet.sample_counts().values()) - before
     idle_s, _ = await ticking.communicate()
     looked_s = time.thread_time()
-    house.look()
+    house.update_rows()
     looked_s = time.thread_time() - looked_s
     return _Cost(used_s / passed_s, samples / passed_s, sorted(late_s), float(idle_s), looked_s)
 
 
 @asynccontextmanager
-async def _context_of(listener: Listener, folder: Path) -> AsyncIterator[tuple[BrowserContext, FleetHouse]]:
+async def _context_of(
+    listener: FleetListener, folder: Path
+) -> AsyncIterator[tuple[BrowserContext, FleetContext]]:
     """Open a browser that is signed in at the monitor's service."""
     app = create_fleet_app(listener, folder)
-    settle()  # as `cellcal monitor --port` does
+    freeze_startup_objects()  # as `cellcal monitor --port` does
     async with served(app) as url, chromium() as browser:
         context = await browser.new_context(viewport={"width": 1280, "height": 800}, base_url=url)
         context.set_default_timeout(PATIENCE_MS)
         await context.add_init_script(_STAMP % _CELLS)
         page = await context.new_page()
-        await page.goto(f"/api/sign-in/console?token={app.state.house.entrance.console_token()}")
+        await page.goto(f"/api/sign-in/console?token={app.state.house.authenticator.console_token()}")
         await page.wait_for_function("() => window.__seenMs !== undefined")
         await page.close()
         yield context, app.state.house

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.collision import Capsule, Sphere
+from cellcal.calibration.motion.collision import LinkCapsule, SphereObstacle
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import GaugeSetup
 from cellcal.procedures.surroundings import Surroundings
@@ -70,7 +70,7 @@ class Oracle:
 
     def _hook(self, joints: Array) -> Array:
         self._place(joints)
-        flange = self._data.oMi[self._arm.axes] * pin.SE3(np.array(self._arm.placements[-1]))
+        flange = self._data.oMi[self._arm.axis_count] * pin.SE3(np.array(self._arm.placements[-1]))
         return np.asarray(flange.act(np.array(self._at.hook_in_flange_m)))
 
     def _fastest(self, way: Array, hooks: Array, speed_rad_s: float) -> float:
@@ -88,7 +88,7 @@ class Oracle:
         pin.updateGeometryPlacements(self._twin, self._data, self._shapes, self._geometry)
         wire, where = _bar(anchor, hook, 1e-4)
         for bar, link in zip(self._bars, self._links, strict=True):
-            if link < self._arm.axes:
+            if link < self._arm.axis_count:
                 at, shape = self._geometry.oMg[bar], self._shapes.geometryObjects[bar].geometry
                 placed = coal.Transform3s(at.rotation, at.translation)
                 request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -96,7 +96,7 @@ class Oracle:
                     return True
         return False
 
-    def _add_bar(self, capsule: Capsule) -> int:
+    def _add_bar(self, capsule: LinkCapsule) -> int:
         shape, at = _bar(np.array(capsule.start_m), np.array(capsule.end_m), capsule.radius_m)
         own = pin.SE3(np.array(at.getRotation()), np.array(at.getTranslation()))
         placed = pin.SE3(np.array(self._arm.placements[capsule.link])) * own
@@ -105,7 +105,7 @@ class Oracle:
         return int(self._shapes.addGeometryObject(thing))
 
     def _add_cell(self, known: Surroundings) -> None:
-        things = [(b.name, pin.SE3(b.base_box.matrix()), coal.Box(*b.size_m)) for b in known.blocks]
+        things = [(b.name, pin.SE3(b.base_box.to_matrix()), coal.Box(*b.size_m)) for b in known.blocks]
         things += [(ball.name, _at(ball), coal.Sphere(ball.radius_m)) for ball in known.balls]
         for plane in known.planes:
             normal = np.array(plane.normal_in_base) / np.linalg.norm(plane.normal_in_base)
@@ -131,7 +131,7 @@ class Oracle:
         own = [k for k, pair in enumerate(pairs) if max(pair.first, pair.second) < len(self._bars)]
         links = {k: (self._links[pairs[k].first], self._links[pairs[k].second]) for k in own}
         counts: Counter[tuple[int, int]] = Counter()
-        for joints in rng.uniform(low, high, (_TRIALS, self._arm.axes)):
+        for joints in rng.uniform(low, high, (_TRIALS, self._arm.axis_count)):
             self._place(joints)
             pin.updateGeometryPlacements(self._twin, self._data, self._shapes, geometry)
             near = [k for k in own if pin.computeDistance(self._shapes, geometry, k).min_distance < _MARGIN_M]
@@ -148,7 +148,7 @@ def _twin(model: RobotModel) -> pin.Model:
     return twin
 
 
-def _at(ball: Sphere) -> pin.SE3:
+def _at(ball: SphereObstacle) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array(ball.centre_in_base_m))
 
 

@@ -26,19 +26,19 @@ from cellcal.service.engineering.measured.cells import describes_a_cell, read_ce
 from cellcal.service.engineering.measured.layouts import read_layout
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.tag_files import read_description, read_tags
-from cellcal.service.engineering.parameters.parameter_files import Who, import_file
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin, import_file
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSets,
-    Value,
-    parse,
+    ParameterValue,
+    parse_set,
     to_text,
 )
 from cellcal.service.engineering.parameters.ur_files import read_calibration_conf, write_primary_kinematics
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_arms import nominal_arm
-from cellcal.service.export.restore import prove
-from cellcal.service.record.signing import check, station_key
+from cellcal.service.export.restore import prove_backup
+from cellcal.service.record.signing import check_document, station_key
 from cellcal.service.runs.photos import plain_picture
 from tests.programs.fuzz import sources
 
@@ -131,7 +131,7 @@ def _parameter_doors(scratch: Path) -> Iterator[InputDoor]:
         if conf.is_dir()
         else (conf.read_bytes(),)
     )
-    who = Who("R-1", "anna", "2026-01-01T00:00:00+00:00", "")
+    who = SetOrigin("R-1", "anna", "2026-01-01T00:00:00+00:00", "")
     sets = scratch / "sets"
 
     def imported(path: Path) -> object:
@@ -157,12 +157,12 @@ def _parameter_doors(scratch: Path) -> Iterator[InputDoor]:
         "report as start", "s.json", (report,), lambda p: read_start(StartOptions(str(p)), ur, "point")
     )
     draft = ParameterSet(
-        "R-1", "ur5e", "0", "2026-01-01", "anna", "test", (Value("a1", "m", 1e-4, 1e-5),), version=1
+        "R-1", "ur5e", "0", "2026-01-01", "anna", "test", (ParameterValue("a1", "m", 1e-4, 1e-5),), version=1
     )
     text = to_text(draft).encode()
     yield InputDoor("parameter set", "v0001.toml", (text,), imported)
     yield InputDoor(
-        "parameter set alone", "v0001.toml", (text,), lambda p: parse(p.read_text(encoding="latin-1"))
+        "parameter set alone", "v0001.toml", (text,), lambda p: parse_set(p.read_text(encoding="latin-1"))
     )
 
 
@@ -177,10 +177,10 @@ def _program_doors() -> Iterator[InputDoor]:
 
 def _signed_doors(scratch: Path) -> Iterator[InputDoor]:
     key = station_key(scratch / "station")
-    signed = key.sign("cellcal test 1", {"a": 1.5, "b": ["x", None, True], "c": {"d": "é"}}).encode()
-    yield InputDoor("signed document", "c.json", (signed,), lambda p: check(p.read_bytes()))
+    signed = key.sign_document("cellcal test 1", {"a": 1.5, "b": ["x", None, True], "c": {"d": "é"}}).encode()
+    yield InputDoor("signed document", "c.json", (signed,), lambda p: check_document(p.read_bytes()))
     archive = _archive(scratch)
-    yield InputDoor("backup", "b.cellcal-backup", (archive,), prove)
+    yield InputDoor("backup", "b.cellcal-backup", (archive,), prove_backup)
     png = (
         b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x08\x00\x00\x00\x08\x08\x02\x00\x00\x00KmT\x82"
         b"\x00\x00\x00\x02IDATxx\x00\x00\x00\x00\x00\x00\x00\x00IEND\xaeB`\x82"

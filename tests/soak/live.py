@@ -16,7 +16,7 @@ from typing import Any
 from playwright.async_api import Page
 
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import comes, go
 from tests.service.desks import a_cell
 from tests.service.lookers import looking_back
@@ -87,7 +87,7 @@ def live(count: int) -> Figures:
 async def _followed(folder: Path, span_s: float) -> tuple[Shown, Shown]:
     async with (
         a_cell(folder, time_factor=_TIME_FACTOR) as (path, _),
-        looking_at(create_app(Settings(path, open_access=True))) as looks,
+        looking_at(create_app(ServiceSettings(path, open_access=True))) as looks,
         _a_moving_arm(looks),
         looks.page() as page,
     ):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
-from cellcal.calibration.geometry import Array, exp_twist, homogeneous
+from cellcal.calibration.geometry import Array, exp_twist, homogeneous_matrix
 from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
-from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
 from cellcal.calibration.identification.parameters import ArmState, nominal_state
 from tests.soak.figures import Figures
 
@@ -56,16 +56,16 @@ def measured(robot: str, seed: int) -> Measured:
     """Return 30 to 60 rows of a robot with errors of its own, a few of them far off."""
     model, dice = load_model(robot), np.random.default_rng([seed, *robot.encode()])
     device = exp_twist(np.concatenate([dice.uniform(-2, 2, 3), dice.uniform(-1.5, 1.5, 3)]))
-    tool = homogeneous(
+    tool = homogeneous_matrix(
         np.eye(3),
         np.array([*(dice.choice([-1, 1], 2) * dice.uniform(0.03, 0.1, 2)), dice.uniform(0.05, 0.2)]),
     )
-    start = nominal_state(model, (Device(device, np.zeros(3)),), tool)
-    geometry = dice.standard_normal((model.axes, 5)) * _ERRORS
+    start = nominal_state(model, (DevicePlacement(device, np.zeros(3)),), tool)
+    geometry = dice.standard_normal((model.axis_count, 5)) * _ERRORS
     truth = ArmState(model, geometry, (), np.zeros(0), start.flange_tool, start.devices)
     low, high = np.maximum(model.lower_rad, -_REACH_RAD), np.minimum(model.upper_rad, _REACH_RAD)
     count = int(dice.integers(30, 61))
-    joints = dice.uniform(low, high, (count, model.axes))
+    joints = dice.uniform(low, high, (count, model.axis_count))
     seen = truth.seen_from(0).base_flange(joints)[:, :3, 3] + _SIGMA_M * dice.standard_normal((count, 3))
     wrong = dice.choice(count, count // 20, replace=False)
     seen[wrong] += 0.05 * dice.standard_normal((len(wrong), 3))
@@ -85,14 +85,14 @@ def _swapped_columns(true: Measured) -> Spoilt:
 
 
 def _sign(true: Measured) -> Spoilt:
-    joint, sign = int(true.dice.integers(true.model.axes)), np.ones(true.model.axes)
+    joint, sign = int(true.dice.integers(true.model.axis_count)), np.ones(true.model.axis_count)
     sign[joint] = -1.0
     rows = true.with_joints(true.rows.joints_rad * sign)
     return Spoilt(true.model, rows, "sign", (f"{true.names()[joint]} counts the other way",))
 
 
 def _home(true: Measured, angle_deg: float) -> Spoilt:
-    joint, zero = int(true.dice.choice(_INNER)), np.zeros(true.model.axes)
+    joint, zero = int(true.dice.choice(_INNER)), np.zeros(true.model.axis_count)
     zero[joint] = np.deg2rad(angle_deg)
     rows = true.with_joints(true.rows.joints_rad - zero)
     return Spoilt(true.model, rows, "home", (f"that of {true.names()[joint]} by {angle_deg:+.0f}",))
@@ -108,8 +108,8 @@ def _free_home(true: Measured) -> Spoilt:
 
 
 def _order(true: Measured) -> Spoilt:
-    a, b = true.dice.choice(true.model.axes, 2, replace=False)
-    order = np.arange(true.model.axes)
+    a, b = true.dice.choice(true.model.axis_count, 2, replace=False)
+    order = np.arange(true.model.axis_count)
     order[[a, b]] = order[[b, a]]
     columns = ", ".join(true.names()[i] for i in order)
     return Spoilt(true.model, true.with_joints(true.rows.joints_rad[:, order]), "order", (columns,))

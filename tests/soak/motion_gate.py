@@ -10,11 +10,11 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.motion.collision import Plane, Sphere, arm_shape
+from cellcal.calibration.motion.collision import PlaneObstacle, SphereObstacle, arm_shape
 from cellcal.drivers.interfaces import Joints
-from cellcal.procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
-from cellcal.procedures.motion.motion_gate import Care, move_along
-from cellcal.procedures.surroundings import Block, Surroundings
+from cellcal.procedures.cell import Cell, GaugeSetup, MotionCaps, MotionLevel
+from cellcal.procedures.motion.motion_gate import MotionCare, move_along
+from cellcal.procedures.surroundings import BoxBlock, Surroundings
 from tests.procedures.ideal import Hands, IdealArm, IdealWire
 from tests.soak.figures import Figures
 from tests.soak.gate_oracle import Oracle
@@ -23,9 +23,9 @@ MODEL = load_model("fanuc_m6ib")
 HOME = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 AT = GaugeSetup((0.9, -0.7, -0.45), (0.06, 0.05, 0.12))
 KNOWN = Surroundings(
-    blocks=(Block("table", Pose((0.9, 0.5, -0.4)), (0.5, 0.4, 0.3)),),
-    balls=(Sphere("lamp", (0.5, -0.6, 1.1), 0.15),),
-    planes=(Plane("floor", (0.0, 0.0, -0.7), (0.0, 0.0, 1.0)),),
+    blocks=(BoxBlock("table", Pose((0.9, 0.5, -0.4)), (0.5, 0.4, 0.3)),),
+    balls=(SphereObstacle("lamp", (0.5, -0.6, 1.1), 0.15),),
+    planes=(PlaneObstacle("floor", (0.0, 0.0, -0.7), (0.0, 0.0, 1.0)),),
     capsules=arm_shape(MODEL, radius_m=0.07, tip_in_flange_m=(0.06, 0.05, 0.12)),
 )
 _CAP_M_S = 0.25
@@ -40,10 +40,10 @@ class Recorder(IdealArm):
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         """Note the command, and be there."""
-        here = (await self.joints()).joints_rad
+        here = (await self.read_joints()).joints_rad
         self.told.append((here, target_rad, speed_rad_s))
         if np.isfinite(target_rad).all():
-            self.put(np.array(target_rad))
+            self.write_program(np.array(target_rad))
 
 
 def gate(trials: int) -> Figures:
@@ -67,17 +67,17 @@ async def _campaign(trials: int) -> Counter[str]:
         gauge=IdealWire(arm),
         gauge_setup=AT,
         model=MODEL,
-        limits=MotionLimits(settle_s=0.0),
+        limits=MotionCaps(settle_s=0.0),
         level=MotionLevel.COMMANDED,
         surroundings=KNOWN,
     )
-    arm.put(np.array(HOME))
+    arm.write_program(np.array(HOME))
     assert oracle.stands_free(HOME)
     for _ in range(trials):
         kind, target, speed = _drawn(rng, arm.true_joints)
         arm.told.clear()
         try:
-            await move_along(cell, [target], speed, care=Care.WIRED)
+            await move_along(cell, [target], speed, care=MotionCare.WIRED)
             found["commanded"] += 1
         except CellError:
             found[f"refused {kind}"] += 1

@@ -3,9 +3,9 @@
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.geometry import Array, exp_twist, homogeneous
+from cellcal.calibration.geometry import Array, exp_twist, homogeneous_matrix
 from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.observations import Device, PointObservations, Rows
+from cellcal.calibration.identification.observations import DevicePlacement, PointObservations, Rows
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Priors, nominal_state
 from cellcal.calibration.identification.selection import fit_level
 from tests.soak.figures import Figures
@@ -18,7 +18,7 @@ _REACH_RAD = 2.0
 _CHECKS = 200
 _ALLOWED = 1.15
 _PLACE = exp_twist(np.array([1.5, -0.8, 0.3, 0.2, -0.4, 1.1]))
-_TOOL = homogeneous(np.eye(3), np.array([0.05, -0.04, 0.12]))
+_TOOL = homogeneous_matrix(np.eye(3), np.array([0.05, -0.04, 0.12]))
 _ERRORS = np.array([np.deg2rad(0.15), 4e-4, 4e-4, np.deg2rad(0.03), np.deg2rad(0.03)])
 
 
@@ -31,7 +31,10 @@ def outliers(trials: int) -> Figures:
     for seed in range(trials):
         rng = np.random.default_rng(seed)
         truth = _arm(model, rng)
-        rows, checks = _points(truth, rng, _ROWS), rng.uniform(-_REACH_RAD, _REACH_RAD, (_CHECKS, model.axes))
+        rows, checks = (
+            _points(truth, rng, _ROWS),
+            rng.uniform(-_REACH_RAD, _REACH_RAD, (_CHECKS, model.axis_count)),
+        )
         clean.append(_square(truth, _fitted(model, rows)[0], checks))
         for share in _SHARES:
             wrong = rng.choice(_ROWS, int(share * _ROWS), replace=False)
@@ -49,13 +52,13 @@ def outliers(trials: int) -> Figures:
 
 
 def _arm(model: RobotModel, rng: np.random.Generator) -> ArmState:
-    state = nominal_state(model, (Device(_PLACE, np.zeros(3)),), _TOOL)
-    geometry = rng.standard_normal((model.axes, 5)) * _ERRORS
+    state = nominal_state(model, (DevicePlacement(_PLACE, np.zeros(3)),), _TOOL)
+    geometry = rng.standard_normal((model.axis_count, 5)) * _ERRORS
     return ArmState(model, geometry, (), np.zeros(0), state.flange_tool, state.devices)
 
 
 def _points(truth: ArmState, rng: np.random.Generator, count: int) -> PointObservations:
-    joints = rng.uniform(-_REACH_RAD, _REACH_RAD, (count, truth.nominal.axes))
+    joints = rng.uniform(-_REACH_RAD, _REACH_RAD, (count, truth.nominal.axis_count))
     seen = _tips(truth, joints) + _SIGMA_M * rng.standard_normal((count, 3))
     return PointObservations(joints, seen, np.full(count, _SIGMA_M), np.zeros(count, dtype=np.intp))
 

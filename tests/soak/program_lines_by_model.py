@@ -63,12 +63,12 @@ def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: 
 
 def _rows(maker: Maker, count: int, dice: np.random.Generator) -> Rows:
     model = load_model(maker.model)
-    joints = np.array(maker.middle_rad) + dice.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axes))
+    joints = np.array(maker.middle_rad) + dice.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axis_count))
     base_tip = model.base_flange(joints)
     places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(maker.frame_mm)
     turned = values_from(maker.convention, base_tip[:, :3, :3])
     rule = brand_named(maker.brand).configurations
-    states = [] if rule is None else rule.spelled(model, joints, [maker.like] * count)
+    states = [] if rule is None else rule.write_configurations(model, joints, [maker.like] * count)
     return Rows(places, np.rad2deg(turned) if maker.unit == "_deg" else turned, states, joints)
 
 

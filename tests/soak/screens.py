@@ -19,7 +19,7 @@ from pathlib import Path
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import Journal
 from tests.service.desks import a_cell
 from tests.soak.figures import Figures
@@ -129,9 +129,9 @@ async def _captures(browser: Browser, folder: Path, service: Service, taken: Tak
 
 def _times(path: Path, run_id: str) -> list[float]:
     arrived_ns, took_s = dict[str, int](), list[float]()
-    with Journal.open(path) as journal:
-        for event in journal.events(run_id):
-            step = json.loads(event.body)["step"] if event.kind == Kind.FINDING else ""
+    with Journal.open_file(path) as journal:
+        for event in journal.list_events(run_id):
+            step = json.loads(event.body)["step"] if event.kind == EventKind.FINDING else ""
             if pose := _POSE.fullmatch(step):
                 arrived_ns[pose[1]] = event.mono_ns
             elif (capture := _CAPTURE.fullmatch(step)) and capture[1] in arrived_ns:

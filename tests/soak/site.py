@@ -16,12 +16,12 @@ from typing import Any
 
 import zenoh
 
-from cellcal.service.record.signing import StationKey, station_key
-from cellcal.service.site.enrolment import Applicant, NewSite, enroll
+from cellcal.service.record.signing import CellKey, station_key
+from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells
 from cellcal.service.site.keys import StationKeys
-from cellcal.service.site.link_files import CELL_FILE, close, read_link_folder
-from cellcal.service.site.listener import Listener
-from cellcal.service.site.sealed import Sealer
+from cellcal.service.site.link_files import CELL_FILE, close_session, read_link_folder
+from cellcal.service.site.listener import FleetListener
+from cellcal.service.site.signed_messages import MessageSigner
 from cellcal.service.site.station import advanced_publisher
 from tests.service.sites import SITE, Site, free_port, router_of, until
 from tests.soak.figures import Figures
@@ -45,18 +45,18 @@ def site(cells: int) -> Figures:
         names = [f"cell-{k:04d}" for k in range(cells)]
         keys = {cell: station_key(Path(name) / "keys" / cell) for cell in names}
         port = free_port()
-        enroll(
+        enroll_cells(
             folder,
-            [Applicant(cell, key.public) for cell, key in keys.items()],
+            [CellApplicant(cell, key.public_key) for cell, key in keys.items()],
             NewSite(SITE, f"127.0.0.1:{port}"),
         )
         with (
             router_of(folder),
-            Listener(folder / "monitor", Path(name) / "s.sqlite", patience_s=60) as listener,
+            FleetListener(folder / "monitor", Path(name) / "s.sqlite", patience_s=60) as listener,
         ):
             put, online, share = _follow(Path(name), names, listener)
             flaws = listener.fleet.flaw_count
-            heard = sum(listener.fleet.samples().values())
+            heard = sum(listener.fleet.sample_counts().values())
     line = (
         f"site: {cells} cells at {RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {put - heard} lost, "
         f"{online} online, {flaws} not believed, monitor {share:.0%} of a core (at most 50 %); "
@@ -67,7 +67,7 @@ def site(cells: int) -> Figures:
     )
 
 
-def _follow(root: Path, names: list[str], listener: Listener) -> tuple[int, int, float]:
+def _follow(root: Path, names: list[str], listener: FleetListener) -> tuple[int, int, float]:
     players = [player_of(root, names[k::_PLAYERS]) for k in range(_PLAYERS)]
     try:
         for player in players:
@@ -81,7 +81,7 @@ def _follow(root: Path, names: list[str], listener: Listener) -> tuple[int, int,
             player.stdin.flush()
         counts = [int(player.stdout.readline()) for player in players if player.stdout is not None]
         share = (time.process_time() - used_s) / (time.monotonic() - began_s)
-        online = sum(view.link == "online" for view in listener.fleet.views(time.monotonic()))
+        online = sum(view.link == "online" for view in listener.fleet.cell_views(time.monotonic()))
         time.sleep(2.0)  # what is on its way
         return sum(counts), online, share
     finally:
@@ -107,7 +107,7 @@ def _outage() -> tuple[int, int]:
         with (
             one.publishing("cell-07"),
             one.router() as router,
-            Listener(one.monitor, store, patience_s=60.0) as listener,
+            FleetListener(one.monitor, store, patience_s=60.0) as listener,
         ):
             grow(2.0)
             router.kill()
@@ -116,9 +116,9 @@ def _outage() -> tuple[int, int]:
             with one.router():
                 grow(2.0)
                 ends_s = time.monotonic() + 60.0
-                while len(listener.numbers("cell-07")) < count and time.monotonic() < ends_s:
+                while len(listener.event_numbers("cell-07")) < count and time.monotonic() < ends_s:
                     time.sleep(0.1)
-                return len(set(range(1, count + 1)) - set(listener.numbers("cell-07"))), count
+                return len(set(range(1, count + 1)) - set(listener.event_numbers("cell-07"))), count
 
 
 def player_of(root: Path, names: list[str], span_s: float = _SPAN_S) -> "subprocess.Popen[str]":
@@ -140,11 +140,11 @@ class _Player:
 
     def __init__(self, root: Path, cell: str) -> None:
         self.keys = StationKeys(SITE, cell)
-        self.key: StationKey = station_key(root / "keys" / cell)
-        self.sealer = Sealer(self.key, cell, "e")
+        self.key: CellKey = station_key(root / "keys" / cell)
+        self.sealer = MessageSigner(self.key, cell, "e")
         link = read_link_folder(root / "site" / "cells" / cell, CELL_FILE)
         self.session = zenoh.open(link.zenoh_config([("connect/timeout_ms", 60_000)]))
-        self.token = self.session.liveliness().declare_token(self.keys.alive)
+        self.token = self.session.liveliness().declare_token(self.keys.alive_key)
         self.numbers = itertools.count(1)
         joints = {
             "name": "robot",
@@ -153,10 +153,11 @@ class _Player:
             "joints_rad": [0.123456789] * 6,
             "moving": False,
         }
-        self.state = advanced_publisher(self.session, self.keys.state, 1)
-        self.joints_publisher = self.session.declare_publisher(self.keys.joints)
+        self.state = advanced_publisher(self.session, self.keys.state_key, 1)
+        self.joints_publisher = self.session.declare_publisher(self.keys.joints_key)
         self.joints = [
-            self.sealer.seal(self.keys.joints, next(self.numbers), joints) for _ in range(_PRESIGNED)
+            self.sealer.sign_message(self.keys.joints_key, next(self.numbers), joints)
+            for _ in range(_PRESIGNED)
         ]
 
     def tell(self, tick: int) -> int:
@@ -164,7 +165,7 @@ class _Player:
         self.joints_publisher.put(self.joints[tick % _PRESIGNED])
         if tick % RATE_HZ:
             return 1
-        self.state.put(self.sealer.seal(self.keys.state, next(self.numbers), _state()))
+        self.state.put(self.sealer.sign_message(self.keys.state_key, next(self.numbers), _state()))
         return 2
 
 
@@ -200,7 +201,7 @@ def _play() -> None:
     sys.stdout.flush()
     sys.stdin.read()  # stay until everybody has been counted
     for player in players:
-        close(player.session)
+        close_session(player.session)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from playwright.async_api import Page, WebSocket
 
-from cellcal.service.people.accounts import Register
+from cellcal.service.people.accounts import AccountStore
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium
 
 # Lines of the steps as [name, whether it is the current one, how many of it are done]; points of a page that teaches.
@@ -87,7 +87,7 @@ class Tab:
 @asynccontextmanager
 async def a_tab(data_dir: Path, port: int) -> AsyncIterator[Tab]:
     """Open the service's page in a browser that was enrolled; nobody signs in, it looks on."""
-    token = Register(data_dir).enrolment("tab", "test")
+    token = AccountStore(data_dir).create_enrolment("tab", "test")
     async with chromium() as browser:
         context = await browser.new_context(viewport={"width": 1280, "height": 800})
         context.set_default_timeout(PATIENCE_MS)

@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous_matrix
 from cellcal.calibration.points.touch_design import planned_attitudes
 from cellcal.calibration.uncertainty import Verdict
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
+from cellcal.procedures.six_point_tcp import DEFINITION, SixPointTcp, ToolSetup, six_point_tcp
 from tests.procedures.cells import TIP, Scene, touching
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.figures import Figures
@@ -64,14 +64,14 @@ def teach(seed: int, settings: dict[str, Any]) -> Taught | None:
 
 def told(spec: SixPointTcp, setup: ToolSetup, truth_m: np.ndarray) -> Taught:
     """Hold what a procedure found against the true tip."""
-    assert ENTRY.verdict is not None
+    assert DEFINITION.verdict is not None
     return Taught(
         error_m=float(np.linalg.norm(np.array(setup.tip.tip_in_flange_m) - truth_m)),
         u_m=setup.tip.tip_u_in_space_m,
         touches=setup.touches,
         fixed_plan=setup.fixed_plan_touches,
         again=len(setup.set_aside),
-        refused=ENTRY.verdict(spec, setup).word is Verdict.FAIL,
+        refused=DEFINITION.verdict(spec, setup).overall_decision is Verdict.FAIL,
     )
 
 
@@ -86,7 +86,7 @@ def held_at(planned: np.ndarray, random: np.random.Generator, pin_m: np.ndarray)
     wobble *= random.uniform(0.0, WOBBLE_RAD) / np.linalg.norm(wobble)
     rotation = SQUARE @ planned @ exp_rotation(wobble)
     place = pin_m + random.normal(scale=SIGMA_M, size=3)
-    return homogeneous(rotation, place - rotation @ np.array(TIP))
+    return homogeneous_matrix(rotation, place - rotation @ np.array(TIP))
 
 
 def _hands(made: Scene, planned: np.ndarray, random: np.random.Generator) -> Callable[[], None]:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import track
 
 from cellcal.calibration.points.touch_design import planned_attitudes
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.fixture import own_flange
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.six_point_tcp import six_point_tcp
@@ -66,7 +66,7 @@ class _Technician(Hands):
 
     def __init__(self, bench: Bench, seed: int) -> None:
         super().__init__()
-        self._arm: Arm = bench.fake.world.arms["fanuc"]
+        self._arm: SimulatedArm = bench.fake.world.arms["fanuc"]
         self._pin_m = np.array(PINS_M[seed % len(PINS_M)])
         self._dice = np.random.default_rng([seed, 11])
 
@@ -81,13 +81,13 @@ class _Technician(Hands):
 
     def _creep(self, goal: np.ndarray) -> None:
         arm, near = self._arm, np.array(joints_for(goal))
-        arm.place(near + self._dice.uniform(-AWAY_RAD, AWAY_RAD, len(near)))
-        arm.place(near)
+        arm.put_joints(near + self._dice.uniform(-AWAY_RAD, AWAY_RAD, len(near)))
+        arm.put_joints(near)
         for _ in range(_STEPS):
             left = _apart(goal, arm.base_flange())
             if np.linalg.norm(left[:3]) < _CLOSE_M:
                 return
-            arm.place(arm.joints_rad + np.linalg.solve(self._ways(), left))
+            arm.put_joints(arm.joints_rad + np.linalg.solve(self._ways(), left))
         raise AssertionError(f"the tip does not come to the pin: {left}")
 
     def _ways(self) -> np.ndarray:

@@ -82,11 +82,11 @@ async def _stop(floor: Floor) -> list[float]:
     try:
         began_s, shown_s = await _when(
             both, "[data-testid=stopped][role=alert]", True,
-            lambda: floor.door.fault("emergency_stop", device="fanuc"),
+            lambda: floor.door.inject_fault("emergency_stop", device="fanuc"),
         )  # fmt: skip
     finally:
         for mended in ("release_emergency_stop", "press_reset"):
-            await floor.door.fault(mended, device="fanuc")
+            await floor.door.inject_fault(mended, device="fanuc")
     for page in both:
         await seen(page, "stopped", there=False)
     return [each_s - began_s for each_s in shown_s]

@@ -12,7 +12,7 @@ from typing import Any
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.soak.figures import Figures
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.fakes import running
@@ -21,7 +21,7 @@ PROMISE_S = 2.0
 _PATIENCE_S = 30.0
 _CASE = ROBOTS["universal_robots"]
 _CHILD = "cellcal.drivers.universal_robots.child"
-Mischief = Callable[[Door], Awaitable[None]]
+Mischief = Callable[[FakeCellClient], Awaitable[None]]
 
 
 def fence(rounds: int) -> Figures:
@@ -40,7 +40,7 @@ def fence(rounds: int) -> Figures:
 async def _campaign(rounds: int) -> dict[str, list[float]]:
     delays: dict[str, list[float]] = {name: [] for name in _MISCHIEF}
     with tempfile.TemporaryDirectory() as folder, running(Path(folder)) as (path, door):
-        config = read_cell_file(path).robot(_CASE.name).model_copy(update={"watchdog_hz": 5.0})
+        config = read_cell_file(path).robot_named(_CASE.name).model_copy(update={"watchdog_hz": 5.0})
         async with opened(config) as robot:
             for _ in range(rounds):
                 for name, mischief in _MISCHIEF.items():
@@ -48,7 +48,7 @@ async def _campaign(rounds: int) -> dict[str, list[float]]:
     return delays
 
 
-async def _one(robot: Any, door: Door, mischief: Mischief) -> float:
+async def _one(robot: Any, door: FakeCellClient, mischief: Mischief) -> float:
     await _CASE.heal(door, robot)
     await robot.move_joints(_CASE.home_rad, speed_rad_s=0.5)
     move = asyncio.create_task(robot.move_joints(_CASE.away_rad, speed_rad_s=_CASE.slow_rad_s))
@@ -69,12 +69,12 @@ async def _one(robot: Any, door: Door, mischief: Mischief) -> float:
     return delay_s
 
 
-async def _moves(door: Door) -> bool:
-    return bool((await door.truth())["robots"][_CASE.name]["moving"])
+async def _moves(door: FakeCellClient) -> bool:
+    return bool((await door.read_truth())["robots"][_CASE.name]["moving"])
 
 
 def _signal(number: signal.Signals) -> Mischief:
-    async def send(_: Door) -> None:
+    async def send(_: FakeCellClient) -> None:
         for pid in _our_children():
             os.kill(pid, number)
 
@@ -95,8 +95,8 @@ def _is_our_child(process: Path) -> bool:
 
 
 def _fault(name: str) -> Mischief:
-    async def happen(door: Door) -> None:
-        await door.fault(name, device=_CASE.name)
+    async def happen(door: FakeCellClient) -> None:
+        await door.inject_fault(name, device=_CASE.name)
 
     return happen
 

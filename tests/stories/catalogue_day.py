@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.geometry import Array, homogeneous, quaternion_from_rotation
+from cellcal.calibration.geometry import Array, homogeneous_matrix, quaternion_from_rotation
 from cellcal.calibration.points.tag_points import TagPath
 from tests.stories.day_cell import CORNER, OVER_THE_CORNER_RAD, POINTS_M, TARGETS_M
 from tests.stories.days import Story
@@ -25,8 +25,8 @@ TILTS = (
     ((0, 0, 1), 1.0),
     ((1, 0, 0), 0.5),
 )
-FRAME = homogeneous(turned((0, 0, 1), 0.3) @ turned((0, 1, 0), 0.05), np.array([0.75, -0.2, -0.2]))
-MOVED = homogeneous(turned((0, 0, 1), 0.02), np.array([0.03, -0.02, 0.004]))
+FRAME = homogeneous_matrix(turned((0, 0, 1), 0.3) @ turned((0, 1, 0), 0.05), np.array([0.75, -0.2, -0.2]))
+MOVED = homogeneous_matrix(turned((0, 0, 1), 0.02), np.array([0.03, -0.02, 0.004]))
 OF_WORKPIECE_M = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.35, 0.0), (0.25, 0.2, 0.1))
 FIXTURE: dict[str, Any] = {
     "fixture": "table",

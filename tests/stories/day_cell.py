@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.service.demo.door import Door
 from cellcal.service.demo.fake_cell import free_address, running_fakes
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 from tests.procedures.corners import corner_below
 from tests.wire.probe_cell import corner_tables
@@ -120,7 +120,7 @@ flange_tool = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
 @asynccontextmanager
 async def day_cell(
     folder: Path, *, seed: int = 3, points_m: tuple[tuple[float, ...], ...] = POINTS_M
-) -> AsyncIterator[tuple[Path, Door]]:
+) -> AsyncIterator[tuple[Path, FakeCellClient]]:
     """Run the cell's fakes; its file is in ``folder``."""
     with free_address() as one, free_address() as other:
         robots = [

@@ -13,7 +13,7 @@ from playwright.async_api import Page, ViewportSize, expect
 from playwright.async_api import TimeoutError as NotThere
 
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.machine_speed import stretched_s
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
 from tests.stories.day_cell import PACE, day_cell
@@ -76,7 +76,7 @@ class Day:
         """Run one procedure from its page until the page tells how it ended."""
         await self._choose(story.robot)
         self.hands.places = story.places
-        await self.hands.door.ask("pace", time_factor=story.pace)
+        await self.hands.door.send_command("pace", time_factor=story.pace)
         await self._start(story)
         asked: list[str] = []
         async with asyncio.timeout(PATIENCE_S):
@@ -218,7 +218,7 @@ async def working_day(
     """Run the cell, its service and a browser at it, which speaks that language."""
     async with (
         day_cell(folder) as (path, door),
-        served(create_app(Settings(path, open_access=True))) as url,
+        served(create_app(ServiceSettings(path, open_access=True))) as url,
         chromium() as browser,
     ):
         page = await browser.new_page(viewport=SCREEN, locale=locale)

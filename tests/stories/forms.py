@@ -81,7 +81,7 @@ async def _pose(page: Page, field: Locator, path: str, told: Mapping[str, Any]) 
 
 def _turns_rad(pose: Pose) -> tuple[float, float, float]:
     """Return the angles about the fixed axes x, y, z, as pendants show them."""
-    rotation = np.asarray(pose.rotation())
+    rotation = np.asarray(pose.rotation_matrix())
     return (
         math.atan2(rotation[2, 1], rotation[2, 2]),
         math.asin(-rotation[2, 0]) + 0.0,  # and no minus before a zero

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
-from cellcal.service.demo.door import Door
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous_matrix, log_rotation
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 
 _MOUNT, _HOOK = re.compile(r"mount_wire_(\d+)"), re.compile(r"hook_wire_(\d+)")
 _MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")
@@ -27,7 +27,7 @@ class Hands:
     ``places`` maps keys of instructions to poses of the flange in the base, as the pendant shows them.
     """
 
-    def __init__(self, door: Door, places: dict[str, Array]) -> None:
+    def __init__(self, door: FakeCellClient, places: dict[str, Array]) -> None:
         self.door, self.places = door, places
         self._dice = np.random.default_rng(5)
 
@@ -35,26 +35,26 @@ class Hands:
         """Do what is asked; keys that need no hands are agreed to as they are."""
         key, wire = str(prompt["key"]), f"wire of {robot}"
         if key in self.places:
-            await self.door.fault("hand_moves", joints=self._jogged(self.places[key]), device=robot)
+            await self.door.inject_fault("hand_moves", joints=self._jogged(self.places[key]), device=robot)
         elif key in ("new_battery", "power_cycle"):
-            await self.door.fault(key, device=robot)
+            await self.door.inject_fault(key, device=robot)
         elif key in (
             "hook_stays_on",
             "wire_is_hooked",
             "hook_wire_back",
         ):  # an end-effector's hole may have had it
-            await self.door.fault("wire_home", device=wire)
+            await self.door.inject_fault("wire_home", device=wire)
         elif mount := _MOUNT.fullmatch(key):
             mouth = _MOUTH.search(str(prompt["text"]))
             told = {} if mouth is None else {"mouth_at_m": [int(value) * 1e-3 for value in mouth.groups()]}
-            await self.door.fault("mount_wire", point=int(mount[1]), device=wire, **told)
+            await self.door.inject_fault("mount_wire", point=int(mount[1]), device=wire, **told)
         elif hook := _HOOK.fullmatch(key):
-            await self.door.fault("hook_wire", target=int(hook[1]), device=wire)
+            await self.door.inject_fault("hook_wire", target=int(hook[1]), device=wire)
 
     async def reads(self, prompt: dict[str, Any]) -> str:
         """Read the instrument that has no wire to this computer, and write down what it shows, in millimetres."""
         name = str(prompt["key"]).removeprefix("reading:")
-        told = (await self.door.truth())["gauges"][name]["reading_m"]
+        told = (await self.door.read_truth())["gauges"][name]["reading_m"]
         return f"{1e3 * told:.2f}".replace(".", ",")
 
     def _jogged(self, base_flange: Array) -> list[float]:
@@ -86,7 +86,7 @@ def _within_limits(joints: Array) -> bool:
 
 def flange_at(tip_in_base_m: Sequence[float], attitude: Array, tip_in_flange_m: Sequence[float]) -> Array:
     """Return the flange (4, 4) whose tip is at a place, in an attitude (3, 3) of the flange."""
-    return homogeneous(attitude, np.asarray(tip_in_base_m) - attitude @ np.asarray(tip_in_flange_m))
+    return homogeneous_matrix(attitude, np.asarray(tip_in_base_m) - attitude @ np.asarray(tip_in_flange_m))
 
 
 def turned(about: Sequence[float], angle_rad: float) -> Array:

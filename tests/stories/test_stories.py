@@ -8,9 +8,9 @@ import pytest
 from playwright.async_api import Page, expect
 
 from cellcal.service.cli.certificate import verify
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.web.app import create_app
-from cellcal.service.web.context import Settings
+from cellcal.service.web.context import ServiceSettings
 from tests.service.browsers import hold_to_rules_in_every_language
 from tests.service.desks import without_a_wire_to_the_gauge
 from tests.service.doors import Clock
@@ -46,7 +46,7 @@ async def test_a_technician_teaches_tool_frame_and_workpiece_and_places_a_simula
 async def test_a_technician_is_told_of_a_face_that_the_probe_does_not_meet(tmp_path: Path) -> None:
     """The slice of the story below: up to its first touch."""
     async with working_day(tmp_path) as day:
-        await day.hands.door.fault("stuck_open", device="probe")
+        await day.hands.door.inject_fault("stuck_open", device="probe")
         ended = await day.tell(PROBED)
     assert ended.asked == ("probe_at_corner", "accept_plan")
     assert "touch the z face 1: no contact within" in ended.words
@@ -73,7 +73,7 @@ async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_
         await shop.until(lambda session: session["connection"]["connected"])
         day = Day(page, Hands(door, {}), None)
         assert (await day.tell(RECORD)).verdict == "pass"
-        await door.fault("battery_loss", device="fanuc")
+        await door.inject_fault("battery_loss", device="fanuc")
         ended = await day.to_its_end(Story("mastering_recovery"))
         assert ended.verdict == "pass", ended.words
         _, before = certificate_of(tmp_path, ended)
@@ -95,7 +95,10 @@ async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_
 async def test_lengths_are_typed_from_an_instrument_that_has_no_wire_to_the_cell(tmp_path: Path) -> None:
     async with day_cell(tmp_path) as (path, door):
         without_a_wire_to_the_gauge(path)
-        async with looking_at(create_app(Settings(path, open_access=True))) as looks, looks.page() as page:
+        async with (
+            looking_at(create_app(ServiceSettings(path, open_access=True))) as looks,
+            looks.page() as page,
+        ):
             day = Day(page, _Clumsy(door, page), None)
             ended = await day.tell(Story("mastering_record", {"poses": 8, "samples": 1}))
     assert ended.asked.count("reading:wire of fanuc") == 8
@@ -107,7 +110,7 @@ async def test_lengths_are_typed_from_an_instrument_that_has_no_wire_to_the_cell
 class _Clumsy(Hands):
     """Reads a display whose wire is closed, and types a word at first."""
 
-    def __init__(self, door: Door, page: Page) -> None:
+    def __init__(self, door: FakeCellClient, page: Page) -> None:
         super().__init__(door, {})
         self._page, self._begun = page, False
 

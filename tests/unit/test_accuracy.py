@@ -10,17 +10,17 @@ import pytest
 from cellcal.calibration.accuracy import (
     FULL_TITLE,
     REDUCED_TITLE,
-    Attained,
-    Conditions,
-    compare,
+    AccuracyConditions,
+    AttainedPoses,
+    compare_accuracy,
     cube_positions,
-    evaluate,
+    evaluate_accuracy,
     refuse_fitted,
 )
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation
 
-FULL = Conditions(load_share=1.0, speed_share=1.0, warmed_up=True, one_direction=True)
+FULL = AccuracyConditions(load_share=1.0, speed_share=1.0, warmed_up=True, one_direction=True)
 NONE_FITTED = np.empty((0, 6))
 JOINTS = np.random.default_rng(0).uniform(-2, 2, (5, 6))
 COMMANDED = cube_positions((0.8, 0.1, 0.6), 0.5)
@@ -29,14 +29,14 @@ COMMANDED = cube_positions((0.8, 0.1, 0.6), 0.5)
 def attained(seed=1, cycles=30, shift=(3e-4, -2e-4, 1e-4), scatter=2e-5, **fields):
     rng = np.random.default_rng(seed)
     positions = COMMANDED[:, None] + np.array(shift) + rng.normal(scale=scatter, size=(5, cycles, 3))
-    return Attained(COMMANDED, positions, JOINTS, **fields)
+    return AttainedPoses(COMMANDED, positions, JOINTS, **fields)
 
 
 def test_the_formulas_by_hand():
     seen = np.array([[[3.0, 0, 0], [1.0, 0, 0], [2.0, 1, 0], [2.0, -1, 2]]]) * 1e-3
-    pose = evaluate(Attained(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED).poses[
-        0
-    ]
+    pose = evaluate_accuracy(
+        AttainedPoses(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
+    ).poses[0]
     # mean (2, 0, 0.5); squared distances 1.25, 1.25, 1.25, 3.25
     lengths = [math.sqrt(1.25)] * 3 + [math.sqrt(3.25)]
     assert pose.ap_m == pytest.approx(math.sqrt(4.25) * 1e-3, rel=1e-12)
@@ -47,7 +47,9 @@ def test_the_formulas_by_hand():
 
 def test_two_cycles_either_side_are_their_half_distance():
     seen = np.array([[[1.0, 0, 0], [-1.0, 0, 0]]]) * 1e-3
-    test = evaluate(Attained(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(
+        AttainedPoses(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
+    )
     assert test.rp_m == pytest.approx(1e-3, rel=1e-12)
     assert test.ap_m == 0.0
 
@@ -57,7 +59,7 @@ def test_turns_are_mean_and_three_deviations_about_the_base_axes():
     tilt = np.array([[1e-3, 0, 0], [3e-3, 0, 0], [2e-3, 0, 1e-3]])
     turned = exp_rotation(tilt)[None] @ commanded[:, None]
     data = replace(attained(cycles=3), commanded_rotations=commanded, rotations=turned)
-    pose = evaluate(data, FULL, fitted_joints_rad=NONE_FITTED).poses[0]
+    pose = evaluate_accuracy(data, FULL, fitted_joints_rad=NONE_FITTED).poses[0]
     assert pose.ap_turns_rad == pytest.approx((2e-3, 0, 1e-3 / 3), abs=1e-9)
     assert pose.rp_turns_rad == pytest.approx((3e-3, 0, 3 * statistics.stdev([0, 0, 1e-3])), abs=1e-9)
 
@@ -65,7 +67,7 @@ def test_turns_are_mean_and_three_deviations_about_the_base_axes():
 def test_the_total_is_the_worst_pose():
     data = attained()
     data.positions_m[3] += [1e-3, 0, 0]
-    test = evaluate(data, FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(data, FULL, fitted_joints_rad=NONE_FITTED)
     assert test.ap_m == test.poses[3].ap_m
     assert test.rp_m == max(pose.rp_m for pose in test.poses)
     assert test.mean_ap_m < test.ap_m
@@ -82,31 +84,33 @@ def test_the_total_is_the_worst_pose():
     ],
 )
 def test_what_is_less_than_the_full_test_says_so_in_its_title(conditions, cycles, departure):
-    test = evaluate(attained(cycles=cycles), conditions, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained(cycles=cycles), conditions, fitted_joints_rad=NONE_FITTED)
     assert test.title == REDUCED_TITLE
     assert len(test.departures) == 1
     assert departure in test.departures[0]
 
 
 def test_the_full_test_bears_its_name():
-    test = evaluate(attained(), FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained(), FULL, fitted_joints_rad=NONE_FITTED)
     assert (test.title, test.departures) == (FULL_TITLE, ())
 
 
 def test_fewer_poses_are_a_departure():
     whole = attained()
-    four = Attained(whole.commanded_m[:4], whole.positions_m[:4], whole.joints_rad[:4])
-    assert evaluate(four, FULL, fitted_joints_rad=NONE_FITTED).departures == ("4 poses instead of 5",)
+    four = AttainedPoses(whole.commanded_m[:4], whole.positions_m[:4], whole.joints_rad[:4])
+    assert evaluate_accuracy(four, FULL, fitted_joints_rad=NONE_FITTED).departures == (
+        "4 poses instead of 5",
+    )
 
 
 def test_fitted_poses_are_refused_even_where_the_controller_rounded():
     fitted = np.random.default_rng(3).uniform(-2, 2, (200, 6))
     fitted[17] = np.radians(np.round(np.degrees(JOINTS[2]), 1))
     with pytest.raises(CalibrationError, match="pose 2 is row 17") as caught:
-        evaluate(attained(), FULL, fitted_joints_rad=fitted)
+        evaluate_accuracy(attained(), FULL, fitted_joints_rad=fitted)
     assert caught.value.code == "calibration.leakage"
     fitted[17] += np.radians(0.5)
-    evaluate(attained(), FULL, fitted_joints_rad=fitted)
+    evaluate_accuracy(attained(), FULL, fitted_joints_rad=fitted)
 
 
 def test_one_joint_apart_is_another_pose():
@@ -116,7 +120,9 @@ def test_one_joint_apart_is_another_pose():
 
 
 def test_the_uncertainties_are_the_scatter_of_repeated_tests():
-    tests = [evaluate(attained(seed), FULL, fitted_joints_rad=NONE_FITTED).poses[0] for seed in range(600)]
+    tests = [
+        evaluate_accuracy(attained(seed), FULL, fitted_joints_rad=NONE_FITTED).poses[0] for seed in range(600)
+    ]
     ap, rp = np.array([t.ap_m for t in tests]), np.array([t.rp_m for t in tests])
     stated_ap = np.sqrt(np.mean([t.ap_sigma_m**2 for t in tests]))
     stated_rp = np.sqrt(np.mean([t.rp_sigma_m**2 for t in tests]))
@@ -125,29 +131,29 @@ def test_the_uncertainties_are_the_scatter_of_repeated_tests():
 
 
 def test_an_instruments_uncertainty_does_not_average_out():
-    test = evaluate(attained(device_sigma_m=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained(device_sigma_m=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
     assert all(1e-4 < pose.ap_sigma_m < 1.01e-4 for pose in test.poses)
 
 
 def test_before_and_after_claim_a_change_only_where_it_shows():
-    before = evaluate(attained(1), FULL, fitted_joints_rad=NONE_FITTED)
-    better = evaluate(attained(2, shift=(5e-5, 0, 0)), FULL, fitted_joints_rad=NONE_FITTED)
-    same = evaluate(attained(3), FULL, fitted_joints_rad=NONE_FITTED)
-    gained = compare(before, better)
+    before = evaluate_accuracy(attained(1), FULL, fitted_joints_rad=NONE_FITTED)
+    better = evaluate_accuracy(attained(2, shift=(5e-5, 0, 0)), FULL, fitted_joints_rad=NONE_FITTED)
+    same = evaluate_accuracy(attained(3), FULL, fitted_joints_rad=NONE_FITTED)
+    gained = compare_accuracy(before, better)
     assert gained.improved == (True,) * 5
     assert all(change < -2e-4 for change in gained.ap_change_m)
     assert gained.repeatability_alike
-    assert compare(better, before).improved == (False,) * 5
-    assert compare(before, same).improved.count(None) >= 4
-    loose = evaluate(attained(4, scatter=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
-    assert not compare(before, loose).repeatability_alike
+    assert compare_accuracy(better, before).improved == (False,) * 5
+    assert compare_accuracy(before, same).improved.count(None) >= 4
+    loose = evaluate_accuracy(attained(4, scatter=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
+    assert not compare_accuracy(before, loose).repeatability_alike
 
 
 def test_other_conditions_cannot_be_compared():
-    before = evaluate(attained(), FULL, fitted_joints_rad=NONE_FITTED)
-    after = evaluate(attained(), replace(FULL, speed_share=0.5), fitted_joints_rad=NONE_FITTED)
+    before = evaluate_accuracy(attained(), FULL, fitted_joints_rad=NONE_FITTED)
+    after = evaluate_accuracy(attained(), replace(FULL, speed_share=0.5), fitted_joints_rad=NONE_FITTED)
     with pytest.raises(CalibrationError, match="alike"):
-        compare(before, after)
+        compare_accuracy(before, after)
 
 
 @pytest.mark.parametrize("plane", range(4))

@@ -11,20 +11,20 @@ from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
-    believed_sigma,
     errors_at,
     fit_arm,
+    fit_placement,
     found_parameters,
     outlook_from,
     outlook_of,
-    placed,
     predicted_sigma,
-    target_u,
+    reading_sigma,
+    target_expanded_u,
 )
-from cellcal.calibration.poses.enough_poses import Acceptance
+from cellcal.calibration.poses.enough_poses import AcceptanceLimits
 from cellcal.calibration.poses.measurement_poses import TestPoses
-from cellcal.calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
-from cellcal.calibration.poses.shortfall import shortfall
+from cellcal.calibration.poses.next_pose import choose_in_turn, random_poses_needed, spread_order
+from cellcal.calibration.poses.shortfall import find_shortfall
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
 MODEL = load_model("fanuc_m6ib")
@@ -50,65 +50,75 @@ def test_held_out_readings_lie_within_what_a_fit_predicts(task: ArmTask) -> None
     dice, squares = np.random.default_rng(5), []
     for _ in range(8):
         values, _ = _measured(task, POOL[:80], dice)
-        rows = task.observations(POOL[:80], values)
-        robust = fit_arm(task, rows.take(np.arange(50)))
-        held = rows.take(np.arange(50, 80))
+        rows = task.to_observations(POOL[:80], values)
+        robust = fit_arm(task, rows.select_rows(np.arange(50)))
+        held = rows.select_rows(np.arange(50, 80))
         sigma = np.hypot(predicted_sigma(robust.fit, task, held.joints_rad), task.sigma_m)
         squares.append(np.mean((errors_at(robust.fit.state, held) / sigma) ** 2))
-        assert believed_sigma(task, robust) >= task.sigma_m
+        assert reading_sigma(task, robust) >= task.sigma_m
     assert 0.5 < np.mean(squares) < 1.4
 
 
 def test_known_zeros_are_found_and_places_belong_to_nobody() -> None:
     values, errors = _measured(POINTS, POOL[:60], np.random.default_rng(6))
-    found = {p.name: p for p in found_parameters(fit_arm(POINTS, POINTS.observations(POOL[:60], values)).fit)}
+    found = {
+        p.name: p for p in found_parameters(fit_arm(POINTS, POINTS.to_observations(POOL[:60], values)).fit)
+    }
     assert abs(found["J3 offset"].value - errors[2, 0]) < 4 * found["J3 offset"].sigma
     assert not any(name.startswith(("base", "tool")) for name in found)
 
 
 def test_a_known_arm_is_only_placed() -> None:
     values, errors = _measured(POINTS, POOL[:40], np.random.default_rng(7))
-    rows = POINTS.observations(POOL[:40], values)
+    rows = POINTS.to_observations(POOL[:40], values)
     names = {
         f"J{i + 1} {what}": errors[i, k]
         for i in range(6)
         for k, what in enumerate(("offset", "d", "a", "alpha", "beta"))
     }
-    nominal, known = placed(POINTS, rows, {}).state, placed(POINTS, rows, names).state
+    nominal, known = fit_placement(POINTS, rows, {}).state, fit_placement(POINTS, rows, names).state
     assert np.std(errors_at(known, rows)) < 1.3 * POINTS.sigma_m
     assert np.std(errors_at(nominal, rows)) > 5 * POINTS.sigma_m
 
 
 def test_chosen_poses_tell_more_than_drawn_ones_and_the_need_is_counted() -> None:
     before = outlook_of(WIRE, POOL[:0])
-    turn = best_in_turn(before, POOL[:200], TESTS, lambda *_: False, most=30)
-    chosen, drawn = target_u(turn.after, TESTS)[0], target_u(before.with_measured(POOL[:30]), TESTS)[0]
+    turn = choose_in_turn(before, POOL[:200], TESTS, lambda *_: False, most=30)
+    chosen, drawn = (
+        target_expanded_u(turn.after, TESTS)[0],
+        target_expanded_u(before.with_measured(POOL[:30]), TESTS)[0],
+    )
     assert len(set(turn.order)) == 30
     assert chosen < drawn
-    needed = drawn_need(before, POOL[:200], lambda known: target_u(known, TESTS)[0] <= chosen)
+    needed = random_poses_needed(
+        before, POOL[:200], lambda known: target_expanded_u(known, TESTS)[0] <= chosen
+    )
     assert needed is not None
     assert 30 < needed <= 60
-    assert drawn_need(before, POOL[:20], lambda _: False) is None
+    assert random_poses_needed(before, POOL[:20], lambda _: False) is None
 
 
 def test_readings_worse_than_stated_widen_the_uncertainty() -> None:
     dice = np.random.default_rng(8)
     values, _ = _measured(WIRE, POOL[:70], dice)
     worse = values + dice.normal(size=values.shape) * 4 * WIRE.sigma_m
-    good, bad = (fit_arm(WIRE, WIRE.observations(POOL[:70], v)) for v in (values, worse))
-    assert believed_sigma(WIRE, bad) > 2.5 * believed_sigma(WIRE, good)
-    assert target_u(outlook_from(WIRE, bad), TESTS)[0] > 1.5 * target_u(outlook_from(WIRE, good), TESTS)[0]
+    good, bad = (fit_arm(WIRE, WIRE.to_observations(POOL[:70], v)) for v in (values, worse))
+    assert reading_sigma(WIRE, bad) > 2.5 * reading_sigma(WIRE, good)
+    assert (
+        target_expanded_u(outlook_from(WIRE, bad), TESTS)[0]
+        > 1.5 * target_expanded_u(outlook_from(WIRE, good), TESTS)[0]
+    )
 
 
 def test_what_no_number_of_readings_brings_out_is_named_with_partner_and_cure() -> None:
     before = outlook_of(WIRE, POOL[:0])
-    found = shortfall(before, POOL[:200], Acceptance(tip_rms_m=2e-5, margin=1.0), TESTS)
+    found = find_shortfall(before, POOL[:200], AcceptanceLimits(tip_rms_m=2e-5, margin=1.0), TESTS)
     assert found is not None
     assert found.hidden_behind == "wire scale"
-    assert "certificate" in found.sentence
-    assert shortfall(before, POOL[:200], Acceptance(tip_rms_m=0.001, margin=1.0), TESTS) is None
-    zero = shortfall(
-        before, POOL[:200], Acceptance(offset_rad=1e-4, offsets_of=("J1 offset",), margin=1.0), TESTS
+    assert "certificate" in found.shortfall_text
+    assert find_shortfall(before, POOL[:200], AcceptanceLimits(tip_rms_m=0.001, margin=1.0), TESTS) is None
+    zero = find_shortfall(
+        before, POOL[:200], AcceptanceLimits(offset_rad=1e-4, offsets_of=("J1 offset",), margin=1.0), TESTS
     )
     assert zero is not None
     assert zero.hidden_behind.startswith("anchor")
@@ -127,7 +137,7 @@ def test_spread_poses_are_far_apart() -> None:
 
 def test_readings_of_another_kind_are_refused() -> None:
     with pytest.raises(CalibrationError, match="lengths"):
-        fit_arm(WIRE, POINTS.observations(POOL[:40], np.zeros((40, 3))))
+        fit_arm(WIRE, POINTS.to_observations(POOL[:40], np.zeros((40, 3))))
 
 
 def test_errors_along_a_line_are_means_and_scatters() -> None:

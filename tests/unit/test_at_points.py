@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.orientation import CONVENTIONS, values_from
-from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
+from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
 from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
@@ -34,7 +34,7 @@ def test_poses_are_brought_to_the_branch_that_was_measured(convention, tmp_path)
     wanted = known[:8] + rng.uniform(-0.1, 0.1, (8, 6))
     path = written(tmp_path / "poses.csv", convention, MODEL.base_flange(wanted))
     points = read_points(AtOptions(path, convention), 6)
-    joints = solved(points, Arm(MODEL), known)
+    joints = solve_joints(points, TipArm(MODEL), known)
     assert np.abs(joints - wanted).max() < 1e-7
 
 
@@ -43,7 +43,7 @@ def test_an_identified_arm_stands_where_the_pose_says():
     real = MODEL.with_dh_errors(dh_errors(MODEL, rng))
     known = random_joints(MODEL, rng, 40, reach=1.2)
     poses = MODEL.base_flange(known[:10])
-    found = postures_of_poses(Arm(real), poses, known)
+    found = postures_of_poses(TipArm(real), poses, known)
     assert found.reached.all()
     assert np.abs(real.base_flange(found.joints_rad) - poses).max() < 1e-7
     assert np.abs(found.joints_rad - known[:10]).max() > 1e-4
@@ -64,7 +64,7 @@ def test_points_that_make_no_sense_are_refused(text, said, tmp_path):
     path = tmp_path / "points.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(MeasurementError, match=said):
-        solved(read_points(AtOptions(path), 6), Arm(MODEL), np.zeros((1, 6)))
+        solve_joints(read_points(AtOptions(path), 6), TipArm(MODEL), np.zeros((1, 6)))
 
 
 def test_an_unknown_convention_is_named(tmp_path):

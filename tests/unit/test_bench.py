@@ -10,35 +10,35 @@ import pytest
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.bench import identify, real
-from cellcal.service.engineering.bench.compensate import judge
+from cellcal.service.engineering.bench.compensate import judge_answers
 from cellcal.service.engineering.bench.contestants import (
     OURS,
     PEERS,
-    Absent,
+    AbsentContestant,
     BenchError,
     Contestant,
     parse_interpreters,
-    run,
+    run_contestant,
 )
 from cellcal.service.engineering.bench.plots import write_results
 from cellcal.service.engineering.bench.poses import determinant_root
-from cellcal.service.engineering.bench.results import Result, Topic, as_document, take_turns
-from cellcal.service.engineering.bench.simulated import arms, draw_joints
+from cellcal.service.engineering.bench.results import BenchResult, BenchTopic, as_document, take_turns
+from cellcal.service.engineering.bench.simulated import draw_arms, draw_joints
 from cellcal.service.engineering.bench.topics import TOPICS, choose_topics
 
 NOBODY = Contestant("nobody", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0")
 
 
 def small_inputs(count=50):
-    both = arms(0)
+    both = draw_arms(0)
     joints = draw_joints(np.random.default_rng(1), count) * 0.5
-    return both, {**both.inputs(), "joints": joints}
+    return both, {**both.to_inputs(), "joints": joints}
 
 
 def test_ours_runs_in_its_own_process_and_is_right():
     both, inputs = small_inputs()
-    answers = run(OURS, "compensate", inputs, {})
-    result = judge(OURS, both, inputs["joints"], answers)
+    answers = run_contestant(OURS, "compensate", inputs, {})
+    result = judge_answers(OURS, both, inputs["joints"], answers)
     assert result.count == 50
     assert result.error < 1e-5
     assert result.notes["claimed_but_above_1e-5_mm"] == 0
@@ -50,15 +50,15 @@ def test_a_peer_that_is_not_installed_is_named_with_its_cure(tmp_path):
     program.write_text("def compensate(inputs, measure):\n    import a_peer_of_nobody\n", encoding="utf-8")
     nobody = Contestant("nobody", str(program), "a-peer-of-nobody==1.0")
     _, inputs = small_inputs(3)
-    answer = run(nobody, "compensate", inputs, {})
-    assert isinstance(answer, Absent)
+    answer = run_contestant(nobody, "compensate", inputs, {})
+    assert isinstance(answer, AbsentContestant)
     assert "not installed: a_peer_of_nobody (a-peer-of-nobody==1.0" in answer.reason
     assert "--peer-python nobody=" in answer.reason
 
 
 def test_a_peer_that_breaks_is_named_too():
-    answer = run(OURS, "compensate", {"joints": np.zeros((2, 6))}, {})
-    assert isinstance(answer, Absent)
+    answer = run_contestant(OURS, "compensate", {"joints": np.zeros((2, 6))}, {})
+    assert isinstance(answer, AbsentContestant)
     assert answer.reason.startswith("failed: KeyError")
 
 
@@ -68,7 +68,7 @@ def test_false_claims_and_leaps_are_counted():
     found = joints.copy()
     found[1, 0] += 2 * np.pi
     answers = {"joints": found, "claimed": np.array([1, 1, 1, 0]), "seconds": np.array(1.0)}
-    result = judge(PEERS[0], both, joints, answers)
+    result = judge_answers(PEERS[0], both, joints, answers)
     assert result.notes["leaps"] == 1
     assert result.notes["claimed_but_above_1e-5_mm"] == 3
     assert result.notes["solved_share"] == 0.75
@@ -78,8 +78,8 @@ def test_false_claims_and_leaps_are_counted():
 def test_nothing_solved_can_still_be_written(tmp_path):
     both, inputs = small_inputs(2)
     answers = {"joints": inputs["joints"], "claimed": np.zeros(2), "seconds": np.array(1.0)}
-    lost = judge(PEERS[0], both, inputs["joints"], answers)
-    topic = Topic("compensate", "why", (lost,), (Absent(NOBODY, "not installed"),))
+    lost = judge_answers(PEERS[0], both, inputs["joints"], answers)
+    topic = BenchTopic("compensate", "why", (lost,), (AbsentContestant(NOBODY, "not installed"),))
     document = as_document((topic,), 0, 1)
     row = json.loads(json.dumps(document, allow_nan=False))["topics"][0]["results"][0]
     assert row["error"] is None
@@ -87,8 +87,11 @@ def test_nothing_solved_can_still_be_written(tmp_path):
 
 
 def test_files_and_plots_are_written(tmp_path):
-    results = (Result("cellcal", "all", 100, 0.01, 1e-6, "mm"), Result("other", "all", 10, 0.01, 1e-3, "mm"))
-    topic = Topic("compensate", "why", results)
+    results = (
+        BenchResult("cellcal", "all", 100, 0.01, 1e-6, "mm"),
+        BenchResult("other", "all", 10, 0.01, 1e-3, "mm"),
+    )
+    topic = BenchTopic("compensate", "why", results)
     written = write_results(as_document((topic,), 0, 1), (topic,), tmp_path / "new")
     assert {path.name for path in written} == {
         "bench.json",
@@ -96,12 +99,17 @@ def test_files_and_plots_are_written(tmp_path):
         "bench_compensate.svg",
     }
     assert all(path.stat().st_size > 300 for path in written)
-    assert topic.ratio(results[1]) == pytest.approx(10.0)
+    assert topic.speed_ratio(results[1]) == pytest.approx(10.0)
 
 
 def test_whole_times_are_compared_where_a_topic_says_so():
-    results = (Result("cellcal", "all", 100, 0.01, 0, "mm"), Result("other", "all", 100, 0.05, 0, "mm"))
-    assert Topic("identify", "why", results, per_pose=False).ratio(results[1]) == pytest.approx(5.0)
+    results = (
+        BenchResult("cellcal", "all", 100, 0.01, 0, "mm"),
+        BenchResult("other", "all", 100, 0.05, 0, "mm"),
+    )
+    assert BenchTopic("identify", "why", results, per_pose=False).speed_ratio(results[1]) == pytest.approx(
+        5.0
+    )
 
 
 def test_turns_keep_the_best_time_and_do_not_ask_the_missing_again():
@@ -110,10 +118,10 @@ def test_turns_keep_the_best_time_and_do_not_ask_the_missing_again():
 
     def run_one(each):
         asked.append(each.name)
-        return Absent(each, "gone") if each is NOBODY else {}
+        return AbsentContestant(each, "gone") if each is NOBODY else {}
 
     def judge_one(each, answers):
-        return Result(each.name, "all", 1, next(times), 0.0, "mm")
+        return BenchResult(each.name, "all", 1, next(times), 0.0, "mm")
 
     results, absent = take_turns((OURS, NOBODY), 3, run_one, judge_one)
     assert [result.seconds for result in results] == [0.1]
@@ -131,7 +139,7 @@ def test_the_determinant_root_is_that_of_the_sum():
 
 def test_accuracy_is_that_of_many_draws_and_near_the_bound():
     case = identify.case_of(0, 100)
-    result = Result("cellcal", "100 rows", 100, 0.01, 0.02, "mm rms")
+    result = BenchResult("cellcal", "100 rows", 100, 0.01, 0.02, "mm rms")
     often = {**case.often, "draws": np.array(60)}
     told = identify.over_many_draws(result, replace(case, often=often))
     # Sixty draws of 27 unknowns leave 2 % to chance.
@@ -141,30 +149,30 @@ def test_accuracy_is_that_of_many_draws_and_near_the_bound():
 def test_the_shipped_measurements_are_those_of_the_published_files():
     published = Path(__file__).parents[1] / "data" / "ipa_ur10"
     names = ("series_b_joint_configurations.csv", "series_c_random_poses_first_1400.csv")
-    for measured, name in zip(real.shipped(), names, strict=True):
-        again = real.read(published / name, "ur10")
+    for measured, name in zip(real.load_shipped(), names, strict=True):
+        again = real.read_series(published / name, "ur10")
         assert measured.joints_rad == pytest.approx(again.joints_rad, abs=1e-12)
         assert measured.positions_m == pytest.approx(again.positions_m, abs=1e-12)
 
 
 def test_rows_are_fitted_or_held_out_never_both():
-    train, held = real.split(1400, 3)
+    train, held = real.split_rows(1400, 3)
     assert len(train) == 600
     assert sorted([*train, *held]) == list(range(1400))
-    assert len(real.split(100, 3)[0]) == 60
-    assert (real.split(1400, 4)[0] != train).any()
+    assert len(real.split_rows(100, 3)[0]) == 60
+    assert (real.split_rows(1400, 4)[0] != train).any()
 
 
 def measured_arm(count):
-    both = arms(0)
+    both = draw_arms(0)
     joints = draw_joints(np.random.default_rng(5), count)
     places = both.real.tip_positions(joints, np.array([0.08, -0.05, 0.12])) + np.array([0.5, -0.2, 0.3])
-    return real.Measured("simulated", both.nominal, joints, places)
+    return real.MeasuredSeries("simulated", both.nominal, joints, places)
 
 
 def test_an_answer_of_the_wrong_shape_has_no_error_worth_a_number():
     answers = {"check_positions": np.zeros((2, 3)), "seconds": np.array(1.0)}
-    result = real.judge(OURS, answers, np.zeros((5, 3)), "case", 10)
+    result = real.judge_predictions(OURS, answers, np.zeros((5, 3)), "case", 10)
     assert result.error == float("inf")
 
 
@@ -175,9 +183,9 @@ def test_measurements_that_nobody_can_use_are_refused(tmp_path):
     ]
     path.write_text("\n".join(["q1,q2,q3,q4,q5,q6,L", *rows]) + "\n", encoding="utf-8")
     with pytest.raises(BenchError, match="lengths"):
-        real.read(path, "ur10")
+        real.read_series(path, "ur10")
     with pytest.raises(BenchError, match="robot"):
-        real.read(path, "")
+        real.read_series(path, "")
 
 
 def test_the_command_compares_on_a_file_where_geometry_beats_base_and_tool_only(tmp_path, capsys):

@@ -11,15 +11,15 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
-from cellcal.service.engineering.parameters.calibrated_runs import draft_of, keep_calibration
-from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.calibrated_runs import draft_of, save_calibration
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError, ParameterSets
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import stored_body
-from cellcal.service.runs.outline import remembered
+from cellcal.service.runs.run_preview import offline_cell_with_history
 
 SERIAL = "F-104711"
 CELL = """\
@@ -58,14 +58,14 @@ def config(tmp_path: Path) -> CellConfig:
 def _store(config: CellConfig, what: str, value: object, run: str = "run-1") -> None:
     body = stored_body(what, SERIAL, SERIAL, to_jsonable_python(value))
     with open_journal(config) as journal:
-        journal.append(run, Kind.STORED, body, actor="test")
+        journal.append(run, EventKind.STORED, body, actor="test")
 
 
 def test_what_was_kept_is_lent_to_the_next_run(config: CellConfig) -> None:
-    assert remembered(config).calibrated is None
+    assert offline_cell_with_history(config).calibrated is None
     _store(config, "parameter_set", ARM)
     _store(config, "drift_reference", REFERENCE, "run-2")
-    cell = remembered(config)
+    cell = offline_cell_with_history(config)
     assert cell.calibrated == ARM
     assert cell.drift_references == (REFERENCE,)
 
@@ -73,22 +73,24 @@ def test_what_was_kept_is_lent_to_the_next_run(config: CellConfig) -> None:
 def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path) -> None:
     sets = ParameterSets(tmp_path / "sets")
     with pytest.raises(ParameterSetError, match="no calibration"):
-        keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+        save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
     _store(config, "parameter_set", ARM)
-    saved = keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+    saved = save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
     assert (saved.version, saved.robot_serial, saved.made_by) == (1, SERIAL, "anna")
-    moved = calibrated_model(load_model("fanuc_m6ib"), sets.load(SERIAL))
+    moved = calibrated_model(load_model("fanuc_m6ib"), sets.load_set(SERIAL))
     assert moved.left_out == ()
     assert moved.model.dh is not None
-    assert moved.model.dh.rows()[1, 0] == pytest.approx(load_model("fanuc_m6ib").dh.rows()[1, 0] + 0.002)  # type: ignore[union-attr]
+    assert moved.model.dh.to_rows()[1, 0] == pytest.approx(
+        load_model("fanuc_m6ib").dh.to_rows()[1, 0] + 0.002
+    )  # type: ignore[union-attr]
     with pytest.raises(ParameterSetError, match="version 1 already"):
-        keep_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
+        save_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
 
 
 def test_a_kept_calibration_says_what_its_measurement_did_not_determine() -> None:
     unseen = replace(FOUND[0], name="J1 offset", sigma=FOUND[0].prior)
     arm = replace(ARM, parameters=(unseen, *FOUND))
-    values = draft_of(arm, Who(SERIAL, "anna", "2026-11-21")).values
+    values = draft_of(arm, SetOrigin(SERIAL, "anna", "2026-11-21")).values
     assert [value.determined for value in values] == [False, True, True]
 
 
@@ -97,9 +99,9 @@ def test_a_kept_calibration_keeps_its_correlations(config: CellConfig, tmp_path:
     correlated = replace(ARM, correlations=((), (-0.4,)))
     assert len({ARM.sha256, correlated.sha256, replace(ARM, correlations=((), (0.4,))).sha256}) == 3
     _store(config, "parameter_set", correlated)
-    assert remembered(config).calibrated == correlated
-    keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
-    covariance = covariance_of(sets.load(SERIAL))
+    assert offline_cell_with_history(config).calibrated == correlated
+    save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+    covariance = covariance_of(sets.load_set(SERIAL))
     assert covariance is not None
     assert covariance == pytest.approx(np.array([[1e-8, -0.4 * 5e-9], [-0.4 * 5e-9, 2.5e-9]]))
 
@@ -108,4 +110,6 @@ def test_what_was_kept_without_correlations_keeps_its_hash_and_tells_no_covarian
     # of the record as it was kept before correlations were: such a calibration is not saved a second time
     assert ARM.sha256 == hashlib.sha256(repr(ARM).encode()).hexdigest()
     assert "correlations" not in repr(ARM)
-    assert all(not value.correlations for value in draft_of(ARM, Who(SERIAL, "anna", "2026-11-21")).values)
+    assert all(
+        not value.correlations for value in draft_of(ARM, SetOrigin(SERIAL, "anna", "2026-11-21")).values
+    )

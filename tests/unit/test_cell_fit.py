@@ -6,40 +6,48 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.cell import (
+    CalibrationCell,
+    CellDevice,
+    CellRobot,
+    CellSeries,
+    CellTarget,
+    CellTool,
+    DeviceScalar,
+)
 from cellcal.calibration.cells.first_guess import first_places
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.cells.identify import fit_cell
 from cellcal.calibration.cells.levels import CellOptions
-from cellcal.calibration.cells.places import Place
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
-from cellcal.calibration.cells.state import Frames, cell_layout
-from cellcal.calibration.cells.system import CellProblem, residuals, whole_columns
-from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.cells.state import CellFrames, cell_layout
+from cellcal.calibration.cells.system import CellProblem, series_residuals, whole_columns
+from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous_matrix, inverse_transform
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.observations import with_mounting
 from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY, Priors
-from cellcal.calibration.identification.selection import Options, terms_of_level
+from cellcal.calibration.identification.selection import IdentificationOptions, terms_of_level
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses, wire_lengths
 from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World, shortest_wire
 
 ANCHOR, OTHER_ANCHOR = np.array([0.9, -0.7, -0.4]), np.array([-0.8, 0.9, 0.1])
-EXIT = homogeneous(exp_rotation(np.array([0.5, 0.3, 0.0])), ANCHOR)
-PLANE = homogeneous(exp_rotation(np.array([0.1, -0.05, 0.0])), np.array([0.5, 0.2, 0.1]))
+EXIT = homogeneous_matrix(exp_rotation(np.array([0.5, 0.3, 0.0])), ANCHOR)
+PLANE = homogeneous_matrix(exp_rotation(np.array([0.1, -0.05, 0.0])), np.array([0.5, 0.2, 0.1]))
 BALL, PIN, OTHER_PIN = np.array([0.4, 0.5, 0.3]), np.array([0.6, 0.3, 0.2]), np.array([-0.6, 0.4, 0.3])
 SURE = {"sigma_m": 1e-5, "sigma_rad": 1e-5}
-ROUGH_TOOL = Place.unknown_point((0.04, -0.03, 0.11))
+ROUGH_TOOL = FramePrior.point_without_prior((0.04, -0.03, 0.11))
 BARE = CellOptions(level=GEOMETRY, judge=False)
 
 
 def one_arm(world, series, devices, *, tool=None, targets=(), **robot):
-    return Cell(
+    return CalibrationCell(
         [CellRobot("arm", world.model, **robot)], [CellTool("tip", "arm", tool)], devices, series, targets
     )
 
 
 def surprise(world, found, *, target="tip", offset=(0.0, 0.0, 0.0), seen_from=None, frame=None):
     """Return mean e' C^-1 e / 3 of predicted places in new postures: about one if the covariance tells the truth."""
-    joints = np.random.default_rng(77).uniform(-1.8, 1.8, (80, world.model.axes))
+    joints = np.random.default_rng(77).uniform(-1.8, 1.8, (80, world.model.axis_count))
     truth = inverse_transform(np.eye(4) if frame is None else frame) @ world.frames(joints, offset)
     fit = found.robust.fit
     error = target_positions(fit, target, joints, seen_from=seen_from) - truth[:, :3, 3]
@@ -51,53 +59,63 @@ def everything(world, other):
     """Return a cell with every kind, two robots, two mountings, a target aside, correlated rows and priors."""
     points = world.points(8)
     points = with_mounting(points, np.arange(8) % 2)
-    aside = CellTarget("aside", "tip", Place.known_point(REFLECTORS[1], 1e-4))
+    aside = CellTarget("aside", "tip", FramePrior.from_point(REFLECTORS[1], 1e-4))
     covariance = np.tile(np.diag([1.0, 4.0, 9.0]) + 0.5, (6, 1, 1)) * world.sigma_m**2
     known = {"sigma_m": 0.01, "sigma_rad": 0.01}
     series = [
-        Series("points", "tracker", "tip", points),
-        Series("aside", "tracker", "aside", world.points(6, offset=REFLECTORS[1]), covariance),
-        Series("poses", "camera", "tip", world.poses(6)),
-        Series("lengths", "wire", "aside", world.lengths(ANCHOR, 6, offset=REFLECTORS[1])),
-        Series("guided", "guide", "tip", world.guided_lengths(EXIT, 0.02, 6)),
-        Series("plane", "plane", "tip", world.at_plane(PLANE, 6, height=0.005)),
-        Series("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 6)),
-        Series("pin", "pin", "tip", world.at_pin(PIN, 6)),
-        Series("bar", "bar", "aside", world.bar(count=6)),
-        Series("second", "tracker", "probe", other.points(6)),
+        CellSeries("points", "tracker", "tip", points),
+        CellSeries("aside", "tracker", "aside", world.points(6, offset=REFLECTORS[1]), covariance),
+        CellSeries("poses", "camera", "tip", world.poses(6)),
+        CellSeries("lengths", "wire", "aside", world.lengths(ANCHOR, 6, offset=REFLECTORS[1])),
+        CellSeries("guided", "guide", "tip", world.guided_lengths(EXIT, 0.02, 6)),
+        CellSeries("plane", "plane", "tip", world.at_plane(PLANE, 6, height=0.005)),
+        CellSeries("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 6)),
+        CellSeries("pin", "pin", "tip", world.at_pin(PIN, 6)),
+        CellSeries("bar", "bar", "aside", world.bar(count=6)),
+        CellSeries("second", "tracker", "probe", other.points(6)),
     ]
     devices = [
-        CellDevice("tracker", (Place.unknown(TRACKER), Place.known(TRACKER, **known))),
-        CellDevice("camera", (Place.unknown(TRACKER),)),
-        CellDevice("wire", (Place.known_point(ANCHOR, 0.01),)),
-        CellDevice("guide", (Place.known(EXIT, **known),), {"radius_m": Scalar(0.02, 0.01)}),
-        CellDevice("plane", (Place.unknown(PLANE),)),
-        CellDevice("ball", (Place.unknown_point(BALL),), {"radius_m": Scalar(0.0, np.inf)}),
-        CellDevice("pin", (Place.unknown_point(PIN),)),
-        CellDevice("bar", scalars={"scale": Scalar(1.0, 1e-3), "zero_m": Scalar(0.0, 1e-3)}),
+        CellDevice("tracker", (FramePrior.without_prior(TRACKER), FramePrior.from_pose(TRACKER, **known))),
+        CellDevice("camera", (FramePrior.without_prior(TRACKER),)),
+        CellDevice("wire", (FramePrior.from_point(ANCHOR, 0.01),)),
+        CellDevice("guide", (FramePrior.from_pose(EXIT, **known),), {"radius_m": DeviceScalar(0.02, 0.01)}),
+        CellDevice("plane", (FramePrior.without_prior(PLANE),)),
+        CellDevice("ball", (FramePrior.point_without_prior(BALL),), {"radius_m": DeviceScalar(0.0, np.inf)}),
+        CellDevice("pin", (FramePrior.point_without_prior(PIN),)),
+        CellDevice("bar", scalars={"scale": DeviceScalar(1.0, 1e-3), "zero_m": DeviceScalar(0.0, 1e-3)}),
     ]
-    robots = [CellRobot("arm", world.model), CellRobot("mate", other.model, Place.unknown(other.base))]
-    tools = [CellTool("tip", "arm", Place.unknown(world.tool)), CellTool("probe", "mate", Place.unknown())]
-    return Cell(robots, tools, devices, series, [aside])
+    robots = [
+        CellRobot("arm", world.model),
+        CellRobot("mate", other.model, FramePrior.without_prior(other.base)),
+    ]
+    tools = [
+        CellTool("tip", "arm", FramePrior.without_prior(world.tool)),
+        CellTool("probe", "mate", FramePrior.without_prior()),
+    ]
+    return CalibrationCell(robots, tools, devices, series, [aside])
 
 
 def test_derivatives_by_every_unknown_agree_with_finite_differences():
     world = World(seed=3, exact=True)
     other = World("abb_irb120", seed=4, exact=True, base=exp_twist(np.array([1.8, 0.4, 0.1, 0.0, 0.0, 2.0])))
-    frames = Frames.of(everything(world, other))
+    frames = CellFrames.from_cell(everything(world, other))
     wide = np.linspace(-1, 1, 60)[:, None]
-    terms = [terms_of_level(w.model, wide * np.ones(w.model.axes), GRAVITY) for w in (world, other)]
+    terms = [terms_of_level(w.model, wide * np.ones(w.model.axis_count), GRAVITY) for w in (world, other)]
     layout = cell_layout(frames, GRAVITY, terms, Priors())
     rng = np.random.default_rng(0)
     start = replace(layout.expected, places=first_places(frames))
-    state = layout.step(start, 2e-3 * rng.standard_normal(len(layout)) * np.minimum(layout.prior, 1.0))
-    problem, step = CellProblem.of(frames, state), 1e-6
+    state = layout.apply_step(
+        start, 2e-3 * rng.standard_normal(len(layout)) * np.minimum(layout.prior_sigmas, 1.0)
+    )
+    problem, step = CellProblem.from_frames(frames, state), 1e-6
     for series in problem.series:
         columns, left = whole_columns(layout, state, series)
-        assert np.allclose(left, residuals(series, state))
+        assert np.allclose(left, series_residuals(series, state))
         slopes = np.empty_like(columns)
         for i, change in enumerate(step * np.eye(len(layout))):
-            back, there = (residuals(series, layout.step(state, sign * change)) for sign in (-1, 1))
+            back, there = (
+                series_residuals(series, layout.apply_step(state, sign * change)) for sign in (-1, 1)
+            )
             slopes[i] = (back - there) / (2 * step)
         # Attitudes are off by milliradians, so that their rotation vectors do not turn quite one to one.
         near = 2e-2 if series.observations.kind == "pose" else 2e-5
@@ -107,17 +125,19 @@ def test_derivatives_by_every_unknown_agree_with_finite_differences():
 
 def test_the_prior_of_a_turned_place_is_differentiated_exactly():
     world = World(seed=3, exact=True)
-    device = CellDevice("tracker", (Place.known(TRACKER, 0.1, 0.5),))
-    frames = Frames.of(one_arm(world, [Series("points", "tracker", "tip", world.points(6))], [device]))
+    device = CellDevice("tracker", (FramePrior.from_pose(TRACKER, 0.1, 0.5),))
+    frames = CellFrames.from_cell(
+        one_arm(world, [CellSeries("points", "tracker", "tip", world.points(6))], [device])
+    )
     layout = cell_layout(frames, GEOMETRY, [()], Priors())
     start = replace(layout.expected, places=first_places(frames))
-    away = np.random.default_rng(1).standard_normal(len(layout)) * np.minimum(layout.prior, 0.5)
-    state = layout.step(start, away)
+    away = np.random.default_rng(1).standard_normal(len(layout)) * np.minimum(layout.prior_sigmas, 0.5)
+    state = layout.apply_step(start, away)
     _, gradient, cost = layout.prior_equations(state)
     for i, change in enumerate(1e-6 * np.eye(len(layout))):
-        there = layout.prior_equations(layout.step(state, change))[2]
-        back = layout.prior_equations(layout.step(state, -change))[2]
-        assert (there - back) / 2e-6 * layout.prior[i] / -2 == pytest.approx(
+        there = layout.prior_equations(layout.apply_step(state, change))[2]
+        back = layout.prior_equations(layout.apply_step(state, -change))[2]
+        assert (there - back) / 2e-6 * layout.prior_sigmas[i] / -2 == pytest.approx(
             gradient[i], abs=1e-4 * (1 + cost)
         )
 
@@ -125,13 +145,13 @@ def test_the_prior_of_a_turned_place_is_differentiated_exactly():
 @pytest.mark.parametrize("simulate", [tracker_points, tracker_poses, wire_lengths])
 def test_a_cell_of_one_series_is_what_identify_says(simulate):
     simulated = simulate(count=60)
-    options = Options(level=GEOMETRY, judge=False, find_breaks=False)
-    alone = identify(simulated.model, simulated.observations, options=options)
-    cell = Cell(
+    options = IdentificationOptions(level=GEOMETRY, judge=False, find_breaks=False)
+    alone = identify_arm(simulated.model, simulated.observations, options=options)
+    cell = CalibrationCell(
         [CellRobot("arm", simulated.model)],
         [CellTool("tip", "arm")],
         [CellDevice("it")],
-        [Series("rows", "it", "tip", simulated.observations)],
+        [CellSeries("rows", "it", "tip", simulated.observations)],
     )
     found = fit_cell(cell, BARE)
     fits = found.robust.fit, alone.robust.fit
@@ -153,12 +173,14 @@ def test_a_cell_of_one_series_is_what_identify_says(simulate):
 
 def test_a_cell_of_one_series_chooses_the_level_that_identify_chooses():
     simulated = tracker_points(count=60)
-    alone = identify(simulated.model, simulated.observations, options=Options(judge=False, find_breaks=False))
-    cell = Cell(
+    alone = identify_arm(
+        simulated.model, simulated.observations, options=IdentificationOptions(judge=False, find_breaks=False)
+    )
+    cell = CalibrationCell(
         [CellRobot("arm", simulated.model)],
         [CellTool("tip", "arm")],
         [CellDevice("it")],
-        [Series("rows", "it", "tip", simulated.observations)],
+        [CellSeries("rows", "it", "tip", simulated.observations)],
     )
     found = fit_cell(cell, CellOptions(judge=False))
     assert found.level == alone.level
@@ -174,35 +196,42 @@ def reasons(*found):
 
 def kinds(world):
     """Return, by name, a cell of each kind with places known well enough to find the arm in its base."""
-    known = Place.known(TRACKER, **SURE)
+    known = FramePrior.from_pose(TRACKER, **SURE)
     wires = [
-        CellDevice(n, (Place.known_point(a, 1e-5),)) for n, a in (("one", ANCHOR), ("two", OTHER_ANCHOR))
+        CellDevice(n, (FramePrior.from_point(a, 1e-5),)) for n, a in (("one", ANCHOR), ("two", OTHER_ANCHOR))
     ]
-    second = Series("two", "two", "tip", world.lengths(OTHER_ANCHOR, 70, zero=4e-4, scale=1.0003))
-    pins = [CellDevice(n, (Place.known_point(p, 1e-5),)) for n, p in (("one", PIN), ("two", OTHER_PIN))]
+    second = CellSeries("two", "two", "tip", world.lengths(OTHER_ANCHOR, 70, zero=4e-4, scale=1.0003))
+    pins = [CellDevice(n, (FramePrior.from_point(p, 1e-5),)) for n, p in (("one", PIN), ("two", OTHER_PIN))]
     return {
-        "points": lambda: ([Series("s", "d", "tip", world.points(60))], [CellDevice("d", (known,))]),
-        "poses": lambda: ([Series("s", "d", "tip", world.poses(40))], [CellDevice("d", (known,))]),
-        "two wires": lambda: ([Series("one", "one", "tip", world.lengths(ANCHOR, 70)), second], wires),
+        "points": lambda: ([CellSeries("s", "d", "tip", world.points(60))], [CellDevice("d", (known,))]),
+        "poses": lambda: ([CellSeries("s", "d", "tip", world.poses(40))], [CellDevice("d", (known,))]),
+        "two wires": lambda: ([CellSeries("one", "one", "tip", world.lengths(ANCHOR, 70)), second], wires),
         "guided wire": lambda: (
-            [Series("s", "d", "tip", world.guided_lengths(EXIT, 0.01, 80)), second],
-            [CellDevice("d", (Place.known(EXIT, **SURE),), {"radius_m": Scalar(0.0, 0.05)}), *wires[1:]],
+            [CellSeries("s", "d", "tip", world.guided_lengths(EXIT, 0.01, 80)), second],
+            [
+                CellDevice("d", (FramePrior.from_pose(EXIT, **SURE),), {"radius_m": DeviceScalar(0.0, 0.05)}),
+                *wires[1:],
+            ],
         ),
         "pins": lambda: (
             [
-                Series("one", "one", "tip", world.at_pin(PIN, 14)),
-                Series("two", "two", "tip", world.at_pin(OTHER_PIN, 14)),
-                Series("new", "new", "tip", world.at_pin(BALL, 14)),
+                CellSeries("one", "one", "tip", world.at_pin(PIN, 14)),
+                CellSeries("two", "two", "tip", world.at_pin(OTHER_PIN, 14)),
+                CellSeries("new", "new", "tip", world.at_pin(BALL, 14)),
             ],
             [*pins, CellDevice("new")],
         ),
         "plane, ball and bar": lambda: (
             [
-                Series("plane", "plane", "tip", world.at_plane(PLANE, 50)),
-                Series("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 50)),
-                Series("bar", "bar", "tip", world.bar(count=60)),
+                CellSeries("plane", "plane", "tip", world.at_plane(PLANE, 50)),
+                CellSeries("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 50)),
+                CellSeries("bar", "bar", "tip", world.bar(count=60)),
             ],
-            [CellDevice("plane", (Place.known(PLANE, **SURE),)), CellDevice("ball"), CellDevice("bar")],
+            [
+                CellDevice("plane", (FramePrior.from_pose(PLANE, **SURE),)),
+                CellDevice("ball"),
+                CellDevice("bar"),
+            ],
         ),
     }
 
@@ -228,15 +257,15 @@ def test_a_wire_over_a_lip_is_as_long_as_the_shortest_way():
     world = World(exact=True)
     seen = world.guided_lengths(EXIT, 0.03, 20)
     tips = (inverse_transform(EXIT) @ world.frames(seen.joints_rad))[:, :3, 3]
-    device = CellDevice("d", (Place.known(EXIT),), {"radius_m": Scalar(0.03, 0.0)})
-    tool = Place.known(world.tool)
+    device = CellDevice("d", (FramePrior.from_pose(EXIT),), {"radius_m": DeviceScalar(0.03, 0.0)})
+    tool = FramePrior.from_pose(world.tool)
     perfect = World(exact=True, perfect=True)
-    cell = one_arm(perfect, [Series("s", "d", "tip", seen)], [device], tool=tool)
-    frames = Frames.of(cell)
+    cell = one_arm(perfect, [CellSeries("s", "d", "tip", seen)], [device], tool=tool)
+    frames = CellFrames.from_cell(cell)
     expected = cell_layout(frames, GEOMETRY, [()], Priors()).expected
     arms = (replace(expected.arms[0], geometry=world.errors),)
     state = replace(expected, arms=arms, places=first_places(frames))
-    left = residuals(CellProblem.of(frames, state).series[0], state) * seen.sigma_m
+    left = series_residuals(CellProblem.from_frames(frames, state).series[0], state) * seen.sigma_m
     assert np.abs(left).max() < 1e-9
     straight = np.linalg.norm(tips, axis=1)
     assert np.median(np.abs(seen.lengths_m - straight)) > 1e-4
@@ -247,15 +276,17 @@ def test_a_wire_over_a_lip_is_as_long_as_the_shortest_way():
 
 def test_a_guide_s_radius_and_a_ball_s_are_found():
     world = World(seed=5)
-    known = CellDevice("tracker", (Place.known(TRACKER, **SURE),))
-    guide = CellDevice("guide", (Place.known(EXIT, 1e-3, 1e-2),), {"radius_m": Scalar(0.0, np.inf)})
-    ball = CellDevice("ball", scalars={"radius_m": Scalar(0.0, np.inf)})
+    known = CellDevice("tracker", (FramePrior.from_pose(TRACKER, **SURE),))
+    guide = CellDevice(
+        "guide", (FramePrior.from_pose(EXIT, 1e-3, 1e-2),), {"radius_m": DeviceScalar(0.0, np.inf)}
+    )
+    ball = CellDevice("ball", scalars={"radius_m": DeviceScalar(0.0, np.inf)})
     touched = world.at_sphere(BALL, 0.25, 50)
     stated = replace(touched, radii_m=touched.radii_m - 0.002)
     series = [
-        Series("points", "tracker", "tip", world.points(60)),
-        Series("guided", "guide", "tip", world.guided_lengths(EXIT, 0.02, 60)),
-        Series("ball", "ball", "tip", stated),
+        CellSeries("points", "tracker", "tip", world.points(60)),
+        CellSeries("guided", "guide", "tip", world.guided_lengths(EXIT, 0.02, 60)),
+        CellSeries("ball", "ball", "tip", stated),
     ]
     found = fit_cell(one_arm(world, series, [known, guide, ball]), BARE)
     names = [p.name for p in found.robust.fit.layout.parameters]
@@ -271,11 +302,11 @@ def test_rows_with_a_covariance_weigh_by_direction():
     spread = exp_rotation(np.array([0.4, 0.2, 0.1])) @ np.diag([1e-3, 2e-5, 2e-5])
     noise = np.random.default_rng(0).standard_normal((60, 3)) @ spread.T
     points = replace(points, positions_m=points.positions_m + noise, sigma_m=np.full(60, 6e-4))
-    device = CellDevice("camera", (Place.known(TRACKER, **SURE),))
+    device = CellDevice("camera", (FramePrior.from_pose(TRACKER, **SURE),))
     covariance = np.tile(spread @ spread.T, (60, 1, 1))
     errors = []
     for given in (None, covariance):
-        found = fit_cell(one_arm(world, [Series("s", "camera", "tip", points, given)], [device]), BARE)
+        found = fit_cell(one_arm(world, [CellSeries("s", "camera", "tip", points, given)], [device]), BARE)
         joints = np.random.default_rng(5).uniform(-1.5, 1.5, (60, 6))
         away = target_positions(found.robust.fit, "tip", joints) - world.tips(joints)
         errors.append(np.sqrt(np.mean(away**2)))
@@ -289,8 +320,8 @@ def test_bad_rows_are_named_by_series_and_bend_nothing():
     points, lengths = world.points(60), world.lengths(ANCHOR, 60)
     points.positions_m[[4, 17]] += 5e-3
     lengths.lengths_m[[9, 33, 50]] -= 4e-3
-    devices = [CellDevice("tracker", (Place.known(TRACKER, **SURE),)), CellDevice("wire")]
-    series = [Series("seen", "tracker", "tip", points), Series("pulled", "wire", "tip", lengths)]
+    devices = [CellDevice("tracker", (FramePrior.from_pose(TRACKER, **SURE),)), CellDevice("wire")]
+    series = [CellSeries("seen", "tracker", "tip", points), CellSeries("pulled", "wire", "tip", lengths)]
     found = fit_cell(one_arm(world, series, devices), BARE)
     named = {(row.series, row.row) for row in found.rejected}
     assert named == {("seen", 4), ("seen", 17), ("pulled", 9), ("pulled", 33), ("pulled", 50)}

@@ -5,14 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.cell import (
+    CalibrationCell,
+    CellDevice,
+    CellRobot,
+    CellSeries,
+    CellTarget,
+    CellTool,
+    DeviceScalar,
+)
 from cellcal.calibration.cells.contact_observations import BarLengths, PlaneContacts
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.cells.identify import fit_cell
 from cellcal.calibration.cells.levels import CellOptions
-from cellcal.calibration.cells.places import Place
 from cellcal.calibration.cells.prediction import frame_between, tip_covariance
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS, nominal_state
 from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World
 
@@ -26,23 +34,30 @@ def cell(**changes):
         "robots": [CellRobot("arm", WORLD.model)],
         "tools": [CellTool("tip", "arm")],
         "devices": [CellDevice("tracker")],
-        "series": [Series("rows", "tracker", "tip", POINTS)],
+        "series": [CellSeries("rows", "tracker", "tip", POINTS)],
     }
-    return Cell(**{**parts, **changes})
+    return CalibrationCell(**{**parts, **changes})
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"tools": [CellTool("tip", "arm 2")]}, "there is no robot 'arm 2'"),
-        ({"targets": [CellTarget("smr", "probe", Place.known_point(REFLECTORS[1]))]}, "no tool 'probe'"),
-        ({"series": [Series("rows", "tracer", "tip", POINTS)]}, "no device 'tracer'"),
-        ({"series": [Series("rows", "tracker", "tap", POINTS)]}, "no target 'tap'"),
+        ({"targets": [CellTarget("smr", "probe", FramePrior.from_point(REFLECTORS[1]))]}, "no tool 'probe'"),
+        ({"series": [CellSeries("rows", "tracer", "tip", POINTS)]}, "no device 'tracer'"),
+        ({"series": [CellSeries("rows", "tracker", "tap", POINTS)]}, "no target 'tap'"),
         ({"series": []}, "needs a robot and a series"),
         ({"devices": [CellDevice("tracker"), CellDevice("tracker")]}, "name of its own"),
-        ({"devices": [CellDevice("tracker", scalars={"zeros": Scalar(0.0, 1.0)})]}, "no number 'zeros'"),
         (
-            {"series": [Series("r", "tracker", "tip", replace(POINTS, mounting=np.ones(20, dtype=np.intp)))]},
+            {"devices": [CellDevice("tracker", scalars={"zeros": DeviceScalar(0.0, 1.0)})]},
+            "no number 'zeros'",
+        ),
+        (
+            {
+                "series": [
+                    CellSeries("r", "tracker", "tip", replace(POINTS, mounting=np.ones(20, dtype=np.intp)))
+                ]
+            },
             "rows of mounting 2",
         ),
     ],
@@ -55,7 +70,7 @@ def test_names_and_shapes_that_do_not_fit_are_refused(changes, said):
 def test_joints_of_another_robot_are_refused():
     few = replace(POINTS, joints_rad=POINTS.joints_rad[:, :5])
     with pytest.raises(CalibrationError, match="has 6 joints, its rows have 5"):
-        cell(series=[Series("rows", "tracker", "tip", few)])
+        cell(series=[CellSeries("rows", "tracker", "tip", few)])
 
 
 @pytest.mark.parametrize(
@@ -65,12 +80,12 @@ def test_joints_of_another_robot_are_refused():
         replace(POINTS, sigma_m=np.full(20, np.nan)),
         replace(POINTS, sigma_m=np.ones(19)),
         replace(POINTS, mounting=np.full(20, -1)),
-        POINTS.take(np.arange(0)),
+        POINTS.select_rows(np.arange(0)),
     ],
 )
 def test_rows_without_a_usable_deviation_are_refused(observations):
     with pytest.raises(CalibrationError, match="series 'rows'"):
-        Series("rows", "tracker", "tip", observations)
+        CellSeries("rows", "tracker", "tip", observations)
 
 
 def test_rows_that_are_not_numbers_are_refused():
@@ -80,7 +95,7 @@ def test_rows_that_are_not_numbers_are_refused():
     with pytest.raises(CalibrationError, match="second postures"):
         BarLengths(joints, np.ones(20), np.ones(20), once, joints[:5])
     with pytest.raises(CalibrationError, match="above zero"):
-        Series("bar", "bar", "tip", BarLengths(joints, -np.ones(20), np.ones(20), once, joints))
+        CellSeries("bar", "bar", "tip", BarLengths(joints, -np.ones(20), np.ones(20), once, joints))
 
 
 @pytest.mark.parametrize(
@@ -93,18 +108,18 @@ def test_rows_that_are_not_numbers_are_refused():
 )
 def test_covariances_must_be_positive_and_one_a_row(covariance):
     with pytest.raises(CalibrationError, match="covariance"):
-        Series("rows", "tracker", "tip", POINTS, covariance)
+        CellSeries("rows", "tracker", "tip", POINTS, covariance)
 
 
 def test_places_are_rigid_and_their_deviations_not_negative():
     with pytest.raises(CalibrationError, match="rigid"):
-        Place.known(np.diag([2.0, 1.0, 1.0, 1.0]))
+        FramePrior.from_pose(np.diag([2.0, 1.0, 1.0, 1.0]))
     with pytest.raises(CalibrationError, match="deviations"):
-        Place(np.eye(4), np.full(6, -1.0))
+        FramePrior(np.eye(4), np.full(6, -1.0))
     with pytest.raises(CalibrationError, match="needs its pose"):
-        Place(None, np.full(6, 1e-3))
+        FramePrior(None, np.full(6, 1e-3))
     with pytest.raises(CalibrationError, match="three finite numbers"):
-        Place.known_point((1.0, np.nan, 0.0))
+        FramePrior.from_point((1.0, np.nan, 0.0))
 
 
 def test_a_robot_that_nothing_ties_to_the_world_is_refused():
@@ -112,26 +127,28 @@ def test_a_robot_that_nothing_ties_to_the_world_is_refused():
     robots = [CellRobot("arm", WORLD.model), CellRobot("mate", other.model)]
     tools = [CellTool("tip", "arm"), CellTool("probe", "mate")]
     series = [
-        Series("rows", "tracker", "tip", POINTS),
-        Series("others", "second tracker", "probe", other.points(20)),
+        CellSeries("rows", "tracker", "tip", POINTS),
+        CellSeries("others", "second tracker", "probe", other.points(20)),
     ]
     devices = [CellDevice("tracker"), CellDevice("second tracker")]
-    loose = Cell(robots, tools, devices, series)
+    loose = CalibrationCell(robots, tools, devices, series)
     with pytest.raises(CalibrationError, match="where robot 'mate' stands"):
         fit_cell(loose, BARE)
-    tied = replace(loose, robots=[robots[0], replace(robots[1], base=Place.known(np.eye(4)))])
+    tied = replace(loose, robots=[robots[0], replace(robots[1], base=FramePrior.from_pose(np.eye(4)))])
     assert fit_cell(tied, BARE).level == OFFSETS
 
 
 def test_touches_of_a_plane_alone_ask_for_a_rough_tool_and_do_with_it():
-    plane = homogeneous(np.eye(3), np.array([0.4, 0.1, 0.1]))
+    plane = homogeneous_matrix(np.eye(3), np.array([0.4, 0.1, 0.1]))
     touched = cell(
-        devices=[CellDevice("table")], series=[Series("t", "table", "tip", WORLD.at_plane(plane, 40))]
+        devices=[CellDevice("table")], series=[CellSeries("t", "table", "tip", WORLD.at_plane(plane, 40))]
     )
     with pytest.raises(DegenerateDataError, match="'tool'") as caught:
         fit_cell(touched, BARE)
     assert "within 50 mm" in caught.value.remedy
-    rough = replace(touched, tools=[CellTool("tip", "arm", Place.unknown_point((0.03, -0.03, 0.1)))])
+    rough = replace(
+        touched, tools=[CellTool("tip", "arm", FramePrior.point_without_prior((0.03, -0.03, 0.1)))]
+    )
     found = fit_cell(rough, CellOptions(level=GEOMETRY, judge=False))
     assert found.robust.series[0].scale[0] == pytest.approx(1.0, abs=0.4)
     assert {"J1 offset", "J6 offset"} <= {item.parameter for item in found.not_identified}
@@ -139,11 +156,11 @@ def test_touches_of_a_plane_alone_ask_for_a_rough_tool_and_do_with_it():
 
 def test_bars_alone_ask_for_a_rough_tool():
     with pytest.raises(DegenerateDataError, match="'tool'"):
-        fit_cell(cell(series=[Series("b", "tracker", "tip", WORLD.bar(count=30))]), BARE)
+        fit_cell(cell(series=[CellSeries("b", "tracker", "tip", WORLD.bar(count=30))]), BARE)
 
 
 def test_too_few_rows_are_refused_with_what_to_do():
-    few = cell(series=[Series("rows", "tracker", "tip", WORLD.points(3))])
+    few = cell(series=[CellSeries("rows", "tracker", "tip", WORLD.points(3))])
     with pytest.raises(DegenerateDataError, match="9 readings cannot tell 9 unknown") as caught:
         fit_cell(few, BARE)
     assert "Measure more" in caught.value.remedy
@@ -178,12 +195,12 @@ def test_earlier_parameters_of_another_model_are_refused():
 
 
 def test_a_series_of_few_rows_keeps_its_stated_deviations():
-    nest = CellDevice("nest", (Place.known(TRACKER),))
-    short = Series("nest", "nest", "tip", WORLD.points(1))
+    nest = CellDevice("nest", (FramePrior.from_pose(TRACKER),))
+    short = CellSeries("nest", "nest", "tip", WORLD.points(1))
     found = fit_cell(
         cell(
             devices=[CellDevice("tracker"), nest],
-            series=[Series("rows", "tracker", "tip", POINTS), short],
+            series=[CellSeries("rows", "tracker", "tip", POINTS), short],
         ),
         BARE,
     )

@@ -6,16 +6,23 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from cellcal.calibration.cells.cell import (
+    CalibrationCell,
+    CellDevice,
+    CellRobot,
+    CellSeries,
+    CellTarget,
+    CellTool,
+)
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.cells.identify import fit_cell
-from cellcal.calibration.cells.levels import CellOptions, grouped
-from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.levels import CellOptions, group_cell_rows
 from cellcal.calibration.cells.prediction import frame_between, target_positions, tip_covariance
-from cellcal.calibration.cells.state import Frames
+from cellcal.calibration.cells.state import CellFrames
 from cellcal.calibration.geometry import (
     exp_rotation,
     exp_twist,
-    homogeneous,
+    homogeneous_matrix,
     inverse_transform,
     log_transform,
 )
@@ -31,7 +38,7 @@ from tests.unit.helpers.simulated_arm import random_joints
 from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
 
 ANCHOR, OTHER_ANCHOR = np.array([0.9, -0.7, -0.4]), np.array([-0.8, 0.9, 0.1])
-PLANE = homogeneous(exp_rotation(np.array([0.1, -0.05, 0.0])), np.array([0.5, 0.2, 0.1]))
+PLANE = homogeneous_matrix(exp_rotation(np.array([0.1, -0.05, 0.0])), np.array([0.5, 0.2, 0.1]))
 MATE = exp_twist(np.array([1.8, 0.4, 0.1, 0.02, -0.01, 2.0]))
 BALL, PIN = np.array([0.4, 0.5, 0.3]), np.array([0.6, 0.3, 0.2])
 BARE = CellOptions(level=GEOMETRY, judge=False)
@@ -39,15 +46,15 @@ OFFSETS_ONLY = CellOptions(level=OFFSETS, judge=False)
 
 
 def one_arm(world, series, devices, *, tool=None, targets=(), **robot):
-    return Cell(
+    return CalibrationCell(
         [CellRobot("arm", world.model, **robot)], [CellTool("tip", "arm", tool)], devices, series, targets
     )
 
 
 def reflectors(world, count=30):
-    targets = [CellTarget(f"smr {i}", "tip", Place.known_point(at)) for i, at in enumerate(REFLECTORS)]
+    targets = [CellTarget(f"smr {i}", "tip", FramePrior.from_point(at)) for i, at in enumerate(REFLECTORS)]
     series = [
-        Series(f"rows {i}", "tracker", f"smr {i}", world.points(count, offset=at))
+        CellSeries(f"rows {i}", "tracker", f"smr {i}", world.points(count, offset=at))
         for i, at in enumerate(REFLECTORS)
     ]
     return targets, series
@@ -87,9 +94,9 @@ def test_one_reflector_gives_a_place_and_the_rest_is_named():
     world = World(seed=2)
     cell = one_arm(
         world,
-        [Series("rows", "tracker", "tip", world.points(50))],
+        [CellSeries("rows", "tracker", "tip", world.points(50))],
         [CellDevice("tracker")],
-        tool=Place.unknown(),
+        tool=FramePrior.without_prior(),
     )
     lost = unknowns(fit_cell(cell, BARE))
     assert {"tool rx", "tool ry", "tool rz"} <= set(lost)
@@ -101,10 +108,10 @@ def test_independent_points_of_one_flange_are_found_each():
     world = World(seed=3)
     tools = [CellTool(f"point {i}", "arm") for i in range(3)]
     series = [
-        Series(f"rows {i}", "tracker", f"point {i}", world.points(25, offset=at))
+        CellSeries(f"rows {i}", "tracker", f"point {i}", world.points(25, offset=at))
         for i, at in enumerate(REFLECTORS)
     ]
-    cell = Cell([CellRobot("arm", world.model)], tools, [CellDevice("tracker")], series)
+    cell = CalibrationCell([CellRobot("arm", world.model)], tools, [CellDevice("tracker")], series)
     found = fit_cell(cell, BARE)
     joints = world.joints(50)
     for i, at in enumerate(REFLECTORS):
@@ -117,13 +124,13 @@ def test_two_robots_that_one_tracker_sees_know_where_they_stand():
     distances = []
     for seed in range(5):
         arm, mate = World(seed=seed), World("abb_irb120", seed=seed + 50, base=MATE)
-        cell = Cell(
+        cell = CalibrationCell(
             [CellRobot("arm", arm.model), CellRobot("mate", mate.model)],
             [CellTool("tip", "arm"), CellTool("probe", "mate")],
             [CellDevice("tracker")],
             [
-                Series("one", "tracker", "tip", arm.points(60)),
-                Series("two", "tracker", "probe", mate.points(60)),
+                CellSeries("one", "tracker", "tip", arm.points(60)),
+                CellSeries("two", "tracker", "probe", mate.points(60)),
             ],
         )
         found = fit_cell(cell, BARE)
@@ -145,14 +152,14 @@ def test_two_robots_that_one_tracker_sees_know_where_they_stand():
 
 def test_two_robots_that_touch_the_same_pins_know_where_they_stand():
     pins = np.array([[0.9, 0.2, 0.3], [0.9, -0.3, 0.4], [1.0, 0.1, 0.7], [0.8, 0.3, 0.6]])
-    opposite = homogeneous(exp_rotation(np.array([0.0, 0.0, 2.8])), np.array([1.5, 0.2, 0.1]))
+    opposite = homogeneous_matrix(exp_rotation(np.array([0.0, 0.0, 2.8])), np.array([1.5, 0.2, 0.1]))
     arm, mate = World(seed=3, perfect=True), World(seed=4, base=opposite, perfect=True)
     series = [
-        Series(f"{name} {i}", f"pin {i}", target, world.at_pin(pin, 6))
+        CellSeries(f"{name} {i}", f"pin {i}", target, world.at_pin(pin, 6))
         for name, target, world in (("arm", "tip", arm), ("mate", "probe", mate))
         for i, pin in enumerate(pins)
     ]
-    cell = Cell(
+    cell = CalibrationCell(
         [CellRobot("arm", arm.model), CellRobot("mate", mate.model)],
         [CellTool("tip", "arm"), CellTool("probe", "mate")],
         [CellDevice(f"pin {i}") for i in range(len(pins))],
@@ -169,9 +176,9 @@ def test_the_world_may_be_the_tracker_s_frame():
     world = World(seed=14, base=inverse_transform(TRACKER))
     cell = one_arm(
         world,
-        [Series("rows", "tracker", "tip", world.points(50, device=np.eye(4)))],
-        [CellDevice("tracker", (Place.known(np.eye(4)),))],
-        base=Place.unknown(),
+        [CellSeries("rows", "tracker", "tip", world.points(50, device=np.eye(4)))],
+        [CellDevice("tracker", (FramePrior.from_pose(np.eye(4)),))],
+        base=FramePrior.without_prior(),
     )
     found = fit_cell(cell, BARE)
     joints = world.joints(40)
@@ -181,11 +188,11 @@ def test_the_world_may_be_the_tracker_s_frame():
 
 def test_an_anchor_recorded_in_the_base_shows_j1():
     world = World(seed=4)
-    points = Series("rows", "tracker", "tip", world.points(60))
-    nest = Series("nest", "nest", "tip", world.at_pin(PIN, 10))
+    points = CellSeries("rows", "tracker", "tip", world.points(60))
+    nest = CellSeries("nest", "nest", "tip", world.at_pin(PIN, 10))
     without = fit_cell(one_arm(world, [points], [CellDevice("tracker")]), OFFSETS_ONLY)
     assert "rotation of device 'tracker' about z of the base" in unknowns(without)["J1 offset"].partner
-    recorded = CellDevice("nest", (Place.known_point(PIN, 5e-5),))
+    recorded = CellDevice("nest", (FramePrior.from_point(PIN, 5e-5),))
     found = fit_cell(one_arm(world, [points, nest], [CellDevice("tracker"), recorded]), OFFSETS_ONLY)
     assert "J1 offset" not in unknowns(found)
     joints = world.joints(20)
@@ -195,14 +202,14 @@ def test_an_anchor_recorded_in_the_base_shows_j1():
 
 
 def test_a_target_on_the_last_axis_hides_j6():
-    on_axis = World(seed=5, tool=homogeneous(np.eye(3), np.array([0.0, 0.0, 0.15])))
+    on_axis = World(seed=5, tool=homogeneous_matrix(np.eye(3), np.array([0.0, 0.0, 0.15])))
     off_axis = World(seed=5)
     for world, hidden in ((on_axis, True), (off_axis, False)):
         cell = one_arm(
             world,
-            [Series("rows", "tracker", "tip", world.points(60))],
-            [CellDevice("tracker", (Place.known(TRACKER),))],
-            tool=Place.known(world.tool),
+            [CellSeries("rows", "tracker", "tip", world.points(60))],
+            [CellDevice("tracker", (FramePrior.from_pose(TRACKER),))],
+            tool=FramePrior.from_pose(world.tool),
         )
         lost = unknowns(fit_cell(cell, OFFSETS_ONLY))
         assert ("J6 offset" in lost) == hidden
@@ -216,16 +223,16 @@ def test_a_target_on_the_last_axis_hides_j6():
 def test_plane_ball_bar_wires_and_tracker_in_one_fit_predict_better_than_any_alone():
     world = World(seed=6)
     series = [
-        Series("points", "tracker", "tip", world.points(25)),
-        Series("one", "one", "tip", world.lengths(ANCHOR, 30)),
-        Series("two", "two", "tip", world.lengths(OTHER_ANCHOR, 30)),
-        Series("plane", "plane", "tip", world.at_plane(PLANE, 25)),
-        Series("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 25)),
-        Series("pin", "pin", "tip", world.at_pin(PIN, 12)),
-        Series("bar", "bar", "tip", world.bar(count=30)),
+        CellSeries("points", "tracker", "tip", world.points(25)),
+        CellSeries("one", "one", "tip", world.lengths(ANCHOR, 30)),
+        CellSeries("two", "two", "tip", world.lengths(OTHER_ANCHOR, 30)),
+        CellSeries("plane", "plane", "tip", world.at_plane(PLANE, 25)),
+        CellSeries("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 25)),
+        CellSeries("pin", "pin", "tip", world.at_pin(PIN, 12)),
+        CellSeries("bar", "bar", "tip", world.bar(count=30)),
     ]
     devices = [
-        CellDevice("tracker", (Place.known(TRACKER, 1e-5, 1e-5),)),
+        CellDevice("tracker", (FramePrior.from_pose(TRACKER, 1e-5, 1e-5),)),
         *(CellDevice(name) for name in ("one", "two", "plane", "ball", "pin", "bar")),
     ]
     joints = world.joints(100)
@@ -248,9 +255,9 @@ def test_an_arm_that_was_known_before_needs_few_points_for_new_offsets():
     world.real = world.real.with_dh_errors(np.array([[0, 0, 0, 0, 0], [0.02, 0, 0, 0, 0], *[[0] * 5] * 4]))
     cell = one_arm(
         world,
-        [Series("rows", "tracker", "tip", world.points(7))],
-        [CellDevice("tracker", (Place.known(TRACKER),))],
-        tool=Place.known(world.tool),
+        [CellSeries("rows", "tracker", "tip", world.points(7))],
+        [CellDevice("tracker", (FramePrior.from_pose(TRACKER),))],
+        tool=FramePrior.from_pose(world.tool),
         previous=earlier,
     )
     wide = Priors(offset_rad=0.1)
@@ -264,18 +271,18 @@ def test_an_arm_that_was_known_before_needs_few_points_for_new_offsets():
 def test_the_level_is_chosen_by_rows_of_all_series_and_judged_without_them():
     world = World(seed=9)
     series = [
-        Series("points", "tracker", "tip", world.points(24)),
-        Series("pulled", "wire", "tip", world.lengths(ANCHOR, 24)),
-        Series("pin", "pin", "tip", world.at_pin(PIN, 4)),
+        CellSeries("points", "tracker", "tip", world.points(24)),
+        CellSeries("pulled", "wire", "tip", world.lengths(ANCHOR, 24)),
+        CellSeries("pin", "pin", "tip", world.at_pin(PIN, 4)),
     ]
     cell = one_arm(world, series, [CellDevice("tracker"), CellDevice("wire"), CellDevice("pin")])
     found = fit_cell(cell, CellOptions(folds=3))
     assert found.level >= GEOMETRY
     points, pulled, pin = found.series
-    assert points.after.n == pulled.after.n == 24
-    assert pin.after.n == 0  # too short to spare a row
-    assert points.before.rmse_m > 5 * points.after.rmse_m
-    assert points.after.rmse_m > points.fit.rmse_m
+    assert points.after_errors.n == pulled.after_errors.n == 24
+    assert pin.after_errors.n == 0  # too short to spare a row
+    assert points.before_errors.rmse_m > 5 * points.after_errors.rmse_m
+    assert points.after_errors.rmse_m > points.fit_errors.rmse_m
 
 
 def test_series_at_the_same_stops_are_held_out_together():
@@ -285,10 +292,10 @@ def test_series_at_the_same_stops_are_held_out_together():
     lengths = replace(lengths, joints_rad=points.joints_rad)
     cell = one_arm(
         world,
-        [Series("points", "tracker", "tip", points), Series("pulled", "wire", "tip", lengths)],
+        [CellSeries("points", "tracker", "tip", points), CellSeries("pulled", "wire", "tip", lengths)],
         [CellDevice("tracker"), CellDevice("wire")],
     )
-    groups = grouped(Frames.of(cell))
+    groups = group_cell_rows(CellFrames.from_cell(cell))
     assert (groups[:30] == groups[30:]).all()
 
 
@@ -300,8 +307,10 @@ def test_rows_that_go_together_widen_what_is_stated():
     sizes = []
     for drift in (0.0, 1.0):
         drifting = replace(points, positions_m=points.positions_m + drift * shared)
-        series = Series("rows", "tracker", "tip", drifting, groups=stops)
-        found = fit_cell(one_arm(world, [series], [CellDevice("tracker", (Place.known(TRACKER),))]), BARE)
+        series = CellSeries("rows", "tracker", "tip", drifting, groups=stops)
+        found = fit_cell(
+            one_arm(world, [series], [CellDevice("tracker", (FramePrior.from_pose(TRACKER),))]), BARE
+        )
         sizes.append(found.robust.degrees_of_freedom)
         assert bool(found.group_effects) == bool(drift)
     assert found.group_effects[0].startswith("rows: residuals go together")
@@ -316,16 +325,20 @@ def mixed(world, frame=None, *, order=None, mirrored=False):
     # A pin's axes are those of the world: what the tip missed it by turns with the world.
     pin = replace(pin, positions_m=pin.positions_m @ frame[:3, :3].T)
     series = [
-        Series("points", "tracker", "tip", points.take(order), groups=order // 4),
-        Series("pulled", "wire", "tip", lengths.take(order), groups=20 + order // 4),
-        Series("pin", "pin", "tip", pin, groups=np.full(8, 50)),
+        CellSeries("points", "tracker", "tip", points.take(order), groups=order // 4),
+        CellSeries("pulled", "wire", "tip", lengths.take(order), groups=20 + order // 4),
+        CellSeries("pin", "pin", "tip", pin, groups=np.full(8, 50)),
     ]
     pin_there = frame[:3, :3] @ PIN + frame[:3, 3]
     return one_arm(
         world,
         series[::-1] if mirrored else series,
-        [CellDevice("tracker"), CellDevice("wire"), CellDevice("pin", (Place.known_point(pin_there, 1e-4),))],
-        base=Place.known(frame),
+        [
+            CellDevice("tracker"),
+            CellDevice("wire"),
+            CellDevice("pin", (FramePrior.from_point(pin_there, 1e-4),)),
+        ],
+        base=FramePrior.from_pose(frame),
     )
 
 
@@ -352,7 +365,7 @@ def test_the_unit_of_length_does_not_matter():
     joints, sigma = random_joints(world.model, np.random.default_rng(3), 40), 5e-5
     usual = mixed(world)
     lengths = np.array([1.0, 1e3, 1e3, 1.0, 1.0])
-    dh = DhTable.from_rows(world.model.dh.rows() * lengths)
+    dh = DhTable.from_rows(world.model.dh.to_rows() * lengths)
     first = world.model.placements[0].copy()
     first[:3, 3] *= 1e3
     in_mm = RobotModel.from_dh(dh, base=first, name="in mm", joint_coupling=world.model.joint_coupling)
@@ -365,14 +378,14 @@ def test_the_unit_of_length_does_not_matter():
             if hasattr(seen, name)
         }
         series.append(replace(each, observations=replace(seen, **named)))
-    devices = [*usual.devices[:2], CellDevice("pin", (Place.known_point(PIN * 1e3, 1e-4 * 1e3),))]
+    devices = [*usual.devices[:2], CellDevice("pin", (FramePrior.from_point(PIN * 1e3, 1e-4 * 1e3),))]
     usual_priors = Priors()
     priors = Priors(
         length_m=usual_priors.length_m * 1e3,
         wire_zero_m=usual_priors.wire_zero_m * 1e3,
         place_m=usual_priors.place_m * 1e3,
     )
-    millimetres = Cell([CellRobot("arm", in_mm)], usual.tools, devices, series)
+    millimetres = CalibrationCell([CellRobot("arm", in_mm)], usual.tools, devices, series)
     found = [fit_cell(usual, BARE), fit_cell(millimetres, replace(BARE, priors=priors))]
     places = [target_positions(f.robust.fit, "tip", joints) for f in found]
     assert np.abs(places[1] / 1e3 - places[0]).max() < 0.02 * sigma
@@ -381,13 +394,13 @@ def test_the_unit_of_length_does_not_matter():
 def test_a_model_without_a_table_is_fitted_by_twists():
     world = World(seed=13)
     bare = replace(world.model, dh=None)
-    cell = Cell(
+    cell = CalibrationCell(
         [CellRobot("arm", bare, previous=nominal_state(bare, ()))],
         [CellTool("tip", "arm")],
-        [CellDevice("tracker", (Place.known(TRACKER, 1e-5, 1e-5),)), CellDevice("wire")],
+        [CellDevice("tracker", (FramePrior.from_pose(TRACKER, 1e-5, 1e-5),)), CellDevice("wire")],
         [
-            Series("rows", "tracker", "tip", world.points(60)),
-            Series("l", "wire", "tip", world.lengths(ANCHOR)),
+            CellSeries("rows", "tracker", "tip", world.points(60)),
+            CellSeries("l", "wire", "tip", world.lengths(ANCHOR)),
         ],
     )
     found = fit_cell(cell, BARE)

@@ -12,7 +12,7 @@ from cellcal.calibration.cells.levels import CellOptions
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import (
     exp_rotation,
-    homogeneous,
+    homogeneous_matrix,
     inverse_transform,
     quaternion_from_rotation,
     rotation_from_quaternion,
@@ -58,7 +58,7 @@ def plate_file(tmp_path):
 def two_robots(path):
     left = World(seed=2)
     right = World(
-        "abb_irb120", seed=3, base=homogeneous(exp_rotation(np.array([0, 0, 2.0])), [1.6, 0.4, 0.1])
+        "abb_irb120", seed=3, base=homogeneous_matrix(exp_rotation(np.array([0, 0, 2.0])), [1.6, 0.4, 0.1])
     )
     rows = []
     for world, arm, reflector in ((left, "left", "A"), (right, "right", "B")):
@@ -149,9 +149,9 @@ def test_a_cell_leaves_a_set_a_description_pictures_and_points_behind(plate_file
     assert np.array([point["joints_rad"] for point in points]) == pytest.approx(posture, abs=1e-6)
     truth = World(seed=1).tips(posture, REFLECTORS[1])
     assert np.abs(np.array([point["position_m"] for point in points]) - truth).max() < 3e-3
-    saved = ParameterSets(out / "sets").load("4711")
+    saved = ParameterSets(out / "sets").load_set("4711")
     told = {item["name"]: item["value"] for item in document["parameters"]}
-    assert saved.value("J2 offset").value == told["J2 offset"]
+    assert saved.find_value("J2 offset").value == told["J2 offset"]
     assert "robot" in (tmp_path / "a.urdf").read_text(encoding="utf-8")
     names = {path.stem for path in out.glob("*.svg")}
     assert {"overview", "correlations", "residuals_by_row_pulled", "distribution_pulled"} <= names

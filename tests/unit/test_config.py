@@ -180,6 +180,6 @@ def test_a_robot_on_a_wall_is_a_model_with_its_mounting(good: Path) -> None:
     text = good.read_text()
     model = next(robot.model for robot in read_cell_file(good).robots if robot.name == "ur")
     good.write_text(text.replace(f'model = "{model}"', f'model = "{model}@wall"'))
-    assert read_cell_file(good).robot("ur").model == f"{model}@wall"
+    assert read_cell_file(good).robot_named("ur").model == f"{model}@wall"
     good.write_text(text.replace(f'model = "{model}"', f'model = "{model}@shelf"'))
     assert any("no robot model" in sentence for sentence in faults_of(good).values())

@@ -6,7 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.drift.causes import OTHER, causes, explain, telling_order, telling_pose
+from cellcal.calibration.drift.causes import (
+    OTHER,
+    drift_causes,
+    explain_changes,
+    most_informative_order,
+    most_informative_pose,
+)
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.pose_design import candidate_joints
@@ -26,9 +32,9 @@ def _joints(count: int = 40) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["length", "point"])
 def test_named_causes_are_the_true_ones_in_nearly_all_draws(kind: str) -> None:
     task, dice, drawn = TASKS[kind], np.random.default_rng(1), _joints()
-    joints = drawn[list(telling_order(task, drawn, SIGMA_M, 6))]
+    joints = drawn[list(most_informative_order(task, drawn, SIGMA_M, 6))]
     values = load_model(task.model).tip_positions(joints, np.array(HOOK)) if kind == "point" else None
-    every = causes(task, joints, values)
+    every = drift_causes(task, joints, values)
     right = wrong = 0
     for truth in every:
         for _ in range(20):
@@ -37,47 +43,49 @@ def test_named_causes_are_the_true_ones_in_nearly_all_draws(kind: str) -> None:
             size = SIZES[truth.kind] * dice.normal(size=truth.columns.shape[1])
             changes = (truth.columns @ size).reshape(6, -1)
             changes = changes + dice.normal(size=changes.shape) * SIGMA_M
-            found = explain(every, changes, SIGMA_M)
-            if found.seen and found.decided(0.9):
-                right += found.likeliest.name == truth.name
-                wrong += found.likeliest.name != truth.name
+            found = explain_changes(every, changes, SIGMA_M)
+            if found.has_changed and found.is_decided(0.9):
+                right += found.likeliest_cause.name == truth.name
+                wrong += found.likeliest_cause.name != truth.name
     assert right >= (60 if kind == "length" else 120)
     assert wrong <= 0.05 * (right + wrong)
 
 
 def test_noise_alone_is_no_change() -> None:
     dice, joints = np.random.default_rng(2), _joints(6)
-    every = causes(TASKS["length"], joints)
-    seen = [explain(every, dice.normal(size=(6, 1)) * SIGMA_M, SIGMA_M).seen for _ in range(300)]
+    every = drift_causes(TASKS["length"], joints)
+    seen = [
+        explain_changes(every, dice.normal(size=(6, 1)) * SIGMA_M, SIGMA_M).has_changed for _ in range(300)
+    ]
     assert sum(seen) <= 4
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-0.01, 0.01), min_size=6, max_size=6))
 def test_probabilities_add_up_whatever_happened(changes: list[float]) -> None:
-    found = explain(causes(TASKS["length"], _joints(6)), np.array(changes)[:, None], SIGMA_M)
+    found = explain_changes(drift_causes(TASKS["length"], _joints(6)), np.array(changes)[:, None], SIGMA_M)
     assert sum(one.probability for one in found.suspects) == pytest.approx(1.0)
     assert found.change_max_m == pytest.approx(max(map(abs, changes)))
 
 
 def test_the_pose_that_tells_is_the_one_at_which_two_causes_differ() -> None:
     task, joints = TASKS["length"], _joints(12)
-    taken = causes(task, joints[:4])
-    both = causes(task, joints)
+    taken = drift_causes(task, joints[:4])
+    both = drift_causes(task, joints)
     j2 = next(cause for cause in both if cause.name == "J2")
     changes = (j2.columns[:4] * 0.001).reshape(4, 1)
-    best = telling_pose(taken, both, changes, SIGMA_M, ("J2", "tool"))
+    best = most_informative_pose(taken, both, changes, SIGMA_M, ("J2", "tool"))
     chances = []
     for pose in range(8):
         rows = [*range(4), 4 + pose]
-        found = explain(causes(task, joints[rows]), j2.columns[rows] * 0.001, SIGMA_M)
+        found = explain_changes(drift_causes(task, joints[rows]), j2.columns[rows] * 0.001, SIGMA_M)
         chances.append(next(one.probability for one in found.suspects if one.name == "tool"))
     assert chances[best] <= sorted(chances)[2]
 
 
 def test_numbers_that_are_none_are_refused() -> None:
     with pytest.raises(CalibrationError, match="finite"):
-        explain(causes(TASKS["length"], _joints(6)), np.full((6, 1), np.nan), SIGMA_M)
+        explain_changes(drift_causes(TASKS["length"], _joints(6)), np.full((6, 1), np.nan), SIGMA_M)
     with pytest.raises(CalibrationError, match="twice"):
         DriftReference("F", "m", "wire", (), 0, (0.0,), ((0.0,),), ((0.0,),), ((np.nan,),), ((1.0,),), 1e-4)
 

@@ -4,26 +4,37 @@ import struct
 
 import pytest
 
-from cellcal.drivers.laser_tracker.packets import RESULTS, SIZES, Command, Kind, command, result
+from cellcal.drivers.laser_tracker.packets import (
+    RESULTS,
+    SIZES,
+    PacketKind,
+    TrackerCommand,
+    decode_result,
+    encode_command,
+)
 
 
 @pytest.mark.parametrize(
     ("number", "parameters", "golden"),
     [
-        (Command.INITIALIZE, b"", "0c000000 00000000 07000000"),
-        (Command.START_MEASUREMENT, b"", "0c000000 00000000 31000000"),
-        (Command.GET_SYSTEM_STATUS, b"", "0c000000 00000000 01000000"),
+        (TrackerCommand.INITIALIZE, b"", "0c000000 00000000 07000000"),
+        (TrackerCommand.START_MEASUREMENT, b"", "0c000000 00000000 31000000"),
+        (TrackerCommand.GET_SYSTEM_STATUS, b"", "0c000000 00000000 01000000"),
         (
-            Command.SET_UNITS,
+            TrackerCommand.SET_UNITS,
             struct.pack("<5I", 0, 0, 0, 0, 0),
             "20000000 00000000 05000000" + " 00000000" * 5,
         ),
-        (Command.FIND_REFLECTOR, struct.pack("<d", 3.0), "14000000 00000000 3f000000 0000000000000840"),
-        (Command.SET_MEASUREMENT_MODE, struct.pack("<I", 6), "10000000 00000000 18000000 06000000"),
+        (
+            TrackerCommand.FIND_REFLECTOR,
+            struct.pack("<d", 3.0),
+            "14000000 00000000 3f000000 0000000000000840",
+        ),
+        (TrackerCommand.SET_MEASUREMENT_MODE, struct.pack("<I", 6), "10000000 00000000 18000000 06000000"),
     ],
 )
-def test_commands(number: Command, parameters: bytes, golden: str) -> None:
-    assert command(number, parameters) == bytes.fromhex(golden)
+def test_commands(number: TrackerCommand, parameters: bytes, golden: str) -> None:
+    assert encode_command(number, parameters) == bytes.fromhex(golden)
 
 
 def body(words: tuple[int, ...], count: int) -> bytes:
@@ -32,7 +43,7 @@ def body(words: tuple[int, ...], count: int) -> bytes:
 
 
 def test_a_point_has_seventeen_numbers() -> None:
-    found = result(Kind.POINT, body((0, 1), 17))
+    found = decode_result(PacketKind.POINT, body((0, 1), 17))
     assert found.is_try
     assert (found.value, found.scatter) == ((1, 2, 3), (4, 5, 6))
     assert found.expected == (11, 12, 13)  # 7 is their total, 8 to 10 are pointing errors, 14 a total again
@@ -41,7 +52,7 @@ def test_a_point_has_seventeen_numbers() -> None:
 
 
 def test_a_point_with_covariance_has_twenty_three() -> None:
-    found = result(Kind.POINT_WITH_COVARIANCE, body((0, 0), 23))
+    found = decode_result(PacketKind.POINT_WITH_COVARIANCE, body((0, 0), 23))
     assert (found.value, found.scatter) == ((1, 2, 3), (4, 5, 6))
     assert found.expected == (14, 15, 16)  # 8 to 10 are the scatter's covariances, 11 to 13 pointing errors
     assert found.covariance == (18, 19, 20)
@@ -49,7 +60,7 @@ def test_a_point_with_covariance_has_twenty_three() -> None:
 
 
 def test_a_probe_has_forty_one() -> None:
-    found = result(Kind.PROBE, body((6, 0, 0, 0x21, 5, 1, 2, 7, 8), 41))
+    found = decode_result(PacketKind.PROBE, body((6, 0, 0, 0x21, 5, 1, 2, 7, 8), 41))
     assert (found.mode, found.rotation_status, found.tip_status) == (6, 0x21, 2)
     assert (found.value, found.scatter, found.expected) == ((1, 2, 3), (4, 5, 6), (11, 12, 13))
     assert found.covariance == (15, 16, 17)
@@ -60,8 +71,8 @@ def test_a_probe_has_forty_one() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "words", "count"),
-    [(Kind.POINT, 2, 17), (Kind.POINT_WITH_COVARIANCE, 2, 23), (Kind.PROBE, 9, 41)],
+    [(PacketKind.POINT, 2, 17), (PacketKind.POINT_WITH_COVARIANCE, 2, 23), (PacketKind.PROBE, 9, 41)],
 )
-def test_sizes_are_those_of_the_packed_structures(kind: Kind, words: int, count: int) -> None:
+def test_sizes_are_those_of_the_packed_structures(kind: PacketKind, words: int, count: int) -> None:
     assert kind in RESULTS
     assert SIZES[kind] == 12 + 4 * words + 8 * count

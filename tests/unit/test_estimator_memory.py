@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cellcal.calibration.identification.estimator import Problem, errors_m, estimate, place_columns
+from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses
@@ -15,8 +15,8 @@ def fitted(simulate, count, seed, weights=None):
     simulated = simulate(count=count, seed=seed)
     start = first_guess(simulated.model, simulated.observations)[0]
     layout = make_layout(simulated.model, simulated.observations.kind, 1, level=GEOMETRY)
-    problem = Problem.of(start, simulated.observations)
-    return estimate(layout, start, problem, weights, from_afar=True), problem
+    problem = FitProblem.from_observations(start, simulated.observations)
+    return estimate_arm(layout, start, problem, weights, from_afar=True), problem
 
 
 def test_fits_beside_each_other_and_after_each_other_are_the_same():
@@ -45,16 +45,16 @@ def test_a_row_of_weight_zero_is_as_if_it_were_not_there_and_of_weight_four_as_o
     count = 50
     weights = np.where(np.arange(count) % 5 == 0, 0.0, 1.0)
     fit, problem = fitted(simulate, count, 3, weights)
-    again = estimate(fit.layout, fit.state, problem, weights)
-    less = estimate(fit.layout, fit.state, problem.take(np.flatnonzero(weights)))
+    again = estimate_arm(fit.layout, fit.state, problem, weights)
+    less = estimate_arm(fit.layout, fit.state, problem.take(np.flatnonzero(weights)))
     assert apart(told_by_rows(again), told_by_rows(less)) < 1e-5
-    four = estimate(fit.layout, fit.state, problem, np.full(count, 4.0))
-    assert apart(told_by_rows(four), 4.0 * told_by_rows(estimate(fit.layout, fit.state, problem))) < 1e-5
+    four = estimate_arm(fit.layout, fit.state, problem, np.full(count, 4.0))
+    assert apart(told_by_rows(four), 4.0 * told_by_rows(estimate_arm(fit.layout, fit.state, problem))) < 1e-5
 
 
 def told_by_rows(fit):
     """Return the information of the rows alone, in prior deviations."""
-    prior = fit.layout.prior
+    prior = fit.layout.prior_sigmas
     return np.linalg.inv(fit.covariance / np.outer(prior, prior)) - np.eye(len(prior))
 
 

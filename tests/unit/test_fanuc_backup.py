@@ -8,7 +8,12 @@ import pytest
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.fanuc.program_files.va_backup import read_backup
-from cellcal.drivers.fanuc.program_files.va_edits import changed_files, count_edits, frame_edits, instructions
+from cellcal.drivers.fanuc.program_files.va_edits import (
+    changed_files,
+    count_edits,
+    edit_instructions,
+    frame_edits,
+)
 from cellcal.drivers.fanuc.program_files.va_text import MAX_LINE_BYTES, VaFile
 from cellcal.drivers.programs.errors import ProgramFileError
 from tests.programs.damage import mutate
@@ -33,25 +38,25 @@ def test_frames_tools_and_registers_are_read(controller, tmp_path: Path, ending:
     about_x = np.array([[1, 0, 0], [0, np.cos(w), -np.sin(w)], [0, np.sin(w), np.cos(w)]])
     about_y = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
     about_z = np.array([[np.cos(r), -np.sin(r), 0], [np.sin(r), np.cos(r), 0], [0, 0, 1]])
-    assert np.allclose(frame.rotation(), about_z @ about_y @ about_x, atol=1e-12)  # fixed axes x, y, z
+    assert np.allclose(frame.rotation_matrix(), about_z @ about_y @ about_x, atol=1e-12)  # fixed axes x, y, z
     assert frame.position_m == pytest.approx((0.884, -3.32979, -0.13319), abs=1e-12)
-    assert backup.tools[1, 2].position_m == pytest.approx((0.01, -0.00025, 0.3005), abs=1e-12)
+    assert backup.tool_poses[1, 2].position_m == pytest.approx((0.01, -0.00025, 0.3005), abs=1e-12)
     assert (backup.selected_frames[1], backup.selected_tools[2]) == (0, 1)
-    held = backup.frames()
+    held = backup.group_frames()
     assert held.base_frame["9"].position_m == pytest.approx((1e-6, 0, 0))
     assert held.flange_tip["0"] == Pose((0.0, 0.0, 0.0))
     home, pose, empty = (backup.registers[1, n] for n in (1, 2, 3))
     assert home.comment == "Höhe"
-    assert home.axes() == pytest.approx(np.radians((45.0, -45.0, 60.0, -175.0, 90.0, 180.0)))
-    assert pose.pose() is not None
-    assert np.isnan(pose.external()).all()  # the controller shows stars
-    assert backup.registers[1, 4].external() == pytest.approx((0.040492,))
-    assert not empty.initialised
+    assert home.to_joints() == pytest.approx(np.radians((45.0, -45.0, 60.0, -175.0, 90.0, 180.0)))
+    assert pose.to_pose() is not None
+    assert np.isnan(pose.external_axes()).all()  # the controller shows stars
+    assert backup.registers[1, 4].external_axes() == pytest.approx((0.040492,))
+    assert not empty.is_initialised
     assert empty.comment == "Home2"
-    assert empty.pose() is None
-    assert empty.axes() is None
-    assert backup.registers[2, 1].axes() == pytest.approx((0.2,))  # a linear group, in mm
-    assert not backup.missing
+    assert empty.to_pose() is None
+    assert empty.to_joints() is None
+    assert backup.registers[2, 1].to_joints() == pytest.approx((0.2,))  # a linear group, in mm
+    assert not backup.missing_files
 
 
 def test_mastering_agrees_with_itself(controller, tmp_path: Path) -> None:
@@ -59,13 +64,13 @@ def test_mastering_agrees_with_itself(controller, tmp_path: Path) -> None:
     controller.reference_rad = reference
     mastering = read_backup(controller.save(tmp_path)).mastering[1]
     assert mastering.drives is not None
-    train = mastering.drives.train()
+    train = mastering.drives.to_drive_train()
     assert train.counts_per_turn == (2**19,) * 6
     assert mastering.counts_at_zero == tuple(controller.counts)
     assert mastering.drives.fixture_deg[1] == pytest.approx(24.6528)
     assert 1 / np.array(mastering.drives.gear_ratio) == pytest.approx(RATIOS, rel=1e-6)
     assert mastering.reference_holds
-    there = train.joints(np.array(controller.counts_at(reference)), np.array(controller.counts))
+    there = train.to_joints(np.array(controller.counts_at(reference)), np.array(controller.counts))
     assert there == pytest.approx(reference, abs=2e-6)  # coupling of the wrist included
     assert mastering.findings == ()
 
@@ -94,7 +99,7 @@ def test_published_counts_hold(tmp_path: Path) -> None:
 
 def test_what_was_not_mastered_is_told(controller, tmp_path: Path) -> None:
     controller.mastered, controller.states = False, [2, 0, 1, 2, 7, 2]
-    said = " ".join(read_backup(controller.save(tmp_path)).findings())
+    said = " ".join(read_backup(controller.save(tmp_path)).list_findings())
     for words in ("$MASTER_DONE is FALSE", "axis 2 was lost", "axis 3 was mastered otherwise", "state 7"):
         assert words in said
 
@@ -138,9 +143,9 @@ def test_changed_files_differ_in_the_asked_numbers_only(controller, tmp_path: Pa
     controller.save(again)
     for name, data in changed.items():
         (again / name).write_bytes(data)
-    assert np.allclose(read_backup(again).user_frames[1, 1].matrix(), moved.matrix(), atol=2e-5)
+    assert np.allclose(read_backup(again).user_frames[1, 1].to_matrix(), moved.to_matrix(), atol=2e-5)
     assert read_backup(again).mastering[1].counts_at_zero == tuple(counts)
-    told = instructions(edits)
+    told = edit_instructions(edits)
     assert told[0].startswith("1. MENU > SETUP > Frames")
     assert "from 884.000 mm to .400 mm" in told[0]
     assert "CALIBRATE" in told[4]
@@ -149,7 +154,7 @@ def test_changed_files_differ_in_the_asked_numbers_only(controller, tmp_path: Pa
 
 def test_the_same_values_need_no_edit(controller, tmp_path: Path) -> None:
     backup = read_backup(controller.save(tmp_path))
-    assert frame_edits(backup, frames=backup.user_frames, tools=backup.tools) == ()
+    assert frame_edits(backup, frames=backup.user_frames, tools=backup.tool_poses) == ()
     assert count_edits(backup, 1, controller.counts) == ()
 
 
@@ -223,10 +228,10 @@ def test_folders_that_hold_no_backup(tmp_path: Path) -> None:
 def test_huge_lines_and_files_are_bounded(controller, tmp_path: Path, monkeypatch) -> None:
     data = controller.sysmast().encode()
     with pytest.raises(ProgramFileError, match="characters"):
-        VaFile.read("a.va", data + b" " * (MAX_LINE_BYTES + 1))
+        VaFile.from_bytes("a.va", data + b" " * (MAX_LINE_BYTES + 1))
     monkeypatch.setattr("cellcal.drivers.fanuc.program_files.va_text.MAX_FILE_BYTES", len(data) - 1)
     with pytest.raises(ProgramFileError, match="more than a controller writes"):
-        VaFile.read("a.va", data)
+        VaFile.from_bytes("a.va", data)
 
 
 def test_what_a_web_server_wraps_around_is_passed_over(controller, tmp_path: Path) -> None:

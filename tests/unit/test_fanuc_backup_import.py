@@ -16,12 +16,12 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.engineering.parameters.fanuc_backup import edits_to, import_backup
 from cellcal.service.engineering.parameters.mastering_files import (
     RecordFileError,
-    export,
+    export_record,
     import_record,
     in_force,
 )
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 from tests.unit.helpers.fanuc_va import Controller
@@ -61,7 +61,7 @@ def test_its_sheet_and_its_way_to_another_computer(controller, tmp_path: Path) -
     controller.reference_rad = None
     done = import_backup(config, controller.save(tmp_path / "backup"), who="anna", of=Of())
     assert "reference pose" in done.untold[-1]
-    signed, sheet = export(config, None, tmp_path / "stick")
+    signed, sheet = export_record(config, None, tmp_path / "stick")
     text = sheet.read_text()
     for told in ("nothing measured", "not told", "cannot be found with it", str(controller.counts[5])):
         assert told in " ".join(text.split())
@@ -80,7 +80,7 @@ async def test_a_record_of_counts_only_finds_no_turns_and_replaces_no_better_one
     with pytest.raises(RefusalError, match="no lengths or places"):
         await stored_record(replace(made.cell, record=done.record))
     with open_journal(config) as journal:
-        Store(journal).put_mastering_record(record, actor="anna")
+        RunStore(journal).put_mastering_record(record, actor="anna")
     with pytest.raises(RecordFileError, match="Only the one in force can find lost turns"):
         import_backup(config, backup, who="anna", of=Of())
     assert in_force(config).record == record

@@ -7,9 +7,9 @@ import pytest
 
 from cellcal.calibration.identification.effect_lint import misfit_notes
 from cellcal.calibration.identification.effect_mixture import KINDS, average_over_misfits
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.soak.few_rows import EFFECTS, identify_few, share_inside, world
 
 
@@ -21,7 +21,7 @@ def test_two_stated_deviations_hold_with_few_rows(rows):
 
 def test_the_geometry_with_its_priors_is_chosen_for_eight_rows():
     there = world("none", 8, np.random.default_rng(4))
-    found = identify(there.truth.nominal, there.observations, options=Options(judge=False))
+    found = identify_arm(there.truth.nominal, there.observations, options=IdentificationOptions(judge=False))
     assert found.level == GEOMETRY
     joints = np.random.default_rng(5).uniform(-1.0, 1.0, (50, 6))
     places = there.truth.seen_from(0).base_flange(joints)[:, :3, 3]
@@ -38,8 +38,8 @@ def test_the_geometry_with_its_priors_is_chosen_for_eight_rows():
 )
 def test_what_the_model_lacks_is_told_by_kind(effect, kind):
     there = world(effect, 40, np.random.default_rng(11))
-    options = Options(judge=False, level=GEOMETRY, find_breaks=False)
-    found = identify(there.truth.nominal, there.observations, options=options)
+    options = IdentificationOptions(judge=False, level=GEOMETRY, find_breaks=False)
+    found = identify_arm(there.truth.nominal, there.observations, options=options)
     chances = dict(zip(KINDS, found.misfit.probability, strict=True))
     assert chances[kind] > 0.9
     assert max(chances, key=chances.get) == kind
@@ -48,12 +48,16 @@ def test_what_the_model_lacks_is_told_by_kind(effect, kind):
 
 def test_clean_rows_have_no_misfit_and_eight_rows_leave_it_open():
     there = world("none", 60, np.random.default_rng(12))
-    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, find_breaks=False))
+    found = identify_arm(
+        there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, find_breaks=False)
+    )
     assert max(found.misfit.probability) < 0.1
     assert found.misfit.noise_m == pytest.approx(5e-5, rel=0.3)
     assert misfit_notes(found.misfit, 60, 0) == []
     there = world("none", 8, np.random.default_rng(12))
-    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, find_breaks=False))
+    found = identify_arm(
+        there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, find_breaks=False)
+    )
     assert [note.code for note in misfit_notes(found.misfit, 8, 0)] == ["misfit_open"]
 
 
@@ -64,15 +68,19 @@ def test_blunders_are_a_note_of_their_own():
 
 def test_many_rows_keep_their_own_deviations():
     there = world("none", 61, np.random.default_rng(3))
-    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, level=GEOMETRY))
+    found = identify_arm(
+        there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, level=GEOMETRY)
+    )
     assert found.misfit is None
 
 
 def test_a_device_that_was_moved_is_seen_though_no_level_helps():
     there = world("none", 40, np.random.default_rng(3))
     places = there.observations.positions_m + np.where(np.arange(40) < 20, 0.0, 0.05)[:, None]
-    found = identify(
-        there.truth.nominal, replace(there.observations, positions_m=places), options=Options(judge=False)
+    found = identify_arm(
+        there.truth.nominal,
+        replace(there.observations, positions_m=places),
+        options=IdentificationOptions(judge=False),
     )
     assert found.level == FRAMES or found.breaks
     chances = dict(zip(KINDS, found.misfit.probability, strict=True))
@@ -82,11 +90,11 @@ def test_a_device_that_was_moved_is_seen_though_no_level_helps():
 
 def test_deviations_of_few_rows_do_not_depend_on_the_stated_size_of_noise():
     there = world("none", 30, np.random.default_rng(8))
-    options = Options(judge=False, level=GEOMETRY, find_breaks=False)
-    found = identify(there.truth.nominal, there.observations, options=options)
+    options = IdentificationOptions(judge=False, level=GEOMETRY, find_breaks=False)
+    found = identify_arm(there.truth.nominal, there.observations, options=options)
     louder = replace(there.observations, sigma_m=5 * there.observations.sigma_m)
     again = average_over_misfits(
-        identify(there.truth.nominal, louder, options=options).robust, there.observations
+        identify_arm(there.truth.nominal, louder, options=options).robust, there.observations
     )
     assert np.sqrt(np.diag(again.covariance)) == pytest.approx(
         np.sqrt(np.diag(found.robust.fit.covariance)), rel=0.2

@@ -6,9 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellcal.drivers.file_import.text import Layout, TextError, number, rows_of, typed
+from cellcal.drivers.file_import.number_text import (
+    ColumnLayout,
+    TextError,
+    parse_number,
+    parse_typed,
+    rows_of,
+)
 
-XYZ = Layout(("x", "y", "z"), "mm")
+XYZ = ColumnLayout(("x", "y", "z"), "mm")
 
 
 @pytest.mark.parametrize(
@@ -19,7 +25,7 @@ XYZ = Layout(("x", "y", "z"), "mm")
     ],
 )  # fmt: skip
 def test_a_comma_is_a_decimal_mark(cell: str, value: float) -> None:
-    assert number(cell) == value
+    assert parse_number(cell) == value
 
 
 @pytest.mark.parametrize(
@@ -31,18 +37,18 @@ def test_a_comma_is_a_decimal_mark(cell: str, value: float) -> None:
 )  # fmt: skip
 def test_anything_else_is_no_number(cell: str) -> None:
     with pytest.raises(TextError):
-        number(cell)
+        parse_number(cell)
 
 
 @given(st.floats(-1e8, 1e8), st.sampled_from([".", ","]))
 def test_what_is_written_is_what_is_read(value: float, mark: str) -> None:
-    assert number(repr(value).replace(".", mark)) == value
+    assert parse_number(repr(value).replace(".", mark)) == value
 
 
 @given(st.text(max_size=60))
 def test_no_text_becomes_a_number_that_is_not_finite(text: str) -> None:
     try:
-        values = typed(text, 1)
+        values = parse_typed(text, 1)
     except TextError:
         return
     assert math.isfinite(values[0])
@@ -52,13 +58,13 @@ def test_no_text_becomes_a_number_that_is_not_finite(text: str) -> None:
     "line", ["1,5 -2,5 300", "1.5; -2.5; 300", "1.5\t-2.5\t300", " 1,5;-2,5;300 ", "1.5   -2.5  300.0"]
 )
 def test_three_numbers_may_be_typed_in_any_of_these_ways(line: str) -> None:
-    assert typed(line, 3) == (1.5, -2.5, 300.0)
+    assert parse_typed(line, 3) == (1.5, -2.5, 300.0)
 
 
 @pytest.mark.parametrize("line", ["", "1 2", "1 2 3 4", "1,2,3", "1.5,2.5,3.5", "a b c", "1 2 nan"])
 def test_what_could_be_misread_is_asked_again(line: str) -> None:
     with pytest.raises(TextError):
-        typed(line, 3)
+        parse_typed(line, 3)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +103,7 @@ def test_a_bad_cell_is_told_with_line_and_column(text: str, where: str) -> None:
 
 
 def test_columns_may_be_counted_and_words_above_are_not_rows() -> None:
-    layout = Layout((2, 3, 4), "mm", heading_lines=1)
+    layout = ColumnLayout((2, 3, 4), "mm", heading_lines=1)
     text = "Name;East;North;Up\nP1;1,5;2;3\nP2;4;5;6\n"
     assert [(row.values, row.line) for row in rows_of(text, layout)] == [
         ((1.5, 2.0, 3.0), 2),
@@ -108,17 +114,17 @@ def test_columns_may_be_counted_and_words_above_are_not_rows() -> None:
 def test_a_first_row_that_is_spoilt_does_not_shift_the_others() -> None:
     for first in ("1;2;x", "in;1;mm", "nan;nan;nan", ";;", "---;---;---", "no reflector", '"";"";""'):
         with pytest.raises(TextError, match="line 1"):
-            rows_of(f"{first}\n1;2;3\n", Layout((1, 2, 3), "mm"))
+            rows_of(f"{first}\n1;2;3\n", ColumnLayout((1, 2, 3), "mm"))
         with pytest.raises(TextError, match="line 2"):
             rows_of(f"x;y;z\n{first}\n1;2;3\n", XYZ)
 
 
 def test_a_comma_that_could_be_either_is_refused_until_the_separator_is_named() -> None:
-    one = Layout((1,), "mm")
+    one = ColumnLayout((1,), "mm")
     with pytest.raises(TextError, match="separator"):
         rows_of("12,5\n", one)
-    assert rows_of("12,5\n", Layout((1,), "mm", ","))[0].values == (12.0,)
-    assert rows_of("12,5\n", Layout((1,), "mm", ";"))[0].values == (12.5,)
+    assert rows_of("12,5\n", ColumnLayout((1,), "mm", ","))[0].values == (12.0,)
+    assert rows_of("12,5\n", ColumnLayout((1,), "mm", ";"))[0].values == (12.5,)
 
 
 def test_ones_are_numbers_and_no_units() -> None:

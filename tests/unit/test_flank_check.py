@@ -8,7 +8,7 @@ import pytest
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import WireCapture
 from cellcal.calibration.mastering.flank_check import OTHER_SIDE, compare_flanks
-from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL, lose
 
@@ -25,13 +25,15 @@ def look(
 ):  # type: ignore[no-untyped-def]
     """Return captures whose joints lie ``play_rad`` beyond what the motors say where no weight holds them."""
     dice = np.random.default_rng([seed, len(side)])
-    predictor = WirePredictor(MODEL, *LOSS.record.lengths())
+    predictor = WirePredictor(MODEL, *LOSS.record.wire_lengths())
     real = poses + play_rad * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
     lengths = (
-        predictor.terms(WireSeen.of(real, 1e-4)).lengths + off_m + NOISE_M * dice.normal(size=len(poses))
+        predictor.wire_terms(WirePoses.from_record_side(real, 1e-4)).lengths
+        + off_m
+        + NOISE_M * dice.normal(size=len(poses))
     )
     zero = np.array(LOSS.record.counts_at_zero)
-    counts = DRIVE.counts(poses, zero) - np.array(DRIVE.counts_per_turn) * LOSS.true_turns
+    counts = DRIVE.to_counts(poses, zero) - np.array(DRIVE.counts_per_turn) * LOSS.true_turns
     return [
         WireCapture(tuple(int(c) for c in row), float(length), NOISE_M, side)
         for row, length in zip(counts, lengths, strict=True)

@@ -5,13 +5,19 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.geometry import (
+    Pose,
+    exp_rotation,
+    homogeneous_matrix,
+    inverse_transform,
+    log_transform,
+)
 from cellcal.calibration.points.frame_design import (
     FrameGoal,
     FramePoint,
     FrameRole,
     frame_outlook,
-    in_turn_touches,
+    touches_needed_in_turn,
 )
 from cellcal.calibration.points.frames import TaughtFrame, frame_from_more_points
 
@@ -21,7 +27,7 @@ ROLES: tuple[FrameRole, ...] = ("origin", "on_x", "in_plane")
 
 def _triangle(seed: int) -> tuple[Pose, list[FramePoint]]:
     dice = np.random.default_rng(seed)
-    matrix = homogeneous(exp_rotation(dice.uniform(-2, 2, 3)), dice.uniform(-1, 1, 3))
+    matrix = homogeneous_matrix(exp_rotation(dice.uniform(-2, 2, 3)), dice.uniform(-1, 1, 3))
     local = [
         (0.0, 0.0, 0.0),
         (dice.uniform(0.1, 0.8), 0.0, 0.0),
@@ -65,7 +71,7 @@ def test_few_touches_do(seed: int) -> None:
     base_frame, points = _triangle(100 + seed)
     goal = FrameGoal(SIGMA_M, 0.0008, 0.004)
     found = len(frame_outlook(base_frame, points, goal, 40).again)
-    in_turn = in_turn_touches(base_frame, points, goal)
+    in_turn = touches_needed_in_turn(base_frame, points, goal)
     assert 3 + found <= in_turn
     least = next(count for count in range(40) if _some_choice_does(points, goal, count))
     assert found <= least + 1
@@ -86,7 +92,7 @@ def _some_choice_does(points: list[FramePoint], goal: FrameGoal, count: int) -> 
 def test_in_turn_is_the_count_at_which_the_fit_meets_the_goal() -> None:
     base_frame, points = _triangle(7)
     goal = FrameGoal(SIGMA_M, 0.0005, 0.002)
-    rounds, rest = divmod(in_turn_touches(base_frame, points, goal), 3)
+    rounds, rest = divmod(touches_needed_in_turn(base_frame, points, goal), 3)
     assert rest == 0
     met = [
         all(np.array(_u(_fitted(points * n))) <= (goal.origin_u_m, goal.angle_u_rad))
@@ -113,7 +119,7 @@ def test_the_truth_lies_inside_u() -> None:
     dice, inside, runs = np.random.default_rng(5), np.zeros(6), 2000
     for _ in range(runs):
         taught = _fitted(points, dice.normal(0.0, SIGMA_M * 0.9, (len(points), 3)))
-        error = log_transform(inverse_transform(base_frame.matrix()) @ taught.base_frame.matrix())
+        error = log_transform(inverse_transform(base_frame.to_matrix()) @ taught.base_frame.to_matrix())
         inside += np.abs(error) <= 2.0 * 0.9 * np.array([*taught.origin_sigma_m, *taught.rotation_sigma_rad])
     assert (inside / runs > 0.935).all()
     assert (inside / runs < 0.97).all()

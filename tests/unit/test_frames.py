@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous_matrix, log_transform
 from cellcal.calibration.points.frames import (
     base_to_base,
-    clone_change,
+    clone_frame_change,
     frame_from_many_points,
     frame_from_six_points,
     frame_from_three_points,
@@ -19,7 +19,7 @@ from cellcal.calibration.points.frames import (
     moved_point,
 )
 
-TRUTH = homogeneous(exp_rotation(np.array([0.2, -0.5, 1.4])), np.array([1.2, -0.3, 0.4]))
+TRUTH = homogeneous_matrix(exp_rotation(np.array([0.2, -0.5, 1.4])), np.array([1.2, -0.3, 0.4]))
 
 
 def at(*point, matrix=TRUTH):
@@ -28,7 +28,9 @@ def at(*point, matrix=TRUTH):
 
 def pose(seed: int) -> Pose:
     rng = np.random.default_rng(seed)
-    return Pose.from_matrix(homogeneous(exp_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1, 1, 3)))
+    return Pose.from_matrix(
+        homogeneous_matrix(exp_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1, 1, 3))
+    )
 
 
 @settings(max_examples=50, deadline=None)
@@ -37,7 +39,7 @@ def test_three_points_give_the_frame(length, skew, height):
     found = frame_from_three_points(
         at(0, 0, 0), at(length, 0, 0), at(skew, height, 0), above_m=at(0.3, 0.2, 0.1)
     )
-    assert np.allclose(found.base_frame.matrix(), TRUTH, atol=1e-12)
+    assert np.allclose(found.base_frame.to_matrix(), TRUTH, atol=1e-12)
     assert found.opening_rad == pytest.approx(math.atan2(height, skew))
     assert found.x_length_m == pytest.approx(length)
 
@@ -49,7 +51,7 @@ def test_a_point_below_shows_the_wrong_order():
 
 def test_the_fourth_point_moves_the_origin_and_keeps_the_axes():
     found = frame_from_three_points(at(0, 0, 0), at(1, 0, 0), at(0, 1, 0), origin_at_m=at(0.1, 0.2, 0.3))
-    assert np.allclose(found.base_frame.rotation(), TRUTH[:3, :3])
+    assert np.allclose(found.base_frame.rotation_matrix(), TRUTH[:3, :3])
     assert np.allclose(found.base_frame.position_m, at(0.1, 0.2, 0.3))
 
 
@@ -81,7 +83,7 @@ def test_the_stated_uncertainty_is_the_scatter():
     twists = []
     for _ in range(1500):
         found = frame_from_three_points(*(p + rng.normal(scale=1e-4, size=3) for p in points))
-        twists.append(log_transform(np.linalg.inv(TRUTH) @ found.base_frame.matrix()))
+        twists.append(log_transform(np.linalg.inv(TRUTH) @ found.base_frame.to_matrix()))
     sigma = np.concatenate([stated.origin_sigma_m, stated.rotation_sigma_rad])
     assert np.allclose(np.std(twists, axis=0), sigma, rtol=0.08)
 
@@ -100,7 +102,7 @@ STOP = at(0, 0.3, -0.02)
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
 def test_three_two_one_points_give_the_frame_in_any_order_on_the_plane(order):
     found = frame_from_six_points([PLANE[i] for i in order], LINE, STOP, above_m=at(0, 0, 1), sigma_m=1e-4)
-    assert np.allclose(found.base_frame.matrix(), TRUTH, atol=1e-12)
+    assert np.allclose(found.base_frame.to_matrix(), TRUTH, atol=1e-12)
     # The stop is 0.3 m from the origin, and the line, 0.5 m long, turns the frame under it.
     assert found.origin_sigma_m[0] == pytest.approx(1e-4 * math.sqrt(1 + 2 * (0.3 / 0.5) ** 2), rel=1e-2)
 
@@ -118,24 +120,24 @@ def test_six_points_that_make_no_frame_are_refused(plane, line):
 def test_many_points_of_a_drawing_give_the_frame():
     drawn = np.random.default_rng(1).uniform(0, 0.5, (6, 3))
     fit = frame_from_many_points(drawn, [at(*p) for p in drawn])
-    assert np.allclose(fit.target_source.matrix(), TRUTH, atol=1e-12)
+    assert np.allclose(fit.target_source.to_matrix(), TRUTH, atol=1e-12)
 
 
 def test_a_moved_workpiece_carries_its_points_along():
     base_frame, base_frame_moved, frame_tcp = pose(1), pose(2), pose(3)
     in_old_frame = moved_point(frame_offset(base_frame, base_frame_moved), frame_tcp)
     assert np.allclose(
-        (base_frame @ in_old_frame).matrix(), (base_frame_moved @ frame_tcp).matrix(), atol=1e-12
+        (base_frame @ in_old_frame).to_matrix(), (base_frame_moved @ frame_tcp).to_matrix(), atol=1e-12
     )
 
 
 def test_a_frame_that_did_not_move_leaves_the_points():
-    assert np.allclose(frame_offset(pose(1), pose(1)).matrix(), np.eye(4), atol=1e-12)
+    assert np.allclose(frame_offset(pose(1), pose(1)).to_matrix(), np.eye(4), atol=1e-12)
 
 
 def test_a_cloned_point_is_at_the_same_place_on_the_fixture():
     base_fix, other_fix, base_frame, other_frame, frame_tcp = (pose(i) for i in range(10, 15))
-    change = clone_change(base_frame, other_frame, base_to_base(base_fix, other_fix))
+    change = clone_frame_change(base_frame, other_frame, base_to_base(base_fix, other_fix))
     on_fixture = base_fix.inverse() @ base_frame @ frame_tcp
     on_other_fixture = other_fix.inverse() @ other_frame @ change @ frame_tcp
-    assert np.allclose(on_fixture.matrix(), on_other_fixture.matrix(), atol=1e-12)
+    assert np.allclose(on_fixture.to_matrix(), on_other_fixture.to_matrix(), atol=1e-12)

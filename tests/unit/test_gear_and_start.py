@@ -8,10 +8,10 @@ import pytest
 from cellcal.calibration.arm.joint_terms import JointTerm, gear_terms, term_values
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.identification.free_parameters import Places, StartingPoint
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.free_parameters import KnownPlaces, StartingPoint
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import FRAMES, GEAR, OFFSETS
-from cellcal.calibration.identification.selection import Options, terms_of_level
+from cellcal.calibration.identification.selection import IdentificationOptions, terms_of_level
 from tests.unit.helpers.simulated_arm import TRACKER, random_joints, tracker_points
 
 
@@ -45,7 +45,7 @@ def test_gear_terms_are_ratios_and_the_couplings_that_arms_have():
 def test_a_gear_ratio_is_found_where_unseen_rows_show_it():
     terms = (JointTerm("gear", 2, source=2), JointTerm("gear", 4, source=3))
     simulated = with_terms(tracker_points(count=250), terms, [4e-4, -3e-4])
-    found = identify(simulated.model, simulated.observations, options=Options(judge=False))
+    found = identify_arm(simulated.model, simulated.observations, options=IdentificationOptions(judge=False))
     assert found.level == GEAR
     for name, truth in (("J3 gear ratio", 4e-4), ("J5 coupling to J4", -3e-4)):
         seen, sigma = value(found, name)
@@ -72,11 +72,13 @@ def test_waves_are_not_read_into_few_angles():
 
 def known_before(simulated):
     """Everything as it is, but for what happens to J2 afterwards."""
-    found = identify(simulated.model, simulated.observations, options=Options(level=2, judge=False))
+    found = identify_arm(
+        simulated.model, simulated.observations, options=IdentificationOptions(level=2, judge=False)
+    )
     names = [p.name for p in found.robust.fit.layout.parameters]
     values = dict(zip(names, found.robust.fit.deviations, strict=True))
     arm = {n: v for n, v in values.items() if not n.startswith(("base", "tool"))}
-    return arm, Places(found.state.devices[0], found.state.flange_tool)
+    return arm, KnownPlaces(found.state.devices[0], found.state.flange_tool)
 
 
 @pytest.fixture(scope="module")
@@ -99,17 +101,19 @@ def test_one_offset_is_found_again_from_four_rows(before):
     simulated, arm, places = before
     start = StartingPoint(arm, ("J2 offset",), places)
     rows = slipped(simulated, 4, 2e-3)
-    found = identify(simulated.model, rows, options=Options(start=start))
+    found = identify_arm(simulated.model, rows, options=IdentificationOptions(start=start))
     assert found.level == OFFSETS
     assert [p.name for p in found.robust.fit.layout.parameters] == ["J2 offset"]
     assert found.state.geometry[1, 0] - arm["J2 offset"] == pytest.approx(2e-3, abs=2e-4)
-    assert found.before.rmse_m > 5 * found.held_out.rmse_m
+    assert found.before_errors.rmse_m > 5 * found.held_out.rmse_m
 
 
 def test_what_is_held_stays_exactly_where_it_was(before):
     simulated, arm, places = before
     start = StartingPoint(arm, ("offsets", "tool"), places)
-    found = identify(simulated.model, slipped(simulated, 30, 1e-3), options=Options(start=start, judge=False))
+    found = identify_arm(
+        simulated.model, slipped(simulated, 30, 1e-3), options=IdentificationOptions(start=start, judge=False)
+    )
     roles = {p.role for p in found.robust.fit.layout.parameters}
     assert roles == {"offset", "tool"}
     expected = [arm[f"J{i} {name}"] for i in range(1, 7) for name in ("d", "a", "alpha", "beta")]
@@ -121,8 +125,10 @@ def test_what_is_held_stays_exactly_where_it_was(before):
 def test_priors_stand_around_what_was_known_before(before):
     simulated, arm, _ = before
     start = StartingPoint({**arm, "J1 d": 7e-4})
-    found = identify(
-        simulated.model, simulated.observations, options=Options(level=2, judge=False, start=start)
+    found = identify_arm(
+        simulated.model,
+        simulated.observations,
+        options=IdentificationOptions(level=2, judge=False, start=start),
     )
     # The base hides it: what was known before is all that there is.
     assert found.state.geometry[0, 1] == pytest.approx(7e-4, abs=5e-5)
@@ -131,7 +137,9 @@ def test_priors_stand_around_what_was_known_before(before):
 def test_an_arm_that_is_still_as_before_is_left_so(before):
     simulated, arm, _ = before
     again = tracker_points(count=40, seed=1).observations
-    found = identify(simulated.model, again, options=Options(start=StartingPoint(arm), judge=False))
+    found = identify_arm(
+        simulated.model, again, options=IdentificationOptions(start=StartingPoint(arm), judge=False)
+    )
     assert found.level == FRAMES
     assert found.state.geometry[1, 0] == arm["J2 offset"]
 
@@ -139,7 +147,9 @@ def test_an_arm_that_is_still_as_before_is_left_so(before):
 def test_base_and_tool_are_free_where_nobody_knows_them(before):
     simulated, arm, _ = before
     start = StartingPoint(arm, ("J3",))
-    found = identify(simulated.model, slipped(simulated, 12, 0.0), options=Options(start=start, judge=False))
+    found = identify_arm(
+        simulated.model, slipped(simulated, 12, 0.0), options=IdentificationOptions(start=start, judge=False)
+    )
     roles = {p.role for p in found.robust.fit.layout.parameters}
     assert roles == {"base", "tool", "offset", "geometry"}
     assert {p.joint for p in found.robust.fit.layout.parameters} == {-1, 2}
@@ -149,8 +159,10 @@ def test_base_and_tool_are_free_where_nobody_knows_them(before):
 def test_a_name_that_does_not_exist_is_answered_with_those_that_do(before):
     simulated, *_ = before
     with pytest.raises(CalibrationError) as caught:
-        identify(
-            simulated.model, simulated.observations, options=Options(start=StartingPoint(free=("j2 OFSET",)))
+        identify_arm(
+            simulated.model,
+            simulated.observations,
+            options=IdentificationOptions(start=StartingPoint(free=("j2 OFSET",))),
         )
     assert caught.value.code == "usage"
     assert "J2 offset" in caught.value.remedy
@@ -161,4 +173,4 @@ def test_fewer_rows_than_what_is_free_are_refused(before):
     simulated, arm, places = before
     start = StartingPoint(arm, ("geometry",), places)
     with pytest.raises(DegenerateDataError):
-        identify(simulated.model, slipped(simulated, 6, 0.0), options=Options(start=start))
+        identify_arm(simulated.model, slipped(simulated, 6, 0.0), options=IdentificationOptions(start=start))

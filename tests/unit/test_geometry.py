@@ -21,7 +21,7 @@ from cellcal.calibration.geometry import (
     nearest_rotation,
     quaternion_from_rotation,
     rotation_from_quaternion,
-    skew,
+    skew_matrix,
 )
 from cellcal.calibration.orientation import (
     CONVENTIONS,
@@ -58,8 +58,8 @@ def test_quaternions_agree_with_scipy(numbers):
 def test_poses_chain_and_invert(p, q, r, s):
     one = Pose(tuple(p), tuple(np.array(q) / np.linalg.norm(q)))
     two = Pose(tuple(r), tuple(np.array(s) / np.linalg.norm(s)))
-    assert np.allclose((one @ two).matrix(), one.matrix() @ two.matrix(), atol=1e-13)
-    assert np.allclose((one @ one.inverse()).matrix(), np.eye(4), atol=1e-13)
+    assert np.allclose((one @ two).to_matrix(), one.to_matrix() @ two.to_matrix(), atol=1e-13)
+    assert np.allclose((one @ one.inverse()).to_matrix(), np.eye(4), atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_twists_survive_the_exponential(size):
 def test_the_twist_is_the_generator_of_the_screw():
     twist = np.array([0.3, -0.2, 0.7, 0.5, 1.1, -0.4])
     generator = np.zeros((4, 4))
-    generator[:3, :3], generator[:3, 3] = skew(twist[3:]), twist[:3]
+    generator[:3, :3], generator[:3, 3] = skew_matrix(twist[3:]), twist[:3]
     series, term = np.eye(4), np.eye(4)
     for k in range(1, 40):
         term = term @ generator / k

@@ -9,12 +9,12 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows, standard_dh
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.identification.cross_validation import rmse_uncertainty
-from cellcal.calibration.identification.group_effect import group_effect, widened
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.group_effect import group_effect, widen_fit
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.offset_acceptance import accept_offsets
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
 from cellcal.calibration.identification.residual_model import errors_with, fit_residual, residual_in_base
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.tip_uncertainty import hayati_table, predict_tips
 from cellcal.calibration.uncertainty import Verdict, coverage_factor
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, tracker_poses, wire_lengths
@@ -50,7 +50,7 @@ def test_intervals_hold_the_truth_where_runs_share_an_error(runs):
         robust = fitted(replace(simulated, observations=rows))
         check = random_joints(UR10, rng, 100)
         truth = simulated.truth.seen_from(0).base_flange(check)[:, :3, 3]
-        told, _ = widened(robust, groups)
+        told, _ = widen_fit(robust, groups)
         assert told.degrees_of_freedom < 3 * runs  # a run is known no better than its mean
         for one in (robust, told):
             tips = predict_tips(one.fit, check)
@@ -71,7 +71,7 @@ def test_noise_alone_widens_nothing_however_many_unknowns_there_are(simulate, ru
     for seed in range(6):
         simulated = simulate(count=60, seed=seed)
         robust = fitted(simulated)
-        told, effect = widened(robust, np.repeat(np.arange(runs), 60 // runs))
+        told, effect = widen_fit(robust, np.repeat(np.arange(runs), 60 // runs))
         said.append(effect.widening)
         if effect.widening == 1.0:
             assert told is robust
@@ -138,13 +138,13 @@ def test_tilted_parallel_axes_stay_near_nominal_in_hayatis_form(robot):
         errors[row, 3:] = np.deg2rad(0.3)
     real = nominal.with_dh_errors(errors)
     found = hayati_dh(real, nominal)
-    change = found.table.rows() - nominal.dh.rows()
+    change = found.table.to_rows() - nominal.dh.to_rows()
     assert np.abs(change[:, 1:3]).max() < 2e-3
     assert np.abs(change).max() < 0.02
     joints = random_joints(nominal, np.random.default_rng(2), 30)
     again = nominal.with_dh_errors(change).base_flange(joints) @ found.flange_rest
     assert np.abs(again - real.base_flange(joints)).max() < 1e-12
-    assert np.abs(standard_dh(real, nominal).table.rows() - nominal.dh.rows()[:, :5])[:, 1].max() > 10.0
+    assert np.abs(standard_dh(real, nominal).table.to_rows() - nominal.dh.to_rows()[:, :5])[:, 1].max() > 10.0
 
 
 def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is():
@@ -162,7 +162,7 @@ def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is
     assert "J2 d" not in names
     assert "J4 beta" not in names
     assert all(abs(e.value - e.nominal) < 4e-3 for e in table.entries if e.unit == "m")
-    expected = hayati_dh(truth.arm, UR10).table.rows()
+    expected = hayati_dh(truth.arm_model, UR10).table.to_rows()
     known = [entry for entry in table.entries if entry.name in ("J2 beta", "J3 alpha", "J3 a", "J4 offset")]
     for entry in known:
         column = ("offset", "d", "a", "alpha", "beta").index(entry.name.split()[1])
@@ -180,11 +180,11 @@ def test_a_residual_model_helps_where_it_has_seen_and_is_silent_far_away():
     rng = np.random.default_rng(0)
     joints, near = rng.uniform(-1, 1, (300, 6)), rng.uniform(-1, 1, (100, 6))
     model = fit_residual(joints, bent(joints) + 5e-5 * rng.standard_normal((300, 3)))
-    mean, sigma = model.predict(near)
+    mean, sigma = model.predict_residual(near)
     left = bent(near) - mean
     assert np.sqrt((left**2).mean()) < 0.4 * np.sqrt((bent(near) ** 2).mean())
     assert 0.5 < np.sqrt((left**2).mean() / (sigma**2).mean()) < 1.6
-    far, doubt = model.predict(near + 60.0)
+    far, doubt = model.predict_residual(near + 60.0)
     assert np.abs(far).max() < 1e-12
     assert doubt == pytest.approx(np.sqrt(model.variance_m2))
     assert doubt.min() > 2 * sigma.mean()
@@ -195,8 +195,8 @@ def test_a_residual_model_is_used_only_if_unseen_rows_gain(bend, chosen):
     joints = random_joints(UR10, np.random.default_rng(3), 100, reach=1.0)
     rows = tracker_points(count=100, joints=joints).observations
     rows = replace(rows, positions_m=rows.positions_m + bend * bent(joints))
-    options = Options(level=GEOMETRY, residual_model=True, find_breaks=False)
-    found = identify(UR10, rows, options=options)
+    options = IdentificationOptions(level=GEOMETRY, residual_model=True, find_breaks=False)
+    found = identify_arm(UR10, rows, options=options)
     assert found.residual is not None
     assert found.residual.chosen is chosen
     assert found.residual.held_out.n == found.held_out.n == 100
@@ -209,7 +209,11 @@ def test_a_residual_model_is_used_only_if_unseen_rows_gain(bend, chosen):
 def test_lengths_have_no_residual_model():
     simulated = wire_lengths(count=60)
     with pytest.raises(CalibrationError, match="one direction"):
-        identify(simulated.model, simulated.observations, options=Options(level=OFFSETS, residual_model=True))
+        identify_arm(
+            simulated.model,
+            simulated.observations,
+            options=IdentificationOptions(level=OFFSETS, residual_model=True),
+        )
 
 
 def test_the_uncertainty_of_an_rmse_comes_from_groups():

@@ -11,14 +11,14 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import exp_twist
 from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import (
-    Problem,
+    FitProblem,
     errors_m,
-    estimate,
+    estimate_arm,
     place_columns,
     whitened_residuals,
 )
 from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
@@ -33,7 +33,7 @@ from cellcal.calibration.identification.parameters import (
     Priors,
     make_layout,
 )
-from cellcal.calibration.identification.selection import Options, fit_level, terms_of_level
+from cellcal.calibration.identification.selection import IdentificationOptions, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,
     random_joints,
@@ -47,7 +47,7 @@ def best_start(model, observations):
     fits = []
     for start in first_guess(model, observations):
         layout = make_layout(model, observations.kind, len(start.devices), level=FRAMES)
-        fits.append(estimate(layout, start, Problem.of(start, observations)))
+        fits.append(estimate_arm(layout, start, FitProblem.from_observations(start, observations)))
     return min(fits, key=lambda fit: fit.cost).state
 
 
@@ -79,14 +79,14 @@ def test_derivatives_agree_with_finite_differences(simulate, level):
         coefficients=1e-3 * rng.standard_normal(len(terms)),
         geometry=0.01 * rng.standard_normal((6, 5)),
     )
-    problem = Problem.of(state, observations)
+    problem = FitProblem.from_observations(state, observations)
     step = 1e-6
     columns, _ = place_columns(layout, state, problem)
     for i in range(len(layout)):
         change = np.zeros(len(layout))
         change[i] = step
-        there = whitened_residuals(layout.step(state, change), problem)
-        back = whitened_residuals(layout.step(state, -change), problem)
+        there = whitened_residuals(layout.apply_step(state, change), problem)
+        back = whitened_residuals(layout.apply_step(state, -change), problem)
         # Attitude residuals are large here, so their rotation vectors do not turn one to one.
         rows = slice(0, 3)
         slope = (back - there)[rows] / (2 * step)
@@ -101,7 +101,9 @@ def test_geometry_from_points_predicts_the_tip_within_its_uncertainty():
         joints = random_joints(simulated.model, np.random.default_rng(99), 200)
         error = tip_error_m(simulated, robust.fit.state, joints)
         check = PointObservations(joints, np.zeros((200, 3)), np.ones(200), np.zeros(200, dtype=np.intp))
-        columns, _ = place_columns(robust.fit.layout, robust.fit.state, Problem.of(robust.fit.state, check))
+        columns, _ = place_columns(
+            robust.fit.layout, robust.fit.state, FitProblem.from_observations(robust.fit.state, check)
+        )
         variance = np.einsum("pmn,pq,qmn->n", columns, robust.fit.covariance, columns)
         ratios.append(np.sqrt(np.mean(error**2) / np.mean(variance)))
     assert 0.75 < np.mean(ratios) < 1.25
@@ -146,7 +148,11 @@ def test_sag_is_told_from_offsets():
     without = fit_level(model, observations, best_start(model, observations), GEOMETRY, Priors())
     with_sag = fit_level(model, observations, best_start(model, observations), GRAVITY, Priors())
     error = [
-        float(np.sqrt(np.mean(errors_m(r.fit.state, Problem.of(r.fit.state, observations)) ** 2)))
+        float(
+            np.sqrt(
+                np.mean(errors_m(r.fit.state, FitProblem.from_observations(r.fit.state, observations)) ** 2)
+            )
+        )
         for r in (without, with_sag)
     ]
     assert error[1] < 0.1 * error[0]
@@ -181,26 +187,30 @@ def test_the_level_stops_where_unseen_groups_gain_nothing():
         .base_flange(simulated.observations.joints_rad)[:, :3, 3]
         + 1e-4 * np.random.default_rng(3).standard_normal((120, 3)),
     )
-    found = identify(model, perfect)
+    found = identify_arm(model, perfect)
     assert found.level == FRAMES
-    assert found.held_out == found.before
-    wide = identify(model, simulated.observations, options=Options(judge=False))
+    assert found.held_out == found.before_errors
+    wide = identify_arm(model, simulated.observations, options=IdentificationOptions(judge=False))
     assert wide.level >= GEOMETRY
 
 
 def test_every_row_is_judged_by_a_fit_that_did_not_see_it():
-    found = identify(
-        load_model("ur10"), tracker_points(count=120).observations, options=Options(level=GEOMETRY)
+    found = identify_arm(
+        load_model("ur10"),
+        tracker_points(count=120).observations,
+        options=IdentificationOptions(level=GEOMETRY),
     )
-    assert found.held_out.n == found.before.n == 120
-    assert found.held_out.rmse_m > found.fit.rmse_m
-    assert found.held_out.rmse_m < 2 * found.fit.rmse_m
-    assert found.before.rmse_m > 10 * found.held_out.rmse_m
+    assert found.held_out.n == found.before_errors.n == 120
+    assert found.held_out.rmse_m > found.fit_errors.rmse_m
+    assert found.held_out.rmse_m < 2 * found.fit_errors.rmse_m
+    assert found.before_errors.rmse_m > 10 * found.held_out.rmse_m
 
 
 def test_what_cannot_be_known_is_named_with_partner_and_cure():
-    found = identify(
-        load_model("ur10"), tracker_points(count=120).observations, options=Options(level=GEOMETRY)
+    found = identify_arm(
+        load_model("ur10"),
+        tracker_points(count=120).observations,
+        options=IdentificationOptions(level=GEOMETRY),
     )
     unknown = {item.parameter: item for item in found.not_identified}
     assert unknown["J1 offset"].partner.startswith("rotation of the base about z")
@@ -210,8 +220,10 @@ def test_what_cannot_be_known_is_named_with_partner_and_cure():
 
 
 def test_parallel_axes_do_not_blow_up():
-    found = identify(
-        load_model("ur10"), tracker_points(count=60).observations, options=Options(level=GEOMETRY)
+    found = identify_arm(
+        load_model("ur10"),
+        tracker_points(count=60).observations,
+        options=IdentificationOptions(level=GEOMETRY),
     )
     assert np.abs(found.state.geometry[:, 1:3]).max() < 3e-3
 
@@ -225,7 +237,7 @@ def test_the_answer_does_not_depend_on_the_device_frame_or_the_order_of_rows():
     order = np.random.default_rng(2).permutation(90)
     for changed, frame in (
         (replace(simulated.observations, positions_m=turned), turn),
-        (simulated.observations.take(order), np.eye(4)),
+        (simulated.observations.select_rows(order), np.eye(4)),
     ):
         state = fitted(replace(simulated, observations=changed)).fit.state
         there = frame @ reference.seen_from(0).base_flange(joints)
@@ -235,10 +247,10 @@ def test_the_answer_does_not_depend_on_the_device_frame_or_the_order_of_rows():
 def test_too_few_rows_are_refused_with_what_to_do():
     simulated = tracker_points(count=3)
     with pytest.raises(DegenerateDataError) as caught:
-        identify(simulated.model, simulated.observations)
+        identify_arm(simulated.model, simulated.observations)
     assert "Measure at least" in caught.value.remedy
     with pytest.raises(CalibrationError):
-        identify(simulated.model, tracker_points().observations, options=Options(level=9))
+        identify_arm(simulated.model, tracker_points().observations, options=IdentificationOptions(level=9))
 
 
 def test_observations_refuse_what_is_not_a_number():
@@ -263,8 +275,8 @@ def test_position_measurements_of_a_ur10_tell_27_parameters_apart():
         start = first_guess(model, simulated.observations)[0]
         subset = base_subset(layout, start, simulated.observations)
         assert len(subset) == 27
-        columns, _ = place_columns(subset, start, Problem.of(start, simulated.observations))
-        scaled = columns.reshape(27, -1) * subset.prior[:, None]
+        columns, _ = place_columns(subset, start, FitProblem.from_observations(start, simulated.observations))
+        scaled = columns.reshape(27, -1) * subset.prior_sigmas[:, None]
         scaled /= np.linalg.norm(scaled, axis=1)[:, None]
         assert np.linalg.svd(scaled, compute_uv=False).min() > 1e-4
         # Offsets come before lengths: of two that act alike, the offset is kept.

@@ -6,12 +6,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification import lints
-from cellcal.calibration.identification.cross_validation import compare, deal_folds, group_rows
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.cross_validation import assign_folds, compare_models, group_rows
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import GEOMETRY
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import assign_mountings, candidate_breaks
-from cellcal.calibration.identification.unrounding import resolution, unround_joints
+from cellcal.calibration.identification.unrounding import find_resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification import fitted, tip_error_m
 
@@ -42,17 +42,19 @@ def test_outliers_are_rejected_and_hardly_cost_anything():
 
 def test_rejected_rows_still_count_in_the_held_out_error():
     spoilt, bad = with_outliers(tracker_points(count=100), 0.05, 0.02, 1)
-    found = identify(spoilt.model, spoilt.observations, options=Options(level=GEOMETRY))
+    found = identify_arm(spoilt.model, spoilt.observations, options=IdentificationOptions(level=GEOMETRY))
     assert set(bad) <= set(found.rejected)
     assert found.held_out.n == 100
     assert found.held_out.max_m > 0.01
-    assert found.fit.max_m < 0.001
+    assert found.fit_errors.max_m < 0.001
 
 
 def test_a_moved_anchor_is_found_to_the_row():
     moved = [ANCHOR, ANCHOR + np.array([0.004, -0.003, 0.002]), ANCHOR + np.array([0.001, 0.003, 0.003])]
     simulated = wire_lengths(count=240, anchors=moved, breaks=(90, 150), sigma_m=1e-4)
-    found = identify(simulated.model, simulated.observations, options=Options(level=GEOMETRY))
+    found = identify_arm(
+        simulated.model, simulated.observations, options=IdentificationOptions(level=GEOMETRY)
+    )
     assert [item.row for item in found.breaks] == [90, 150]
     assert found.held_out.rmse_m < 2.5e-4
 
@@ -60,7 +62,9 @@ def test_a_moved_anchor_is_found_to_the_row():
 def test_no_break_is_seen_where_nothing_moved():
     for seed in range(3):
         simulated = wire_lengths(count=160, seed=seed, sigma_m=1e-4)
-        found = identify(simulated.model, simulated.observations, options=Options(level=GEOMETRY))
+        found = identify_arm(
+            simulated.model, simulated.observations, options=IdentificationOptions(level=GEOMETRY)
+        )
         assert found.breaks == ()
 
 
@@ -107,15 +111,15 @@ def test_positions_of_another_arm_sharpen_nothing():
 
 
 def test_resolution_of_columns():
-    assert resolution(np.array([0.1, -3.7, 12.0])) == 0.1
-    assert resolution(np.array([509.19, 498.04])) == 0.01
-    assert resolution(np.array([0.5, 1.5, 2.0])) == 0.5
-    assert resolution(np.random.default_rng(0).standard_normal(50)) == 0.0
-    assert resolution(np.zeros(4)) == 0.0
+    assert find_resolution(np.array([0.1, -3.7, 12.0])) == 0.1
+    assert find_resolution(np.array([509.19, 498.04])) == 0.01
+    assert find_resolution(np.array([0.5, 1.5, 2.0])) == 0.5
+    assert find_resolution(np.random.default_rng(0).standard_normal(50)) == 0.0
+    assert find_resolution(np.zeros(4)) == 0.0
     # In a surveyor's frame, kilometres away: the distance is no rounding.
     far = 5_678_000.0 + 1e3 * np.random.default_rng(0).standard_normal(50)
-    assert resolution(far) == 0.0
-    assert resolution(np.round(far, -1)) == 10.0
+    assert find_resolution(far) == 0.0
+    assert find_resolution(np.round(far, -1)) == 10.0
 
 
 def test_a_lost_minus_sign_is_reported_and_left_alone():
@@ -135,10 +139,10 @@ def test_random_poses_raise_no_sign_warning():
 def test_duplicates_and_leakage():
     joints = random_joints(load_model("ur10"), np.random.default_rng(0), 20)
     twice = np.concatenate([joints, joints[3:5]])
-    assert lints.duplicates(twice)[0].rows == (20, 21)
-    assert lints.duplicates(joints) == []
-    assert lints.leakage(joints[:10], joints[8:12])[0].rows == (0, 1)
-    assert lints.leakage(joints[:10], joints[10:]) == []
+    assert lints.find_duplicates(twice)[0].rows == (20, 21)
+    assert lints.find_duplicates(joints) == []
+    assert lints.find_leakage(joints[:10], joints[8:12])[0].rows == (0, 1)
+    assert lints.find_leakage(joints[:10], joints[10:]) == []
 
 
 def test_the_rounding_floor_is_stated_in_millimetres():
@@ -150,10 +154,10 @@ def test_the_rounding_floor_is_stated_in_millimetres():
 
 def test_other_lints_speak_only_when_there_is_something():
     rng = np.random.default_rng(0)
-    assert lints.alike_neighbours(rng.standard_normal((3, 200))) == []
-    assert lints.alike_neighbours(np.cumsum(rng.standard_normal((3, 200)), axis=1))[0].code == "drift"
-    assert lints.not_a_measurement(np.full(10, 1e-5), 1e-4)[0].code == "not_measured"
-    assert lints.not_a_measurement(np.full(10, 1e-3), 1e-4) == []
+    assert lints.find_alike_neighbours(rng.standard_normal((3, 200))) == []
+    assert lints.find_alike_neighbours(np.cumsum(rng.standard_normal((3, 200)), axis=1))[0].code == "drift"
+    assert lints.find_nominal_positions(np.full(10, 1e-5), 1e-4)[0].code == "not_measured"
+    assert lints.find_nominal_positions(np.full(10, 1e-3), 1e-4) == []
 
 
 def test_runs_of_constant_wrist_are_groups_and_folds_never_split_one():
@@ -162,8 +166,8 @@ def test_runs_of_constant_wrist_are_groups_and_folds_never_split_one():
     joints[:, 3:] = np.repeat(random_joints(load_model("ur10"), rng, 20)[:, 3:], 10, axis=0)
     grouping = group_rows(joints)
     assert grouping.kind == "runs of constant wrist"
-    assert grouping.count == 20
-    folds = deal_folds(grouping, 7, seed=3)
+    assert grouping.group_count == 20
+    folds = assign_folds(grouping, 7, seed=3)
     assert all(len(set(folds[grouping.groups == g])) == 1 for g in range(20))
     assert set(folds) == set(range(7))
     assert group_rows(random_joints(load_model("ur10"), rng, 30)).kind == "single rows"
@@ -174,6 +178,6 @@ def test_a_gain_that_one_group_makes_alone_is_none():
     groups = np.arange(100) // 10
     lucky = errors.copy()
     lucky[:10] = 1e-5
-    assert not compare(("a", errors), ("b", lucky), groups).better
-    assert compare(("a", errors), ("b", 0.9 * errors * (1 + 0.01 * groups / 10)), groups).better
-    assert not compare(("a", errors), ("b", 0.995 * errors), groups).better
+    assert not compare_models(("a", errors), ("b", lucky), groups).better
+    assert compare_models(("a", errors), ("b", 0.9 * errors * (1 + 0.01 * groups / 10)), groups).better
+    assert not compare_models(("a", errors), ("b", 0.995 * errors), groups).better

@@ -7,7 +7,7 @@ import pytest
 
 from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
 from cellcal.service.engineering.plots.correlations import strong_pairs
-from cellcal.service.engineering.plots.evidence import Evidence, places_of, thinned
+from cellcal.service.engineering.plots.evidence import IdentificationEvidence, places_of, thin_rows
 from cellcal.service.engineering.plots.identify_plots import draw_identification
 from cellcal.service.engineering.plots.residuals import by_joint, held_out_by_row
 from cellcal.service.engineering.plots.style import new_figure, write_figures
@@ -37,7 +37,9 @@ def evidence(tmp_path_factory):
     clean = identify_file(file_of(simulated, path), "ur10", IdentifyOptions(level=2, train_rows=119))
     up = clean.identification.state.devices[0].device_base[:3, 2]
     simulated.observations.positions_m[WILD_ROW] += WILD_M * up
-    return Evidence(identify_file(file_of(simulated, path), "ur10", IdentifyOptions(level=2, train_rows=119)))
+    return IdentificationEvidence(
+        identify_file(file_of(simulated, path), "ur10", IdentifyOptions(level=2, train_rows=119))
+    )
 
 
 def test_every_figure_is_written_as_png_and_svg(tmp_path):
@@ -70,7 +72,7 @@ def test_rejected_rows_and_breaks_are_marked_where_they_are(evidence):
         breaks=(33,),
     )  # fmt: skip
     panel = new_figure(4, 3).subplots()
-    held_out_by_row(panel, Evidence(report))
+    held_out_by_row(panel, IdentificationEvidence(report))
     drawn = {line.get_label(): np.asarray(line.get_xdata()) for line in panel.lines}
     assert WILD_ROW in drawn["rejected by the fit"]
     assert set(drawn["rejected by the fit"]) == {item.row for item in report.rejected}
@@ -82,7 +84,7 @@ def test_predicted_uncertainty_is_that_of_the_covariance(evidence):
     joints = np.array([[0.3, -1.1, 1.4, -0.8, 0.9, 0.4], [-2.0, -0.4, 0.7, 1.0, -1.1, 2.0]])
 
     def seen(change):
-        state = fit.layout.step(fit.state, change)
+        state = fit.layout.apply_step(fit.state, change)
         return state.seen_from(0).base_flange(joints)[:, :3, 3]
 
     step = 1e-6
@@ -92,10 +94,15 @@ def test_predicted_uncertainty_is_that_of_the_covariance(evidence):
 
 
 def test_places_are_those_of_the_target_in_the_base_frame(evidence):
-    device_base = evidence.state.devices[0].device_base
-    measured = evidence.fitted.positions_m[:20]
+    device_base = evidence.identified_state.devices[0].device_base
+    measured = evidence.fitted_observations.positions_m[:20]
     in_base = (measured - device_base[:3, 3]) @ device_base[:3, :3]
-    assert np.abs(places_of(evidence.state, evidence.fitted.joints_rad[:20]) - in_base).max() < 1e-3
+    assert (
+        np.abs(
+            places_of(evidence.identified_state, evidence.fitted_observations.joints_rad[:20]) - in_base
+        ).max()
+        < 1e-3
+    )
 
 
 def test_each_joint_has_its_panel_in_each_direction(evidence):
@@ -111,7 +118,7 @@ def test_each_joint_has_its_panel_in_each_direction(evidence):
 def test_of_very_many_rows_the_worst_are_drawn():
     errors = np.zeros(100_000)
     errors[[7, 99_001]] = 1.0
-    shown = thinned(errors)
+    shown = thin_rows(errors)
     assert {7, 99_001} <= set(shown.tolist())
     assert len(shown) < 25_000
 

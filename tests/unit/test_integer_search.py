@@ -66,7 +66,7 @@ def test_independent_unknowns_round_and_their_probability_is_the_textbook_one():
     assert fix.best == (2, -1)
     assert fix.second == (3, -1) or fix.second == (2, -1 + 1) or fix.second == (2, -2)
     assert fix.success_probability == pytest.approx(0.99914**2, abs=2e-5)  # 0.15 cycle: 99.9 % each
-    assert fix.ratio > 3
+    assert fix.distance_ratio > 3
 
 
 def test_adding_integers_moves_the_answer_by_them():

@@ -24,7 +24,7 @@ def aligned(seed: int) -> tuple[Alignment, Alignment, np.ndarray]:
 
 def _error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     (base,) = bases_together(alignments).bases
-    error = log_transform(np.linalg.inv(base.other_base_base.matrix()) @ truth)
+    error = log_transform(np.linalg.inv(base.other_base_base.to_matrix()) @ truth)
     return error, np.sqrt(np.diag(np.array(base.covariance)))
 
 
@@ -34,19 +34,19 @@ def test_bases_are_where_they_are_within_their_uncertainty() -> None:
         error, sigma = _error([left, right], truth)
         assert np.abs(error / sigma).max() < 4.0
         assert np.linalg.norm(error[:3]) < 0.001
-        assert bases_together([left, right]).consistent()
+        assert bases_together([left, right]).is_consistent()
 
 
 def test_seen_from_the_other_robot_it_is_the_same_place() -> None:
     left, right, _ = aligned(1)
     (forth,), (back,) = bases_together([left, right]).bases, bases_together([right, left]).bases
-    assert np.allclose((forth.other_base_base @ back.other_base_base).matrix(), np.eye(4), atol=1e-9)
+    assert np.allclose((forth.other_base_base @ back.other_base_base).to_matrix(), np.eye(4), atol=1e-9)
 
 
 def test_without_what_the_wire_told_the_alignments_are_chained() -> None:
     left, right, truth = aligned(1)
     found = bases_together([left, replace(right, points=None)])
-    assert (found.jointly, found.consistent()) == (False, True)
+    assert (found.jointly, found.is_consistent()) == (False, True)
     error, sigma = _error([left, replace(right, points=None)], truth)
     assert np.abs(error / sigma).max() < 4.0
 
@@ -65,7 +65,7 @@ def _with_drawing(alignment: Alignment, off_m: np.ndarray, sigma_m: float) -> Al
     """Return the alignment as found on a fixture whose points are off their drawing."""
     points = alignment.points
     assert points is not None
-    found = np.array(points.found_m) + off_m @ alignment.base_fixture.rotation().T
+    found = np.array(points.found_m) + off_m @ alignment.base_fixture.rotation_matrix().T
     told = replace(points, found_m=tuple(map(tuple, found.tolist())), sigma_drawing_m=sigma_m)
     size = found.size
     placed = place_points(
@@ -83,7 +83,7 @@ def test_what_the_drawing_has_wrong_falls_out_between_bases() -> None:
     before = bases_together([left, right]).bases[0]
     spoilt = [_with_drawing(one, off, 2e-4) for one in (left, right)]
     after = bases_together(spoilt).bases[0]
-    gap = log_transform(np.linalg.inv(before.other_base_base.matrix()) @ after.other_base_base.matrix())
+    gap = log_transform(np.linalg.inv(before.other_base_base.to_matrix()) @ after.other_base_base.to_matrix())
     assert np.linalg.norm(gap[:3]) < before.origin_u_m  # the fixture no longer tells the scale of the wire
     chained = bases_together([replace(one, points=None) for one in spoilt]).bases[0]
     assert after.origin_u_m < 0.6 * chained.origin_u_m
@@ -93,7 +93,7 @@ def test_a_robot_that_found_another_shape_is_noticed() -> None:
     left, right, _ = aligned(1)
     off = np.zeros((len(POINTS), 3))
     off[2, 0] = 0.003
-    assert not bases_together([left, _with_drawing(right, off, 0.0)]).consistent()
+    assert not bases_together([left, _with_drawing(right, off, 0.0)]).is_consistent()
 
 
 def test_uncertainties_along_axes_and_in_space_belong_together() -> None:

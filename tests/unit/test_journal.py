@@ -11,16 +11,16 @@ from cellcal.service.record.journal import Journal, NewEvent, StoreError
 
 @pytest.fixture
 def journal(tmp_path: Path):
-    with Journal.open(tmp_path / "journal.db") as opened:
+    with Journal.open_file(tmp_path / "journal.db") as opened:
         yield opened
 
 
 def test_an_event_comes_back_as_it_was_written(journal: Journal) -> None:
     stored = journal.append("run-1", "finding", {"value": 0.1, "name": "ä"}, key="a/1", actor="anna")
-    assert journal.events() == [stored]
+    assert journal.list_events() == [stored]
     assert stored.body == '{"name":"ä","value":0.1}'
     assert (stored.seq, stored.idx, stored.actor) == (1, 0, "anna")
-    assert journal.head() == stored.hash == stored.expected_hash()
+    assert journal.head_hash() == stored.hash == stored.expected_hash()
 
 
 def test_the_same_key_is_stored_once_and_another_fact_under_it_is_refused(journal: Journal) -> None:
@@ -30,14 +30,14 @@ def test_the_same_key_is_stored_once_and_another_fact_under_it_is_refused(journa
     with pytest.raises(StoreError) as refused:
         journal.append("run-1", "finding", {"n": 2}, key="touch 1/1")
     assert refused.value.code == "store.conflict"
-    assert len(journal.events()) == 2
+    assert len(journal.list_events()) == 2
 
 
 def test_several_events_are_stored_together_or_not_at_all(journal: Journal) -> None:
     journal.append("run-1", "finding", {"n": 1}, key="taken")
     with pytest.raises(StoreError):
         journal.append_all("run-1", [NewEvent("end", {}), NewEvent("finding", {"n": 2}, "taken")])
-    assert [event.kind for event in journal.events()] == ["finding"]
+    assert [event.kind for event in journal.list_events()] == ["finding"]
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), object()])
@@ -45,7 +45,7 @@ def test_what_is_not_a_number_is_not_a_fact(journal: Journal, value: object) -> 
     with pytest.raises(StoreError) as refused:
         journal.append("run-1", "finding", {"length_m": [1.0, value]})
     assert refused.value.code == "store.not_a_fact"
-    assert journal.events() == []
+    assert journal.list_events() == []
 
 
 def test_the_pragmas_that_make_it_durable_are_on(journal: Journal) -> None:
@@ -57,16 +57,16 @@ def test_the_pragmas_that_make_it_durable_are_on(journal: Journal) -> None:
 
 def test_two_writers_share_one_chain(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
-    with Journal.open(path) as left, Journal.open(path) as right:
+    with Journal.open_file(path) as left, Journal.open_file(path) as right:
         for n in range(10):
             (left if n % 2 else right).append(f"run-{n % 3}", "finding", {"n": n})
-        assert left.verify() is None
-        assert [event.seq for event in right.events()] == list(range(1, 11))
-        assert [event.idx for event in right.events("run-0")] == [0, 1, 2, 3]
+        assert left.verify_chain() is None
+        assert [event.seq for event in right.list_events()] == list(range(1, 11))
+        assert [event.idx for event in right.list_events("run-0")] == [0, 1, 2, 3]
 
 
 def _filled(path: Path, count: int = 40) -> None:
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         for n in range(count):
             journal.append("run-1", "finding", {"n": n, "length_m": 1.5 + n / 7}, key=str(n))
 
@@ -93,10 +93,10 @@ def test_an_edited_journal_opens_read_only_with_its_good_prefix(tmp_path: Path, 
     path = tmp_path / "journal.db"
     _filled(path)
     _edited(path, sql)
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         assert journal.damage is not None
         assert journal.damage.after_seq == 12
-        assert len(journal.events()) == 12
+        assert len(journal.list_events()) == 12
         with pytest.raises(StoreError) as refused:
             journal.append("run-1", "finding", {})
     assert refused.value.code == "store.damaged"
@@ -105,8 +105,8 @@ def test_an_edited_journal_opens_read_only_with_its_good_prefix(tmp_path: Path, 
 def test_every_flipped_bit_of_a_row_is_found(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
     _filled(path, 5)
-    with Journal.open(path) as journal:
-        rows = journal.events()
+    with Journal.open_file(path) as journal:
+        rows = journal.list_events()
     dice = random.Random(7)
     for _ in range(200):
         row = dice.choice(rows)
@@ -119,9 +119,9 @@ def test_every_flipped_bit_of_a_row_is_found(tmp_path: Path) -> None:
 def test_a_file_that_is_no_database_is_damage_and_not_an_empty_journal(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
     path.write_bytes(b"not a database at all " * 400)
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         assert journal.damage is not None
-        assert journal.events() == []
+        assert journal.list_events() == []
 
 
 def test_a_page_overwritten_in_the_file_is_found_on_opening(tmp_path: Path) -> None:
@@ -131,14 +131,14 @@ def test_a_page_overwritten_in_the_file_is_found_on_opening(tmp_path: Path) -> N
     middle = len(content) // 2
     content[middle : middle + 4096] = bytes(4096)
     path.write_bytes(bytes(content))
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         assert journal.damage is not None
-        assert len(journal.events()) <= 200
+        assert len(journal.list_events()) <= 200
 
 
 def test_a_full_disk_says_how_many_points_are_safe_and_keeps_them(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
-    with Journal.open(path) as journal:
+    with Journal.open_file(path) as journal:
         for n in range(4):
             journal.append("run-1", "finding", {"n": n})
         pages = journal._database.execute("PRAGMA page_count").fetchall()[0][0]
@@ -149,6 +149,6 @@ def test_a_full_disk_says_how_many_points_are_safe_and_keeps_them(tmp_path: Path
         assert "your 4 points are safe" in str(full.value)
         with pytest.raises(StoreError):  # nothing more is accepted, not even what would fit
             journal.append("run-1", "finding", {"n": 5})
-    with Journal.open(path) as journal:
-        assert len(journal.events("run-1")) == 4
-        assert journal.verify() is None
+    with Journal.open_file(path) as journal:
+        assert len(journal.list_events("run-1")) == 4
+        assert journal.verify_chain() is None

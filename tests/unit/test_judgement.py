@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.identification.cross_validation import deal_folds, group_rows, same_postures
-from cellcal.calibration.identification.identify import identify
-from cellcal.calibration.identification.judgement import judge
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.cross_validation import assign_folds, group_rows, same_postures
+from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.judgement import judge_rows
+from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, wire_lengths
 
 UR10 = load_model("ur10")
@@ -19,10 +19,10 @@ def test_the_prediction_of_a_fold_does_not_know_its_values():
     simulated = wire_lengths(count=72)
     rows = simulated.observations
     grouping = group_rows(rows.joints_rad)
-    held = deal_folds(grouping, 10, 0) == 3
+    held = assign_folds(grouping, 10, 0) == 3
     shifted = replace(rows, lengths_m=rows.lengths_m + np.where(held, 5.0, 0.0))
-    first = judge(simulated.model, rows, grouping, Options(level=1)).held_out_m[held]
-    second = judge(simulated.model, shifted, grouping, Options(level=1)).held_out_m[held]
+    first = judge_rows(simulated.model, rows, grouping, IdentificationOptions(level=1)).held_out_m[held]
+    second = judge_rows(simulated.model, shifted, grouping, IdentificationOptions(level=1)).held_out_m[held]
     assert np.allclose(np.abs(second - 5.0), first, atol=1e-9)
 
 
@@ -30,7 +30,7 @@ def test_rows_of_another_mounting_are_judged_there_though_breaks_are_found_anew(
     simulated = tracker_points("ur10", 120)
     moved = np.where(np.arange(120)[:, None] >= 50, [0.004, -0.003, 0.002], 0.0)
     rows = replace(simulated.observations, positions_m=simulated.observations.positions_m + moved)
-    found = identify(simulated.model, rows, options=Options(level=2))
+    found = identify_arm(simulated.model, rows, options=IdentificationOptions(level=2))
     assert [item.row for item in found.breaks] == [50]
     assert all(len(breaks) == 1 and abs(breaks[0] - 50) <= 3 for breaks in found.judgement.breaks)
     assert found.held_out.max_m < 1.5e-3
@@ -38,9 +38,11 @@ def test_rows_of_another_mounting_are_judged_there_though_breaks_are_found_anew(
 
 def test_without_judging_there_is_no_held_out_figure():
     simulated = tracker_points("ur10", 60)
-    found = identify(simulated.model, simulated.observations, options=Options(level=1, judge=False))
-    assert found.held_out.n == found.before.n == 0
-    assert found.fit.n > 0
+    found = identify_arm(
+        simulated.model, simulated.observations, options=IdentificationOptions(level=1, judge=False)
+    )
+    assert found.held_out.n == found.before_errors.n == 0
+    assert found.fit_errors.n > 0
 
 
 @pytest.mark.parametrize("cycles", [3, 30])
@@ -48,7 +50,7 @@ def test_postures_measured_again_and_again_are_held_out_as_a_whole(cycles):
     joints = np.tile(random_joints(UR10, np.random.default_rng(5), 20), (cycles, 1))
     joints = joints + np.random.default_rng(0).normal(0, 5e-5, joints.shape)
     grouping = group_rows(joints)
-    assert grouping.count == 20
+    assert grouping.group_count == 20
     assert (grouping.groups.reshape(cycles, 20) == grouping.groups[:20]).all()
 
 
@@ -65,7 +67,7 @@ def test_a_few_repeats_join_the_group_of_the_first():
 def test_every_fold_is_spread_over_the_series():
     joints = random_joints(UR10, np.random.default_rng(7), 400)
     grouping = group_rows(joints)
-    folds = deal_folds(grouping, 5, 1)
+    folds = assign_folds(grouping, 5, 1)
     assert set(np.bincount(folds)) == {80}
     for start in range(0, 400, 50):
         assert len(set(folds[start : start + 50])) == 5

@@ -23,17 +23,19 @@ TIP = np.array([0.06, 0.05, 0.12])
 
 
 def some_joints(model: RobotModel, count: int = 12, seed: int = 3) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (count, model.axes))
+    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (count, model.axis_count))
 
 
 def bent(model: RobotModel, seed: int = 8) -> RobotModel:
     """Return the model with large errors in every DH parameter and placement."""
     rng = np.random.default_rng(seed)
-    return model.with_dh_errors(rng.normal(scale=0.02, size=(model.axes, 5)))
+    return model.with_dh_errors(rng.normal(scale=0.02, size=(model.axis_count, 5)))
 
 
 def twisted(model: RobotModel, seed: int = 9) -> RobotModel:
-    return bent(model).with_twists(np.random.default_rng(seed).normal(scale=0.02, size=(model.axes + 1, 6)))
+    return bent(model).with_twists(
+        np.random.default_rng(seed).normal(scale=0.02, size=(model.axis_count + 1, 6))
+    )
 
 
 def pinocchio_twin(model: RobotModel) -> tuple[pin.Model, int]:
@@ -82,7 +84,7 @@ def test_pinocchio_agrees_on_the_placement_regressor(name):
         local = pin.computeFrameKinematicRegressor(twin, data, frame, pin.LOCAL)
         ours = regressor[i, :, :-1].reshape(3, -1)
         assert np.allclose(positions[i], data.oMf[frame].translation, rtol=0, atol=1e-12)
-        assert np.allclose(ours, data.oMf[frame].rotation @ local[:3], rtol=0, atol=1e-12)
+        assert np.allclose(ours, data.oMf[frame].rotation_matrix @ local[:3], rtol=0, atol=1e-12)
 
 
 def differences(function, size: int, step: float = 1e-6) -> np.ndarray:
@@ -98,7 +100,7 @@ def test_the_dh_regressor_is_the_derivative(name, change):
     joints = some_joints(model)
     positions, regressor = model.dh_regressor(joints, TIP)
     numeric = differences(
-        lambda e: model.with_dh_errors(e.reshape(-1, 5)).tip_positions(joints, TIP), model.axes * 5
+        lambda e: model.with_dh_errors(e.reshape(-1, 5)).tip_positions(joints, TIP), model.axis_count * 5
     )
     assert np.allclose(positions, model.tip_positions(joints, TIP), atol=1e-15)
     assert np.allclose(regressor.reshape(*numeric.shape), numeric, atol=1e-8)
@@ -109,7 +111,7 @@ def test_the_placement_regressor_is_the_derivative(name):
     model = twisted(load_model(name))
     joints = some_joints(model)
     _, regressor = model.placement_regressor(joints, TIP)
-    size = (model.axes + 1) * 6
+    size = (model.axis_count + 1) * 6
     numeric = differences(lambda e: model.with_twists(e.reshape(-1, 6)).tip_positions(joints, TIP), size)
     assert np.allclose(regressor.reshape(*numeric.shape), numeric, atol=1e-8)
 
@@ -121,10 +123,10 @@ def test_the_jacobians_are_the_derivatives_by_what_the_pendant_shows(name):
     _, tip_jacobian = model.tip_jacobian(joints, TIP)
     flange, jacobian = model.flange_jacobian(joints)
     assert np.allclose(
-        tip_jacobian, differences(lambda e: model.tip_positions(joints + e, TIP), model.axes), atol=1e-8
+        tip_jacobian, differences(lambda e: model.tip_positions(joints + e, TIP), model.axis_count), atol=1e-8
     )
     body = differences(
-        lambda e: log_transform(np.linalg.inv(flange) @ model.base_flange(joints + e)), model.axes
+        lambda e: log_transform(np.linalg.inv(flange) @ model.base_flange(joints + e)), model.axis_count
     )
     world = np.concatenate([flange[:, :3, :3] @ body[:, :3], flange[:, :3, :3] @ body[:, 3:]], axis=1)
     assert np.allclose(jacobian, world, atol=1e-8)
@@ -137,7 +139,7 @@ def test_fifty_digits_agree():
     with mpmath.workdps(50):
         for q, ours in zip(joints, flange, strict=True):
             exact = mpmath.eye(4)
-            for (theta, d, a, alpha, beta), angle in zip(model.dh.rows(), q, strict=True):
+            for (theta, d, a, alpha, beta), angle in zip(model.dh.to_rows(), q, strict=True):
                 exact = exact * turn("z", mpmath.mpf(theta) + mpmath.mpf(angle)) * shift(a, 0, d)
                 exact = exact * turn("x", mpmath.mpf(alpha)) * turn("y", mpmath.mpf(beta))
             error = max(abs(exact[i, j] - mpmath.mpf(ours[i, j])) for i in range(4) for j in range(4))

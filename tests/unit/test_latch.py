@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import DegenerateDataError
-from cellcal.procedures.motion.latch import TimedJoints, latch, reading_times
+from cellcal.procedures.motion.joint_history import TimedJoints, position_between, reading_times
 from cellcal.procedures.motion.probe_line import joints_for_tip, probe_line
 
 SPEED_M_S = 0.001
@@ -41,7 +41,7 @@ def test_the_bound_holds_the_true_place(seed: int, stamped: bool, part: float) -
     touched_s = begin_s + part * (end_s - begin_s)
     before_s, after_s = dice.uniform(0.0, 0.005, 2)
     earliest_s, latest_s = touched_s - float(before_s), touched_s + float(after_s)
-    found = latch(readings, tips(readings), earliest_s, latest_s)
+    found = position_between(readings, tips(readings), earliest_s, latest_s)
     # the readings' own times are known within half a width each: a speed from two of them is, too
     assert abs(found.joints_rad[0] - SPEED_M_S * touched_s) <= 2.0 * found.bound_m
     if stamped:
@@ -68,7 +68,7 @@ def test_clocks_that_run_apart_are_not_believed() -> None:
 def test_a_touch_outside_the_readings_is_refused(span: tuple[float, float]) -> None:
     readings = travel(np.random.default_rng(1), stamped=False)
     with pytest.raises(DegenerateDataError, match="both sides"):
-        latch(readings, tips(readings), *span)
+        position_between(readings, tips(readings), *span)
 
 
 def test_the_line_is_measured_along_the_tip() -> None:

@@ -9,14 +9,20 @@ import pytest
 
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.procedures.cell import MotionLevel
-from cellcal.procedures.past import Kind
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.motion_config import RobotMotion
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.healthy_counts import HealthyCounts
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import Store
-from cellcal.service.watching.loss_modes import LossMode, battery_warning, old_backup, suspect, wrong_robot
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.watching.loss_modes import (
+    LossMode,
+    battery_warning,
+    old_backup,
+    suspect_loss,
+    wrong_robot,
+)
 from cellcal.service.watching.loss_response import DETECTION, answer_to, journal_detection, prepare_answer
 from cellcal.service.watching.watch import PositionLoss
 
@@ -36,7 +42,7 @@ def config(tmp_path: Path) -> CellConfig:
 
 
 def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLoss:
-    return PositionLoss("fanuc", "the controller reports", alarms, healthy, suspect(alarms))
+    return PositionLoss("fanuc", "the controller reports", alarms, healthy, suspect_loss(alarms))
 
 
 @pytest.mark.parametrize(
@@ -55,16 +61,16 @@ def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLos
     ],
 )
 def test_the_gravest_alarm_speaks(alarms: tuple[Alarm, ...], mode: LossMode, axes: tuple[int, ...]) -> None:
-    found = suspect(alarms)
+    found = suspect_loss(alarms)
     assert (found.mode, found.axes) == (mode, axes)
-    assert found.procedure == "mastering_recovery"
+    assert found.answering_procedure == "mastering_recovery"
     assert found.words
 
 
 def test_an_old_backup_is_never_mended_alone_and_the_recovery_is_prepared(config: CellConfig) -> None:
     seen = PositionLoss("fanuc", "the mastering differs", (), HEALTHY, old_backup())
     answer = prepare_answer(config, seen)
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     assert answer.procedure == "mastering_recovery"
     assert answer.reasons == ("somebody may have mastered the robot on purpose",)
     assert "on purpose" in seen.suspicion.words
@@ -72,13 +78,13 @@ def test_an_old_backup_is_never_mended_alone_and_the_recovery_is_prepared(config
 
 def test_a_closed_cell_that_allows_it_recovers_turns_alone(config: CellConfig) -> None:
     answer = prepare_answer(config, loss(BATTERY))
-    assert answer.starts_alone
+    assert answer.starts_unattended
     assert answer.command == f"cellcal run mastering_recovery --cell {config.path} --robot fanuc"
 
 
 def test_a_loss_after_something_that_nobody_cleared_is_left_to_a_person(config: CellConfig) -> None:
     answer = prepare_answer(config, replace(loss(BATTERY), follows_another=True))
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     assert answer.reasons == ("what was reported before it has not been cleared by anybody",)
 
 
@@ -94,13 +100,13 @@ def test_what_was_reported_or_begun_since_the_robot_was_healthy_starts_nothing_a
     earlier = replace(HEALTHY, seen_utc=(datetime.now(UTC) - timedelta(hours=1)).isoformat())
     first, _ = answer_to(config, loss(BATTERY, healthy=earlier))
     again, _ = answer_to(config, loss(BATTERY, healthy=earlier))
-    assert first.starts_alone
+    assert first.starts_unattended
     assert again.reasons == met
     later = replace(HEALTHY, seen_utc=datetime.now(UTC).isoformat())
-    assert prepare_answer(config, loss(BATTERY, healthy=later)).starts_alone
+    assert prepare_answer(config, loss(BATTERY, healthy=later)).starts_unattended
     header = {"procedure": "mastering_recovery", "cell": {"devices": [{"identity": {"serial": "F-104711"}}]}}
     with open_journal(config) as journal:
-        journal.append("run", Kind.STARTED, header)
+        journal.append("run", EventKind.STARTED, header)
     assert prepare_answer(config, loss(BATTERY, healthy=later)).reasons == met
 
 
@@ -109,7 +115,7 @@ def test_a_journal_that_is_damaged_may_hide_an_answer_and_starts_nothing(config:
     path = journal_path(config)
     path.write_bytes(b"no database" * 100)
     answer, entry = answer_to(config, loss(BATTERY))
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     assert entry == ""
     assert answer.reasons[-1] == "it could not be journalled"
 
@@ -118,7 +124,7 @@ def test_an_exchanged_motor_is_prepared_and_left_to_a_person(config: CellConfig)
     answer = prepare_answer(config, loss(BATTERY, ENCODER))
     assert answer.settings == {"exchanged_axes": (4,)}
     assert "--set exchanged_axes=[4]" in answer.command
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     assert "judgement" in answer.reasons[0]
 
 
@@ -126,7 +132,7 @@ def test_each_missing_permission_is_named(config: CellConfig) -> None:
     open_watch = config.watch.model_copy(update={"recover_alone": False, "cell_closed": False})
     forbidden = replace(config, watch=open_watch, motions={"fanuc": RobotMotion(MotionLevel.OBSERVE)})
     answer = prepare_answer(forbidden, loss(BATTERY, healthy=None))
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     told = "; ".join(answer.reasons)
     for word in ("healthy", "recover_alone", "cell_closed", "observe", "[robot.space]"):
         assert word in told
@@ -139,7 +145,7 @@ def test_an_alarm_that_nobody_knows_leaves_the_recovery_to_a_person(
 ) -> None:
     answer = prepare_answer(config, loss(*known, STRANGE))
     assert answer.procedure == "mastering_recovery"
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     assert answer.reasons[-1] == "nobody here knows the alarm SYST-001"
     assert ("unknown" in answer.reasons[0]) == (not known)
 
@@ -147,33 +153,33 @@ def test_an_alarm_that_nobody_knows_leaves_the_recovery_to_a_person(
 def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
     answer = prepare_answer(config, PositionLoss("fanuc", "serial", (), None, wrong_robot()))
     assert answer.procedure is None
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
 
 
 def test_a_collision_of_a_robot_that_still_knows_its_place_asks_for_a_drift_check() -> None:
-    found = suspect((CRASH,), position_lost=False)
-    assert found.procedure == "drift_check"
-    assert found.headline == "may no longer stand where it thinks"
+    found = suspect_loss((CRASH,), position_lost=False)
+    assert found.answering_procedure == "drift_check"
+    assert found.headline_text == "may no longer stand where it thinks"
 
 
 def test_a_failing_encoder_of_a_robot_that_still_knows_its_place_is_no_loss_yet() -> None:
-    found = suspect((ENCODER,), position_lost=False)
-    assert (found.mode, found.axes, found.procedure) == (LossMode.MOTOR, (4,), "drift_check")
-    assert not found.may_run_alone
-    assert found.settings() == {}
+    found = suspect_loss((ENCODER,), position_lost=False)
+    assert (found.mode, found.axes, found.answering_procedure) == (LossMode.MOTOR, (4,), "drift_check")
+    assert not found.may_run_unattended
+    assert found.procedure_settings() == {}
     assert "mend it" in found.words
 
 
 def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> None:
     name = journal_detection(config, loss(BATTERY))
     with open_journal(config) as journal:
-        (event,) = journal.events(name)
+        (event,) = journal.list_events(name)
         body = json.loads(event.body)
         assert body["what"] == DETECTION
         assert body["value"]["mode"] == "M1"
         assert body["value"]["last_healthy"]["counts"] == [1, 2, 3, 4, 5, 6]
-        assert Store(journal).runs() == []
-        assert Store(journal).mastering_record("F-104711") is None
+        assert RunStore(journal).list_runs() == []
+        assert RunStore(journal).mastering_record("F-104711") is None
 
 
 def test_a_low_battery_is_told_while_the_position_is_there() -> None:

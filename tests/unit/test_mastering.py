@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture, provisional_turns
 from cellcal.calibration.motion.motion_check import allowed_postures
-from cellcal.calibration.wires.model import WirePrior, WireSeen, wire_terms
+from cellcal.calibration.wires.model import WirePoses, WirePrior, wire_terms
 from cellcal.calibration.wires.reference import WirePredictor, fit_wire_reference, parameter_sigmas
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, SIGMA_M, healthy_record, kit
 from tests.unit.helpers.wire_world import COUNTS_PER_TURN, WireWorld, interaction
@@ -20,12 +20,12 @@ ZERO = np.array([1_000_000, -2_000_000, 5, 0, 77_777, -1])
 
 @given(st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 def test_counts_and_joints_are_inverse_within_half_a_count(joints):
-    back = DRIVE.joints(DRIVE.counts(np.array(joints), ZERO), ZERO)
+    back = DRIVE.to_joints(DRIVE.to_counts(np.array(joints), ZERO), ZERO)
     assert np.abs(back - joints).max() <= 0.51 * np.abs(interaction()).sum(axis=1).max()
 
 
 def test_a_motor_turn_moves_its_joint_by_one_over_the_ratio_and_the_wrist_along():
-    moved = DRIVE.joints(ZERO + COUNTS_PER_TURN * np.eye(6, dtype=int)[3], ZERO)
+    moved = DRIVE.to_joints(ZERO + COUNTS_PER_TURN * np.eye(6, dtype=int)[3], ZERO)
     assert moved == pytest.approx([0, 0, 0, 2 * np.pi / 80.25, 2 * np.pi / 160, -2 * np.pi / 100])
     assert DRIVE.radians_per_turn()[:, 3] == pytest.approx(moved)
 
@@ -35,7 +35,7 @@ def test_whole_turns_move_the_zero_by_whole_turns():
     assert np.subtract(ZERO, shifted).tolist() == [3 * 2**19, -40 * 2**19, 0, 2**19, 0, 2**17]
     true = ZERO + np.array([3, -40, 0, 1, 0, 0.25]) * COUNTS_PER_TURN + 12345
     read = true - np.array([3, -40, 0, 1, 0, 0.25]) * COUNTS_PER_TURN
-    assert DRIVE.joints(read, np.array(shifted)) == pytest.approx(DRIVE.joints(true, ZERO))
+    assert DRIVE.to_joints(read, np.array(shifted)) == pytest.approx(DRIVE.to_joints(true, ZERO))
 
 
 def test_provisional_turns_survive_a_small_sag():
@@ -59,7 +59,7 @@ def test_a_capture_without_a_sound_length_is_refused(numbers):
 def test_the_wire_terms_are_the_derivatives_of_the_length():
     x = np.zeros(38)
     x[:8] = [*PRIOR.anchor_in_base_m, *PRIOR.hook_in_flange_m, 0.003, 1.001]
-    seen = WireSeen.of(kit()[:4], SIGMA_M)
+    seen = WirePoses.from_record_side(kit()[:4], SIGMA_M)
     terms = wire_terms(MODEL, x, seen)
     for j in range(38):
         step = 1e-6 * np.eye(38)[j]
@@ -67,7 +67,9 @@ def test_the_wire_terms_are_the_derivatives_of_the_length():
         assert terms.by_parameter[:, j] == pytest.approx(slope, abs=1e-7)
     for j in range(6):
         step = 1e-6 * np.eye(6)[j]
-        ahead, behind = (wire_terms(MODEL, x, WireSeen.of(kit()[:4] + s, SIGMA_M)) for s in (step, -step))
+        ahead, behind = (
+            wire_terms(MODEL, x, WirePoses.from_record_side(kit()[:4] + s, SIGMA_M)) for s in (step, -step)
+        )
         assert terms.by_joint[:, j] == pytest.approx((ahead.lengths - behind.lengths) / 2e-6, abs=1e-7)
 
 
@@ -80,7 +82,7 @@ def test_the_record_finds_anchor_and_hook_within_its_uncertainty():
         deviations.append((np.array(wire.hook_in_flange_m) - world.hook) / sigma)
         # The lip of the exit moves the anchor that the wire seems to have.
         assert np.linalg.norm(np.array(wire.anchor_in_base_m) - world.anchor) < world.exit_radius
-        assert wire.consistent()
+        assert wire.is_consistent()
         assert wire.residual_rms_m < 0.0004
     assert np.sqrt(np.mean(np.square(deviations))) < 1.5
 
@@ -93,7 +95,9 @@ def test_the_record_predicts_new_lengths_within_its_covariance():
         poses = kit() + np.random.default_rng(seed).uniform(-0.3, 0.3, kit().shape)
         poses = poses[allowed_postures(MODEL, poses, LIMITS, PRIOR.hook_in_flange_m)]
         predictor = WirePredictor(MODEL, record.wire, record.prior)
-        expected, scatter = predictor.expect(predictor.terms(WireSeen.of(poses, SIGMA_M)))
+        expected, scatter = predictor.expected_lengths(
+            predictor.wire_terms(WirePoses.from_record_side(poses, SIGMA_M))
+        )
         residuals = world.lengths(poses) - expected
         squares.append(residuals @ np.linalg.solve(scatter, residuals) / len(poses))
     assert 0.2 < np.mean(squares) < 1.1
@@ -105,7 +109,7 @@ def test_a_record_with_a_wrong_length_is_inconsistent_and_names_it():
     joints, lengths = kit(), world.lengths(kit())
     lengths[11] += 0.008
     wire = fit_wire_reference(MODEL, joints, lengths, SIGMA_M, PRIOR)
-    assert not wire.consistent()
+    assert not wire.is_consistent()
     assert wire.worst_capture == 11
 
 
@@ -115,7 +119,7 @@ def test_the_order_of_captures_does_not_matter():
     order = np.random.default_rng(1).permutation(len(joints))
     plain = fit_wire_reference(MODEL, joints, lengths, SIGMA_M, PRIOR)
     mixed = fit_wire_reference(MODEL, joints[order], lengths[order], SIGMA_M, PRIOR)
-    assert mixed.parameters() == pytest.approx(plain.parameters(), abs=1e-9)
+    assert mixed.parameter_vector() == pytest.approx(plain.parameter_vector(), abs=1e-9)
     assert mixed.chi_square == pytest.approx(plain.chi_square, rel=1e-6)
 
 

@@ -12,7 +12,12 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.orientation import values_from
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.engineering.measured.layouts import layout_document, layout_text, overlaid, read_layout
+from cellcal.service.engineering.measured.layouts import (
+    layout_document,
+    layout_text,
+    overlay_options,
+    read_layout,
+)
 from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
@@ -104,7 +109,7 @@ def test_a_coupling_that_does_not_exist_is_refused(tmp_path):
 def test_the_command_line_goes_before_the_file():
     below = ReadOptions({"joints": ("a",)}, {"joints": "deg"}, "kuka_abc", "one", "geometric")
     above = ReadOptions({"position": ("x", "y", "z")}, {"joints": "rad"}, "", "two")
-    found = overlaid(below, above)
+    found = overlay_options(below, above)
     assert found == ReadOptions(
         {"joints": ("a",), "position": ("x", "y", "z")}, {"joints": "rad"}, "kuka_abc", "two", "geometric"
     )
@@ -138,7 +143,7 @@ def test_the_result_is_saved_as_a_version_and_written_as_a_description(tmp_path,
     outputs = ["--save", str(sets), "--serial", "R-7", "--by", "A. B.", "--urdf", str(urdf)]
     assert run_command_line([*command, *outputs]) == 0
     values = {item["name"]: item["value"] for item in json.loads(capsys.readouterr().out)["parameters"]}
-    saved = ParameterSets(sets).load("R-7")
+    saved = ParameterSets(sets).load_set("R-7")
     assert (saved.version, saved.made_by) == (1, "A. B.")
     assert {item.name: item.value for item in saved.values} == pytest.approx(values)
     arm = pinocchio.buildModelFromXML(urdf.read_text(encoding="utf-8"))

@@ -7,29 +7,29 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.identification.estimator import Problem, estimate
+from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, Priors
-from cellcal.calibration.motion.collision import CollisionCheck, Sphere, assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck, SphereObstacle, assumed_shape
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
-from cellcal.calibration.poses.enough_poses import Acceptance, enough_poses, gaps
+from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps, enough_poses
 from cellcal.calibration.poses.measurement_poses import (
-    Criterion,
-    Instrument,
+    DesignCriterion,
+    DesignInstrument,
     TestPoses,
     choose_poses,
     measurable_postures,
     outlook_after,
     outlook_on,
     plan_efficiency,
-    predict,
+    predict_accuracy,
 )
 
 MODEL = load_model("abb_irb120")
 TOOL = (0.04, 0.025, 0.1)
-POINT = Instrument("point", 1e-4)
-POSE = Instrument("pose", 1e-4, 1e-4)
-WIRE = Instrument("length", 2e-4, anchor_in_base_m=(0.6, -0.5, 0.1))
+POINT = DesignInstrument("point", 1e-4)
+POSE = DesignInstrument("pose", 1e-4, 1e-4)
+WIRE = DesignInstrument("length", 2e-4, anchor_in_base_m=(0.6, -0.5, 0.1))
 CANDIDATES = measurable_postures(MODEL, MotionLimits(), 300)
 TESTS = TestPoses(measurable_postures(MODEL, MotionLimits(), 60, seed=9))
 
@@ -43,12 +43,12 @@ def offsets_rms(prediction):
 
 
 def test_candidates_keep_the_limits_and_the_filters():
-    ball = Sphere("ball", (0.45, 0.0, 0.5), 0.15)
-    check = CollisionCheck.prepare(MODEL, assumed_shape(MODEL, (ball,)))
-    found = measurable_postures(MODEL, MotionLimits(), 100, filters=(check.free,))
+    ball = SphereObstacle("ball", (0.45, 0.0, 0.5), 0.15)
+    check = CollisionCheck.from_model(MODEL, assumed_shape(MODEL, (ball,)))
+    found = measurable_postures(MODEL, MotionLimits(), 100, filters=(check.is_free,))
     assert len(found) == 100
-    assert check.free(found).all()
-    assert not check.free(CANDIDATES).all()
+    assert check.is_free(found).all()
+    assert not check.is_free(CANDIDATES).all()
     margin = np.deg2rad(3) - 1e-6
     assert (found > MODEL.lower_rad + margin).all()
     assert (found < MODEL.upper_rad - margin).all()
@@ -63,18 +63,20 @@ def test_a_wire_that_reaches_nothing_is_said():
 
 
 @pytest.mark.parametrize("instrument", [POINT, POSE, WIRE], ids=["point", "pose", "length"])
-@pytest.mark.parametrize("criterion", list(Criterion))
+@pytest.mark.parametrize("criterion", list(DesignCriterion))
 def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
     outlook = outlook_on(MODEL, instrument, tool_in_flange_m=TOOL)
     plan = choose_poses(outlook, CANDIDATES, 25, TESTS, criterion=criterion)
-    random = [predict(outlook.with_measured(drawn(25, seed)), TESTS) for seed in range(15)]
+    random = [predict_accuracy(outlook.with_measured(drawn(25, seed)), TESTS) for seed in range(15)]
     assert plan.joints_rad.shape == (25, 6)
-    if criterion is Criterion.TEST_POSES:
+    if criterion is DesignCriterion.TEST_POSES:
         assert plan.prediction.tip_rms_m < min(p.tip_rms_m for p in random)
-    if criterion is Criterion.DETERMINANT:
+    if criterion is DesignCriterion.DETERMINANT:
         assert plan.prediction.tip_rms_m < np.median([p.tip_rms_m for p in random])
-    if criterion is Criterion.OFFSETS:
-        everything = {name for name, _ in predict(outlook.with_measured(CANDIDATES), TESTS).offsets_rad}
+    if criterion is DesignCriterion.OFFSETS:
+        everything = {
+            name for name, _ in predict_accuracy(outlook.with_measured(CANDIDATES), TESTS).offsets_rad
+        }
         index = [i for i, name in enumerate(plan.prediction.parameters) if name in everything]
 
         def worth(prediction):
@@ -86,8 +88,8 @@ def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
 def test_test_poses_are_served_better_by_their_own_criterion():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
     corner = TestPoses(CANDIDATES[:1] + 0.1 * np.random.default_rng(3).normal(size=(20, 6)))
-    own = choose_poses(outlook, CANDIDATES, 20, corner, criterion=Criterion.TEST_POSES).prediction
-    other = choose_poses(outlook, CANDIDATES, 20, corner, criterion=Criterion.DETERMINANT).prediction
+    own = choose_poses(outlook, CANDIDATES, 20, corner, criterion=DesignCriterion.TEST_POSES).prediction
+    other = choose_poses(outlook, CANDIDATES, 20, corner, criterion=DesignCriterion.DETERMINANT).prediction
     assert own.tip_rms_m < 0.9 * other.tip_rms_m
 
 
@@ -97,10 +99,14 @@ def simulated(outlook, joints, truth_of, trials):
     tips, parameters = [], []
     places = [p.role in ("base", "anchor", "tool") for p in outlook.layout.parameters]
     for _ in range(trials):
-        change = rng.normal(size=len(outlook.layout)) * outlook.layout.prior
+        change = rng.normal(size=len(outlook.layout)) * outlook.layout.prior_sigmas
         change[places] = 0.0  # metres of doubt need a start of their own
-        truth = outlook.layout.step(outlook.state, change)
-        fit = estimate(outlook.layout, outlook.state, Problem.of(outlook.state, truth_of(truth, joints, rng)))
+        truth = outlook.layout.apply_step(outlook.state, change)
+        fit = estimate_arm(
+            outlook.layout,
+            outlook.state,
+            FitProblem.from_observations(outlook.state, truth_of(truth, joints, rng)),
+        )
         seen, real = fit.state.seen_from(0), truth.seen_from(0)
         zero = np.zeros(3)
         tips.append(seen.tip_positions(TESTS.joints_rad, zero) - real.tip_positions(TESTS.joints_rad, zero))
@@ -117,7 +123,7 @@ def test_simulated_calibrations_are_as_good_as_predicted_for_points():
         return PointObservations(joints, points, np.full(30, 1e-4), np.zeros(30, dtype=np.intp))
 
     tips, _ = simulated(outlook, joints, measured, 60)
-    predicted = predict(outlook.with_measured(joints), TESTS)
+    predicted = predict_accuracy(outlook.with_measured(joints), TESTS)
     assert np.sqrt((tips**2).sum(axis=2).mean()) == pytest.approx(predicted.tip_rms_m, rel=0.06)
 
 
@@ -134,7 +140,7 @@ def test_simulated_calibrations_are_as_good_as_predicted_for_lengths():
         return LengthObservations(joints, lengths + noise, np.full(60, 2e-4), np.zeros(60, dtype=np.intp))
 
     tips, parameters = simulated(outlook, joints, measured, 40)
-    predicted = predict(outlook.with_measured(joints), TESTS)
+    predicted = predict_accuracy(outlook.with_measured(joints), TESTS)
     sigma = dict(zip(predicted.parameters, predicted.sigma, strict=True))
     names = list(predicted.parameters)
     for name in ("J2 offset", "J3 offset", "J2 a"):
@@ -159,21 +165,21 @@ def test_the_next_poses_go_on_from_a_fit():
     small_box = CANDIDATES[:1] + 0.15 * np.random.default_rng(1).normal(size=(20, 6))
     tips = MODEL.tip_positions(small_box, np.array(TOOL))
     points = PointObservations(small_box, tips, np.full(20, 1e-4), np.zeros(20, dtype=np.intp))
-    fit = estimate(outlook.layout, outlook.state, Problem.of(outlook.state, points))
-    after = outlook_after(fit, POINT.observe)
-    known = predict(outlook.with_measured(small_box), TESTS)
-    assert predict(after, TESTS).tip_rms_m == pytest.approx(known.tip_rms_m, rel=1e-3)
+    fit = estimate_arm(outlook.layout, outlook.state, FitProblem.from_observations(outlook.state, points))
+    after = outlook_after(fit, POINT.make_observations)
+    known = predict_accuracy(outlook.with_measured(small_box), TESTS)
+    assert predict_accuracy(after, TESTS).tip_rms_m == pytest.approx(known.tip_rms_m, rel=1e-3)
     plan = choose_poses(after, CANDIDATES, 8, TESTS)
-    again = predict(after.with_measured(small_box[:8]), TESTS)
+    again = predict_accuracy(after.with_measured(small_box[:8]), TESTS)
     assert plan.prediction.tip_rms_m < 0.7 * again.tip_rms_m
     assert plan.prediction.tip_rms_m < 0.5 * known.tip_rms_m
 
 
 def test_a_known_tip_counts_instead_of_the_target():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
-    target = predict(outlook, TESTS).tip_rms_m
-    same_place = predict(outlook, TestPoses(TESTS.joints_rad, TOOL)).tip_rms_m
-    far = predict(outlook, TestPoses(TESTS.joints_rad, (0.0, 0.0, 0.5))).tip_rms_m
+    target = predict_accuracy(outlook, TESTS).tip_rms_m
+    same_place = predict_accuracy(outlook, TestPoses(TESTS.joints_rad, TOOL)).tip_rms_m
+    far = predict_accuracy(outlook, TestPoses(TESTS.joints_rad, (0.0, 0.0, 0.5))).tip_rms_m
     assert same_place != pytest.approx(target, rel=1e-3)  # where target and flange meet is not known
     assert far > same_place
 
@@ -190,15 +196,15 @@ def test_parameters_that_others_imitate_are_dropped_when_asked():
     carried = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
     dropped = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, drop_redundant=True)
     assert len(dropped.layout) == 27
-    everything = predict(dropped.with_measured(CANDIDATES), TESTS)
-    widened = predict(carried.with_measured(CANDIDATES), TESTS)
+    everything = predict_accuracy(dropped.with_measured(CANDIDATES), TESTS)
+    widened = predict_accuracy(carried.with_measured(CANDIDATES), TESTS)
     assert everything.tip_rms_m == pytest.approx(widened.tip_rms_m, rel=1e-3)
     offset, wide = dict(everything.offsets_rad)["J3 offset"], dict(widened.offsets_rad)["J3 offset"]
     assert offset < 0.1 * wide
     found = enough_poses(
-        dropped, CANDIDATES, Acceptance(offset_rad=np.deg2rad(0.03), offsets_of=("J3 offset",)), TESTS
+        dropped, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.03), offsets_of=("J3 offset",)), TESTS
     )
-    assert found.reachable
+    assert found.is_reachable
 
 
 def test_sag_is_planned_for_when_asked():
@@ -209,27 +215,27 @@ def test_sag_is_planned_for_when_asked():
 
 def test_the_efficiency_is_that_against_a_bound():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
-    for criterion in (Criterion.DETERMINANT, Criterion.TEST_POSES):
+    for criterion in (DesignCriterion.DETERMINANT, DesignCriterion.TEST_POSES):
         plan = choose_poses(outlook, CANDIDATES, 40, TESTS, criterion=criterion)
         assert 0.85 < plan_efficiency(outlook, CANDIDATES, plan, TESTS) <= 1.0
 
 
 def test_enough_poses_are_the_fewest_that_keep_the_acceptance():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
-    acceptance = Acceptance(tip_rms_m=1.5e-4)
+    acceptance = AcceptanceLimits(tip_rms_m=1.5e-4)
     found = enough_poses(outlook, CANDIDATES, acceptance, TESTS)
-    assert found.reachable
+    assert found.is_reachable
     count = len(found.plan.indices)
-    assert not gaps(found.prediction, acceptance)
+    assert not acceptance_gaps(found.prediction, acceptance)
     assert found.prediction.tip_rms_m <= 1.5e-4 / 1.2
     fewer = choose_poses(outlook, CANDIDATES, count - 1, TESTS, starts=1)
-    assert gaps(fewer.prediction, acceptance)
+    assert acceptance_gaps(fewer.prediction, acceptance)
     assert f"{count} poses" in found.reason
 
 
 def test_nothing_is_measured_when_enough_is_known():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
-    found = enough_poses(outlook, CANDIDATES, Acceptance(tip_rms_m=1e-3), TESTS)
+    found = enough_poses(outlook, CANDIDATES, AcceptanceLimits(tip_rms_m=1e-3), TESTS)
     assert found.plan.indices == ()
     assert "already" in found.reason
 
@@ -237,11 +243,11 @@ def test_nothing_is_measured_when_enough_is_known():
 @pytest.mark.parametrize(
     ("acceptance", "level", "words"),
     [
-        (Acceptance(tip_rms_m=1e-6), 2, "too coarse"),
-        (Acceptance(tip_rms_m=6e-5), 2, "measure more poses"),
-        (Acceptance(offset_rad=1e-3), OFFSETS, "hides behind .*: "),
+        (AcceptanceLimits(tip_rms_m=1e-6), 2, "too coarse"),
+        (AcceptanceLimits(tip_rms_m=6e-5), 2, "measure more poses"),
+        (AcceptanceLimits(offset_rad=1e-3), OFFSETS, "hides behind .*: "),
         (
-            Acceptance(offset_rad=1e-3, offsets_of=("J4 offset",)),
+            AcceptanceLimits(offset_rad=1e-3, offsets_of=("J4 offset",)),
             2,
             "tells J4 offset from J4 beta|hides behind",
         ),
@@ -250,7 +256,7 @@ def test_nothing_is_measured_when_enough_is_known():
 def test_an_acceptance_that_cannot_be_reached_is_explained(acceptance, level, words):
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=level)
     found = enough_poses(outlook, CANDIDATES, acceptance, TESTS, most=40)
-    assert not found.reachable
+    assert not found.is_reachable
     assert re.search(words, found.reason), found.reason
 
 
@@ -258,9 +264,9 @@ def test_offsets_alone_need_few_poses():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS)
     wanted = tuple(f"J{i} offset" for i in (2, 3, 4, 5))
     found = enough_poses(
-        outlook, CANDIDATES, Acceptance(offset_rad=np.deg2rad(0.02), offsets_of=wanted), TESTS
+        outlook, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.02), offsets_of=wanted), TESTS
     )
-    assert found.plan.criterion is Criterion.OFFSETS
+    assert found.plan.criterion is DesignCriterion.OFFSETS
     assert 4 <= len(found.plan.indices) <= 10
     assert offsets_rms(found.prediction) < np.deg2rad(0.02)
 
@@ -268,17 +274,17 @@ def test_offsets_alone_need_few_poses():
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: Instrument("photo", 1e-4),
-        lambda: Instrument("point", 0.0),
-        lambda: Instrument("point", float("nan")),
-        lambda: Instrument("pose", 1e-4),
-        Acceptance,
-        lambda: Acceptance(tip_rms_m=0.0),
-        lambda: Acceptance(tip_rms_m=1e-4, margin=0.5),
+        lambda: DesignInstrument("photo", 1e-4),
+        lambda: DesignInstrument("point", 0.0),
+        lambda: DesignInstrument("point", float("nan")),
+        lambda: DesignInstrument("pose", 1e-4),
+        AcceptanceLimits,
+        lambda: AcceptanceLimits(tip_rms_m=0.0),
+        lambda: AcceptanceLimits(tip_rms_m=1e-4, margin=0.5),
         lambda: enough_poses(
             outlook_on(MODEL, POINT),
             CANDIDATES,
-            Acceptance(offset_rad=1e-3, offsets_of=("J9 offset",)),
+            AcceptanceLimits(offset_rad=1e-3, offsets_of=("J9 offset",)),
             TESTS,
         ),
     ],

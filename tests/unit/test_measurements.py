@@ -9,7 +9,7 @@ from cellcal.calibration.orientation import values_from
 from cellcal.service.engineering.measured.columns import detect_layout
 from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
-from cellcal.service.engineering.measured.units import celsius
+from cellcal.service.engineering.measured.units import to_celsius
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 JOINTS = (
@@ -292,4 +292,4 @@ def test_positions_that_only_the_controller_told_are_no_measurement(tmp_path):
     ],
 )
 def test_temperatures_come_in_celsius(heading, written):
-    assert celsius(np.array([written]), heading) == pytest.approx([22.0])
+    assert to_celsius(np.array([written]), heading) == pytest.approx([22.0])

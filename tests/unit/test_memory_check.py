@@ -10,8 +10,8 @@ from cellcal.procedures.recovery.recovery_result import (
     ALONE_CHECK,
     MEMORY_POWER,
     SHARP_CHECK,
-    confirmed_memory,
-    nothing_lost,
+    confirm_memory,
+    nothing_lost_recovery,
 )
 from tests.unit.helpers.recovery_cases import MODEL, healthy_record, kit, lose
 from tests.unit.helpers.walked_recovery import planner
@@ -41,7 +41,7 @@ def loss_counts(loss):  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize("number", range(STARTS))
 def test_four_lengths_are_sharp_enough_from_wherever_the_robot_stands(number: int) -> None:
     record, checks = looks(number, np.zeros(6))
-    found = confirmed_memory(record, nothing_lost(record), checks)
+    found = confirm_memory(record, nothing_lost_recovery(record), checks)
     gate = {check.name: check for check in found.gate}
     assert gate[SHARP_CHECK].passed, gate[SHARP_CHECK].sentence
     assert found.accepted, [check.sentence for check in found.gate if not check.passed]
@@ -51,6 +51,6 @@ def test_four_lengths_are_sharp_enough_from_wherever_the_robot_stands(number: in
 @pytest.mark.parametrize("axis", [0, 2, 5])
 def test_a_third_of_a_turn_of_any_motor_is_never_taken_for_lost_memory(axis: int) -> None:
     record, checks = looks(axis % STARTS, np.eye(6)[axis] * 0.33)
-    found = confirmed_memory(record, nothing_lost(record), checks)
+    found = confirm_memory(record, nothing_lost_recovery(record), checks)
     assert not found.accepted
     assert not next(check for check in found.gate if check.name == ALONE_CHECK).passed

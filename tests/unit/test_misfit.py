@@ -18,7 +18,7 @@ from cellcal.calibration.identification.misfit import (
 )
 from cellcal.calibration.identification.misfit_hypotheses import home_reading, with_zeros
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.points.tag_points import TagPath, paired
+from cellcal.calibration.points.tag_points import TagPath, match_tags
 from cellcal.calibration.points.tag_robot import calibrate_simulated_robot
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -218,4 +218,4 @@ def test_a_simulated_robot_is_refused_too():
     robot = TagPath("robot", tuple(map(tuple, np.zeros((40, 3)))), joints_rad=tuple(map(tuple, joints)))
     device = TagPath("device", tuple(map(tuple, seen.positions_m)))
     with pytest.raises(CalibrationError, match="wrist_1_joint counts the other way"):
-        calibrate_simulated_robot(load_model("ur10e"), paired(robot, device))
+        calibrate_simulated_robot(load_model("ur10e"), match_tags(robot, device))

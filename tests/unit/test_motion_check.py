@@ -12,7 +12,7 @@ from cellcal.calibration.motion.motion_check import (
     WirePath,
     allowed_postures,
     check_moves,
-    seem_free,
+    seems_free,
 )
 
 MODEL = load_model("fanuc_m6ib")
@@ -134,5 +134,5 @@ def test_a_robot_beyond_a_limit_may_come_back_but_go_no_further():
 
 
 def test_where_no_target_is_left_none_seems_free() -> None:
-    free = seem_free(MODEL, np.zeros(6), np.array([]), MotionLimits())
+    free = seems_free(MODEL, np.zeros(6), np.array([]), MotionLimits())
     assert free.shape == (0,)

@@ -12,13 +12,13 @@ from cellcal.calibration.arm.joint_terms import (
     wrist_gravity_terms,
 )
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.arm.mounting import gravity_of, is_mounted_model, mounted
+from cellcal.calibration.arm.mounting import gravity_of, is_mounted_model, mounted_name
 from cellcal.calibration.arm.robot_models import model_names, parse_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation
-from cellcal.calibration.identification.free_parameters import every_term
-from cellcal.calibration.identification.identify import identify
-from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.free_parameters import all_joint_terms
+from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
 from cellcal.calibration.identification.parameters import (
     GRAVITY,
     RIPPLE,
@@ -27,7 +27,11 @@ from cellcal.calibration.identification.parameters import (
     nominal_state,
     term_parameters,
 )
-from cellcal.calibration.identification.selection import Options, possible_levels, terms_of_level
+from cellcal.calibration.identification.selection import (
+    IdentificationOptions,
+    possible_levels,
+    terms_of_level,
+)
 from cellcal.calibration.identification.tip_uncertainty import predict_tips
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
@@ -62,10 +66,10 @@ def test_the_name_of_a_model_carries_its_mounting():
     assert load_model("ur10").gravity_in_base == (0.0, 0.0, -1.0)
     assert load_model("ur10@wall").gravity_in_base == (-1.0, 0.0, 0.0)
     assert load_model("ur10@wall").name == "ur10@wall"
-    assert mounted("ur10", "") == "ur10"
-    assert mounted("ur10", " Wall ") == "ur10@wall"
+    assert mounted_name("ur10", "") == "ur10"
+    assert mounted_name("ur10", " Wall ") == "ur10@wall"
     with pytest.raises(CalibrationError, match="says how it is mounted"):
-        mounted("ur10@wall", "ceiling")
+        mounted_name("ur10@wall", "ceiling")
     with pytest.raises(CalibrationError, match="no robot model"):
         load_model("ur11@wall")
     names = model_names()
@@ -94,7 +98,7 @@ def sagging(name, seed=0, count=140):
     """Return a robot with sag in its joints, measured by a tracker, and where its target truly is elsewhere."""
     model, rng = load_model(name), np.random.default_rng(seed)
     terms = gravity_terms(model)
-    state = nominal_state(model, (Device(TRACKER, np.zeros(3)),), TOOL)
+    state = nominal_state(model, (DevicePlacement(TRACKER, np.zeros(3)),), TOOL)
     size = np.deg2rad(0.15) * rng.choice([-1.0, 1.0], len(terms))
     truth = ArmState(model, dh_errors(model, rng), terms, size, TOOL, state.devices)
 
@@ -112,10 +116,10 @@ def sagging(name, seed=0, count=140):
 @pytest.mark.parametrize("name", ["ur10@wall", "abb_irb120@tilt:x=35"])
 def test_sag_of_a_robot_on_a_wall_is_found_if_its_mounting_is_stated(name):
     rows, check, there = sagging(name)
-    options = Options(judge=False, level=GRAVITY, find_breaks=False)
+    options = IdentificationOptions(judge=False, level=GRAVITY, find_breaks=False)
 
     def missed(model):
-        fit = identify(load_model(model), rows, options=options).robust.fit
+        fit = identify_arm(load_model(model), rows, options=options).robust.fit
         return float(np.linalg.norm(predict_tips(fit, check).positions_m - there, axis=1).mean())
 
     told, untold = missed(name), missed(name.split("@")[0])
@@ -133,7 +137,7 @@ def test_wrist_and_payload_sag_as_their_levers_say():
     terms = wrist_gravity_terms(model)
     assert {term.joint for term in terms} >= {1, 2, 3, 4, 5}
     assert not {t.name for t in terms} & {t.name for t in gravity_terms(model)}
-    assert len({t.name for t in every_term(model)}) == len(every_term(model))
+    assert len({t.name for t in all_joint_terms(model)}) == len(all_joint_terms(model))
     joints = random_joints(model, np.random.default_rng(0), 30)
     payload = next(t for t in terms if t.name == "J6 sag under payload x")
     value = term_values(model, joints, (payload,))[0]
@@ -163,16 +167,18 @@ def test_waves_of_a_turn_are_chosen_where_unseen_rows_gain_and_not_otherwise(rip
         len(sag) + len(waves)
     )
     terms = (*sag, *waves)
-    devices = (Device(TRACKER, np.zeros(3)),)
+    devices = (DevicePlacement(TRACKER, np.zeros(3)),)
     truth = ArmState(model, dh_errors(model, rng), terms, size, TOOL, devices)
     joints = random_joints(model, rng, 108, reach=1.2)
     places = truth.seen_from(0).base_flange(truth.moved_joints(joints, term_values(model, joints, terms)))
     seen = places[:, :3, 3] + 1e-4 * rng.standard_normal((108, 3))
     rows = PointObservations(joints, seen, np.full(108, 3e-4), np.zeros(108, dtype=np.intp))
-    found = identify(model, rows, options=Options(find_breaks=False))
+    found = identify_arm(model, rows, options=IdentificationOptions(find_breaks=False))
     assert (found.level >= RIPPLE) is gains
     if gains:
-        held = identify(model, rows, options=Options(find_breaks=False, level=GRAVITY)).held_out.rmse_m
+        held = identify_arm(
+            model, rows, options=IdentificationOptions(find_breaks=False, level=GRAVITY)
+        ).held_out.rmse_m
         assert found.held_out.rmse_m < 0.8 * held
 
 

@@ -8,11 +8,11 @@ from cellcal.calibration.geometry import Pose, exp_rotation, exp_twist
 from cellcal.calibration.mastering.counts import RecoveryKit
 from cellcal.calibration.points.end_effector import refuse_tool_points
 from cellcal.calibration.points.fixture import refuse_bad_points
-from cellcal.calibration.points.frames import frame_from_three_points, points_down
+from cellcal.calibration.points.frames import frame_from_three_points, is_pointing_down
 from cellcal.calibration.points.tool_point import locate_tool_point, tool_pose
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.wires.model import WirePrior
-from cellcal.procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame
+from cellcal.procedures.three_point_frame import DEFINITION, FrameSetup, ThreePointFrame
 from tests.unit.test_tool_point import noisy
 
 TRIANGLE = [(0.4, 0.1, 0.2), (0.7, 0.1, 0.2), (0.4, 0.35, 0.2)]
@@ -72,12 +72,12 @@ def test_points_that_no_order_mends_are_left_to_others():
 def test_a_frame_that_hangs_has_two_points_swapped():
     origin, x, y = TRIANGLE
     up = (0.0, 0.0, 1.0)
-    assert not points_down(frame_from_three_points(origin, x, y).base_frame, up)
+    assert not is_pointing_down(frame_from_three_points(origin, x, y).base_frame, up)
     tilted = exp_rotation(np.array([np.deg2rad(80.0), 0.0, 0.0]))
-    assert not points_down(frame_from_three_points(*(np.array(TRIANGLE) @ tilted.T)).base_frame, up)
+    assert not is_pointing_down(frame_from_three_points(*(np.array(TRIANGLE) @ tilted.T)).base_frame, up)
     for swapped in ((origin, y, x), (x, origin, y)):
         taught = frame_from_three_points(*swapped)
-        assert points_down(taught.base_frame, up)
+        assert is_pointing_down(taught.base_frame, up)
         with pytest.raises(CalibrationError, match="z points the wrong way"):
             frame_from_three_points(*swapped, above_m=(0.5, 0.2, 0.3))
 
@@ -87,7 +87,7 @@ def test_a_verdict_on_a_frame_says_that_it_hangs(order, hangs):
     taught = frame_from_three_points(*(TRIANGLE[at] for at in order), sigma_m=1e-4)
     spec = ThreePointFrame(1, (0.0, 0.0, 0.1))
     setup = FrameSetup(1, taught, Pose((0.0, 0.0, 0.0)), taught.base_frame)
-    said = ENTRY.verdict(spec, setup).not_verified
+    said = DEFINITION.verdict(spec, setup).not_verified
     assert sum("points down" in each for each in said) == hangs
 
 

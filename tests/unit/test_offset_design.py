@@ -10,7 +10,7 @@ from cellcal.calibration.points.offset_design import (
     OffsetGoal,
     offset_outlook,
     point_covariance,
-    rounds_touches,
+    touches_needed_in_rounds,
 )
 
 POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.4, 0.0))
@@ -18,7 +18,7 @@ MOVED = Pose((0.3, -0.2, 0.1), (0.9238795325112867, 0.0, 0.0, 0.3826834323650898
 
 
 def _moved(points: np.ndarray) -> np.ndarray:
-    moved: np.ndarray = points @ MOVED.rotation().T + np.array(MOVED.position_m)
+    moved: np.ndarray = points @ MOVED.rotation_matrix().T + np.array(MOVED.position_m)
     return moved
 
 
@@ -46,7 +46,7 @@ def test_only_as_many_touches_as_the_goal_takes_and_no_more_than_the_points_in_t
     goal = OffsetGoal(sigma_m=0.0005, given_sigma_m=0.0, origin_u_m=0.0006, angle_u_rad=0.1)
     found = offset_outlook(POINTS, (1, 1, 1), goal, 60)
     one_less = offset_outlook(POINTS, (1, 1, 1), goal, 2 + len(found.again))
-    in_turn = rounds_touches(POINTS, goal)
+    in_turn = touches_needed_in_rounds(POINTS, goal)
     assert found.reached
     assert not one_less.reached
     assert in_turn is not None
@@ -57,7 +57,7 @@ def test_only_as_many_touches_as_the_goal_takes_and_no_more_than_the_points_in_t
 def test_what_is_wrong_with_the_given_points_stays_however_often_they_are_touched() -> None:
     goal = OffsetGoal(sigma_m=0.0005, given_sigma_m=0.0005, origin_u_m=0.0004, angle_u_rad=0.1)
     assert not offset_outlook(POINTS, (1, 1, 1), goal, 100).reached
-    assert rounds_touches(POINTS, goal) is None
+    assert touches_needed_in_rounds(POINTS, goal) is None
 
 
 def test_points_that_fix_no_frame_are_refused() -> None:

@@ -69,13 +69,13 @@ class TestTerminal:
 
     async def test_enters_what_was_typed_and_shows_the_unit(self, terminal: Terminal) -> None:
         terminal.type("\n  12,5 \n")
-        assert await terminal.operator.enter(LENGTH) == Answer("anna", "12,5")
+        assert await terminal.operator.ask_question(LENGTH) == Answer("anna", "12,5")
         assert "mm" in terminal.shown.getvalue()
 
     async def test_lines_typed_ahead_are_kept_for_the_next_question(self, terminal: Terminal) -> None:
         terminal.type("y\nF-10")
         assert await terminal.operator.confirm(HOOK) == Answer("anna")
-        asking = asyncio.create_task(terminal.operator.enter(NUMBER))
+        asking = asyncio.create_task(terminal.operator.ask_question(NUMBER))
         terminal.type("4711\n")
         assert await asking == Answer("anna", "F-104711")
 
@@ -94,7 +94,7 @@ class TestTerminal:
         asking = asyncio.create_task(terminal.operator.confirm(HOOK))
         await asyncio.sleep(0)
         with pytest.raises(BusyError, match="hook_wire"):
-            await terminal.operator.enter(NUMBER)
+            await terminal.operator.ask_question(NUMBER)
         terminal.type("y\n")
         assert await asking == Answer("anna")
 
@@ -104,16 +104,16 @@ class TestTerminal:
         with answers.open() as file:
             operator = TerminalOperator("anna", console=Console(file=io.StringIO()), descriptor=file.fileno())
             assert await operator.confirm(HOOK) == Answer("anna")
-            assert await operator.enter(NUMBER) == Answer("anna", "F-104711")
+            assert await operator.ask_question(NUMBER) == Answer("anna", "F-104711")
             with pytest.raises(NobodyThereError):
                 await operator.confirm(HOOK)
 
 
 class TestScript:
     async def test_answers_by_key(self) -> None:
-        operator = ScriptedOperator({"hook_wire": "yes", "serial": "F-1"}, who="demo")
+        operator = ScriptedOperator({"hook_wire": "yes", "serial": "F-1"}, person="demo")
         assert await operator.confirm(HOOK) == Answer("demo", "yes")
-        assert await operator.enter(NUMBER) == Answer("demo", "F-1")
+        assert await operator.ask_question(NUMBER) == Answer("demo", "F-1")
 
     async def test_never_guesses(self) -> None:
         with pytest.raises(NobodyThereError, match="hook_wire"):
@@ -137,7 +137,7 @@ class TestScript:
             done.append("hooked")
 
         operator = ScriptedOperator({"hook_wire": "yes", "serial": "1"}, hooks={"hook_wire": hook})
-        await operator.enter(NUMBER)
+        await operator.ask_question(NUMBER)
         assert done == []
         await operator.confirm(HOOK)
         assert done == ["hooked"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks, efficiency, upper_bound
+from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks, design_efficiency, upper_bound
 
 
 def task_of(seed, p=4, m=2, count=12, interest=None, known=1e-3):
@@ -15,7 +15,10 @@ def task_of(seed, p=4, m=2, count=12, interest=None, known=1e-3):
 
 
 def best_value(task, k):
-    return max(task.value(task.information_of(np.array(c))) for c in combinations(range(task.count), k))
+    return max(
+        task.criterion_value(task.information_of(np.array(c)))
+        for c in combinations(range(task.candidate_count), k)
+    )
 
 
 @pytest.mark.parametrize("kind", ["determinant", "trace"])
@@ -48,7 +51,7 @@ def test_no_single_exchange_improves_a_choice():
         for other in set(range(60)) - set(found.indices):
             changed = [*found.indices]
             changed[place] = other
-            assert task.value(task.information_of(np.array(changed))) <= found.value + 1e-7
+            assert task.criterion_value(task.information_of(np.array(changed))) <= found.value + 1e-7
 
 
 def test_the_value_is_that_of_the_choice_and_nothing_is_chosen_twice():
@@ -62,7 +65,9 @@ def test_the_value_is_that_of_the_choice_and_nothing_is_chosen_twice():
 def test_the_first_are_those_that_tell_most():
     task = task_of(5, p=4, m=1, count=40)
     few, many = choose_blocks(task, 12).indices[:6], choose_blocks(task, 12).indices[6:]
-    assert task.value(task.information_of(np.array(few))) > task.value(task.information_of(np.array(many)))
+    assert task.criterion_value(task.information_of(np.array(few))) > task.criterion_value(
+        task.information_of(np.array(many))
+    )
 
 
 def test_what_is_known_already_is_not_measured_again():
@@ -84,7 +89,7 @@ def test_fewer_rows_than_unknowns_lean_on_what_is_known():
     task = task_of(6, p=20, m=3, count=100, known=1e-8)
     found = choose_blocks(task, 2)
     assert np.isfinite(found.value)
-    assert found.value == pytest.approx(task.value(task.information_of(np.array(found.indices))))
+    assert found.value == pytest.approx(task.criterion_value(task.information_of(np.array(found.indices))))
 
 
 def test_a_direction_that_one_block_alone_shows_survives_its_removal():
@@ -110,9 +115,11 @@ def test_a_designed_choice_beats_every_random_one_and_tells_how_good_it_is():
     rng = np.random.default_rng(10)
     task = task_of(10, p=8, m=3, count=200, interest=np.eye(8))
     found = choose_blocks(task, 12)
-    drawn = [task.value(task.information_of(rng.choice(200, 12, replace=False))) for _ in range(100)]
+    drawn = [
+        task.criterion_value(task.information_of(rng.choice(200, 12, replace=False))) for _ in range(100)
+    ]
     assert found.value > max(drawn)
-    assert 0.8 < efficiency(task, found, rank=8) <= 1.0
+    assert 0.8 < design_efficiency(task, found, rank=8) <= 1.0
 
 
 def test_impossible_tasks_are_refused():

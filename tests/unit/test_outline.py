@@ -11,7 +11,12 @@ from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.runs.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
+from cellcal.service.runs.run_preview import (
+    ClassOutOfReachError,
+    dry_run,
+    list_procedures,
+    refuse_class_out_of_reach,
+)
 from cellcal.service.runs.settings import spec_of
 
 POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
@@ -59,13 +64,13 @@ def test_a_recovery_without_a_record_says_what_it_lacks(config: CellConfig) -> N
 
 
 def test_what_another_robot_of_the_cell_lacks(config: CellConfig) -> None:
-    fanuc = {entry.name: entry.lacks for entry in possible(config)}
-    ur = {entry.name: entry.lacks for entry in possible(config, "ur")}
+    fanuc = {entry.name: entry.lacks for entry in list_procedures(config)}
+    ur = {entry.name: entry.lacks for entry in list_procedures(config, "ur")}
     assert fanuc["mastering_record"] == ()
     assert ur["mastering_record"] is not None
     assert "access to encoder counts and mastering" in ur["mastering_record"]
     assert ur["six_point_tcp"] == ("access to the tool frames",)
-    assert {entry.lacks for entry in possible(None)} == {None}
+    assert {entry.lacks for entry in list_procedures(None)} == {None}
 
 
 def test_the_device_that_a_cell_has_is_the_one_that_measures(config: CellConfig) -> None:
@@ -90,7 +95,7 @@ def test_room_between_limits_that_cross_is_refused(
 
 
 def test_an_undo_needs_a_run_that_wrote(config: CellConfig) -> None:
-    lacks = {entry.name: entry.lacks for entry in possible(config)}
+    lacks = {entry.name: entry.lacks for entry in list_procedures(config)}
     assert lacks["mastering_undo"] == ("a mastering that an earlier run wrote",)
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.procedures.motion.approach import from_below
-from cellcal.procedures.motion.pace import Pace, Paced
+from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
 
 MODEL = load_model("fanuc_m6ib")
 HOOK = (0.06, 0.05, 0.12)
-PACE = Pace("fanuc_m6ib", HOOK, joint_speed_rad_s=0.5, tip_speed_m_s=0.05)
+PACE = SpeedLimit("fanuc_m6ib", HOOK, joint_speed_rad_s=0.5, tip_speed_m_s=0.05)
 HOME = (0.0,) * 6
 
 
@@ -34,7 +34,7 @@ def drawn(count: int) -> list[tuple[float, ...]]:
 
 def test_on_every_leg_the_tip_keeps_its_cap_and_comes_near_it() -> None:
     poses = drawn(12)
-    speeds = PACE.on_legs(HOME, poses)
+    speeds = PACE.leg_speeds(HOME, poses)
     for (here, there), speed_rad_s in zip(pairwise([HOME, *poses]), speeds, strict=True):
         assert speed_rad_s <= 0.5
         found_m_s = fastest_m_s(here, there, speed_rad_s)
@@ -44,28 +44,28 @@ def test_on_every_leg_the_tip_keeps_its_cap_and_comes_near_it() -> None:
 
 def test_a_joint_far_from_the_tip_is_slow_and_the_last_one_is_not() -> None:
     first, last = (0.5, 0, 0, 0, 0, 0), (0.5, 0, 0, 0, 0, 0.5)
-    slow, fast = PACE.on_legs(HOME, (first, last))
+    slow, fast = PACE.leg_speeds(HOME, (first, last))
     assert slow < 0.06
     assert fast == pytest.approx(0.5)
-    assert PACE.on_legs(first, (last,)) == (fast,)
+    assert PACE.leg_speeds(first, (last,)) == (fast,)
 
 
 def test_ways_take_as_long_as_their_legs_the_last_degree_from_below_among_them() -> None:
     ways = tuple((pose,) for pose in drawn(4))
-    paced = PACE.along(HOME, ways)
+    paced = PACE.time_ways(HOME, ways)
     here, seconds, travel = HOME, 0.0, 0.0
     for way in ways:
         corners = from_below(here, way[0])
-        for corner, speed in zip(corners, PACE.on_legs(here, corners), strict=True):
+        for corner, speed in zip(corners, PACE.leg_speeds(here, corners), strict=True):
             turn = max(abs(a - b) for a, b in zip(corner, here, strict=True))
             seconds, travel, here = seconds + turn / speed, travel + turn, corner
     assert paced.moving_s == pytest.approx(seconds)
     assert paced.travel_rad == pytest.approx(travel)
-    assert PACE.along(HOME, ()) == Paced(0.0, 0.0, 0.0)
+    assert PACE.time_ways(HOME, ()) == TimedMotion(0.0, 0.0, 0.0)
 
 
 def test_sums_of_ways() -> None:
-    one, other = Paced(1.0, 10.0, 0.3), Paced(2.0, 5.0, 0.4)
-    assert one + other == Paced(3.0, 15.0, 0.4)
-    assert one.times(3) == Paced(3.0, 30.0, 0.3)
-    assert one.times(0) == Paced(0.0, 0.0, 0.0)
+    one, other = TimedMotion(1.0, 10.0, 0.3), TimedMotion(2.0, 5.0, 0.4)
+    assert one + other == TimedMotion(3.0, 15.0, 0.4)
+    assert one.repeat_motion(3) == TimedMotion(3.0, 30.0, 0.3)
+    assert one.repeat_motion(0) == TimedMotion(0.0, 0.0, 0.0)

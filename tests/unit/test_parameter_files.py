@@ -11,7 +11,7 @@ from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.parameters import parameters
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, Value
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, ParameterValue
 from cellcal.service.engineering.parameters.ur_files import (
     RosKinematics,
     UrKinematics,
@@ -81,7 +81,7 @@ def identification(cli, **changes):
     [
         write_calibration_conf(FACTORY, UR),
         write_primary_kinematics(FACTORY),
-        write_ros_kinematics(RosKinematics(ros_frames(ARM), FACTORY.hash)),
+        write_ros_kinematics(RosKinematics(ros_frames(ARM), FACTORY.factory_hash)),
     ],
     ids=["calibration.conf", "primary interface", "ROS"],
 )
@@ -104,11 +104,11 @@ def test_an_identification_goes_in_with_its_uncertainties(cli):
     cli(
         "import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada", "--note", "spring"
     )
-    item = ParameterSets(cli.folder).load("17")
+    item = ParameterSets(cli.folder).load_set("17")
     assert item.version == 2
-    assert item.value("J2 offset") == Value("J2 offset", "rad", 2e-3, 1e-5)
-    assert item.value("wire zero") is None
-    assert item.factory_hash == FACTORY.hash
+    assert item.find_value("J2 offset") == ParameterValue("J2 offset", "rad", 2e-3, 1e-5)
+    assert item.find_value("wire zero") is None
+    assert item.factory_hash == FACTORY.factory_hash
     assert item.source.startswith("identification: found.json, sha256 ")
     shown = json.loads(cli("show", "17", "--json").out)
     assert shown["note"] == "spring"
@@ -169,17 +169,17 @@ def test_a_set_goes_to_another_house_as_its_own_file(cli):
     cli("export", "17", out, "--format", "toml")
     cli("import", out, "--robot", "ur10e", "--serial", "18", "--by", "Grace")
     sets = ParameterSets(cli.folder)
-    assert sets.load("18").values == sets.load("17").values
-    assert "parameter set 17 version 1" in sets.load("18").source
+    assert sets.load_set("18").values == sets.load_set("17").values
+    assert "parameter set 17 version 1" in sets.load_set("18").source
 
 
 def test_kinematics_of_another_arm_are_refused(cli):
     factory_imported(cli)
-    foreign = RosKinematics(ros_frames(UR), UrKinematics(UR.dh).hash)
+    foreign = RosKinematics(ros_frames(UR), UrKinematics(UR.dh).factory_hash)
     file = written(cli.tmp / "other.yaml", write_ros_kinematics(foreign))
     with pytest.raises(CalibrationError, match="another arm"):
         cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    assert len(ParameterSets(cli.folder).history("17")) == 1
+    assert len(ParameterSets(cli.folder).load_history("17")) == 1
 
 
 def test_a_table_that_is_not_linearised_is_said(cli):

@@ -21,9 +21,9 @@ from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,
     ParameterSets,
-    Value,
-    diff,
-    parse,
+    ParameterValue,
+    compare_sets,
+    parse_set,
     to_text,
 )
 from tests.unit.test_ur_factory import ABSOLUTE
@@ -32,7 +32,7 @@ UR = load_model("ur10e")
 JOINTS = np.random.default_rng(0).uniform(-3, 3, (50, 6))
 
 
-ONE = (Value("J2 offset", "rad", 1.25e-4, 3e-6),)
+ONE = (ParameterValue("J2 offset", "rad", 1.25e-4, 3e-6),)
 
 
 def draft(values=ONE, **changes):
@@ -50,7 +50,7 @@ def draft(values=ONE, **changes):
 finite = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 values = st.builds(
-    Value,
+    ParameterValue,
     words,
     st.sampled_from(["rad", "m", "rad/m", "1"]),
     finite,
@@ -62,11 +62,15 @@ values = st.builds(
 @given(st.lists(values, min_size=1, max_size=4, unique_by=lambda v: v.name), words, words)
 def test_what_is_written_comes_back_bit_for_bit(some, who, why):
     item = draft(some, made_by=who, note=why, version=3, rolls_back_to=1)
-    assert parse(to_text(item)) == item
+    assert parse_set(to_text(item)) == item
 
 
 def test_units_stand_in_the_names():
-    text = to_text(draft([Value("J2 sag under link 2", "rad/m", 1e-5), Value("J3 a", "m", -2e-4, 1e-5)]))
+    text = to_text(
+        draft(
+            [ParameterValue("J2 sag under link 2", "rad/m", 1e-5), ParameterValue("J3 a", "m", -2e-4, 1e-5)]
+        )
+    )
     assert "value_rad_per_m = 1e-05" in text
     assert "value_m = -0.0002" in text
     assert "standard_uncertainty_m = 1e-05" in text
@@ -92,99 +96,107 @@ def test_a_file_that_was_touched_is_refused(old, new, words):
     changed = text.replace(old, new, 1)
     assert changed != text
     with pytest.raises(ParameterSetError, match=words):
-        parse(changed)
+        parse_set(changed)
 
 
 def test_versions_follow_each_other(tmp_path):
     sets = ParameterSets(tmp_path)
-    first = sets.save(draft())
-    second = sets.save(draft([Value("J2 offset", "rad", 2e-4, 4e-6)]))
+    first = sets.save_draft(draft())
+    second = sets.save_draft(draft([ParameterValue("J2 offset", "rad", 2e-4, 4e-6)]))
     assert (first.version, second.version) == (1, 2)
     assert second.previous_sha256 == first.sha256
-    assert sets.history("2022-17") == (first, second)
-    assert sets.load("2022-17") == second
-    assert sets.load("2022-17", 1) == first
-    assert sets.robots() == ("2022-17",)
+    assert sets.load_history("2022-17") == (first, second)
+    assert sets.load_set("2022-17") == second
+    assert sets.load_set("2022-17", 1) == first
+    assert sets.robot_serials() == ("2022-17",)
 
 
 def test_going_back_is_a_new_version_that_names_the_old_one(tmp_path):
     sets = ParameterSets(tmp_path)
-    first = sets.save(draft())
-    sets.save(draft([Value("J2 offset", "rad", 9e-4)]))
-    back = sets.rollback(
+    first = sets.save_draft(draft())
+    sets.save_draft(draft([ParameterValue("J2 offset", "rad", 9e-4)]))
+    back = sets.roll_back(
         "2022-17", 1, made_by="Grace", made_at="2026-12-01T00:00:00+00:00", note="worse in check"
     )
     assert back.version == 3
     assert back.rolls_back_to == 1
     assert back.values == first.values
     assert back.made_by == "Grace"
-    assert len(sets.history("2022-17")) == 3
+    assert len(sets.load_history("2022-17")) == 3
 
 
 def test_a_missing_or_foreign_version_breaks_the_chain(tmp_path):
     sets = ParameterSets(tmp_path)
     for size in (1e-4, 2e-4, 3e-4):
-        sets.save(draft([Value("J2 offset", "rad", size)]))
+        sets.save_draft(draft([ParameterValue("J2 offset", "rad", size)]))
     folder = tmp_path / "2022-17"
     kept = (folder / "v0002.toml").read_text()
     (folder / "v0002.toml").unlink()
     with pytest.raises(ParameterSetError, match="missing"):
-        sets.load("2022-17")
-    foreign = draft([Value("J2 offset", "rad", 7e-4)], version=2)
+        sets.load_set("2022-17")
+    foreign = draft([ParameterValue("J2 offset", "rad", 7e-4)], version=2)
     (folder / "v0002.toml").write_text(to_text(foreign))
     with pytest.raises(ParameterSetError, match="does not follow"):
-        sets.load("2022-17")
+        sets.load_set("2022-17")
     (folder / "v0002.toml").write_text(kept)
-    assert len(sets.history("2022-17")) == 3
+    assert len(sets.load_history("2022-17")) == 3
 
 
 def test_a_version_that_somebody_else_writes_meanwhile_is_not_overwritten(tmp_path, monkeypatch):
     sets = ParameterSets(tmp_path)
-    sets.save(draft())
-    theirs = draft([Value("J2 offset", "rad", 5e-4)])
+    sets.save_draft(draft())
+    theirs = draft([ParameterValue("J2 offset", "rad", 5e-4)])
     link = os.link
 
     def slower(source, target):
         monkeypatch.setattr(os, "link", link)
-        ParameterSets(tmp_path).save(theirs)
+        ParameterSets(tmp_path).save_draft(theirs)
         link(source, target)
 
     monkeypatch.setattr(os, "link", slower)
     with pytest.raises(ParameterSetError, match="somebody else"):
-        sets.save(draft([Value("J2 offset", "rad", 6e-4)]))
-    assert sets.load("2022-17").values == theirs.values
+        sets.save_draft(draft([ParameterValue("J2 offset", "rad", 6e-4)]))
+    assert sets.load_set("2022-17").values == theirs.values
     assert {item.name for item in (tmp_path / "2022-17").iterdir()} == {"v0001.toml", "v0002.toml"}
 
 
 @pytest.mark.parametrize("serial", ["", "..", "a/b", ".hidden", "x" * 65])
 def test_a_serial_cannot_leave_the_folder(tmp_path, serial):
     with pytest.raises(ParameterSetError, match="cannot name a robot"):
-        ParameterSets(tmp_path).save(draft(robot_serial=serial))
+        ParameterSets(tmp_path).save_draft(draft(robot_serial=serial))
 
 
 def test_unknown_robots_and_versions_are_named(tmp_path):
     sets = ParameterSets(tmp_path / "none_yet")
-    assert sets.robots() == ()
+    assert sets.robot_serials() == ()
     with pytest.raises(ParameterSetError, match="no parameter sets"):
-        sets.load("17")
-    sets.save(draft())
+        sets.load_set("17")
+    sets.save_draft(draft())
     with pytest.raises(ParameterSetError, match="versions 1 to 1"):
-        sets.load("2022-17", 2)
+        sets.load_set("2022-17", 2)
 
 
 def test_a_difference_counts_in_standard_uncertainties():
     before = draft(
-        [Value("J2 offset", "rad", 1e-4, 3e-6), Value("J3 offset", "rad", 1e-4), Value("J1 d", "m", 1e-4)]
+        [
+            ParameterValue("J2 offset", "rad", 1e-4, 3e-6),
+            ParameterValue("J3 offset", "rad", 1e-4),
+            ParameterValue("J1 d", "m", 1e-4),
+        ]
     )
     after = draft(
-        [Value("J2 offset", "rad", 1.5e-4, 4e-6), Value("J3 offset", "rad", 2e-4), Value("J4 a", "m", 1e-5)]
+        [
+            ParameterValue("J2 offset", "rad", 1.5e-4, 4e-6),
+            ParameterValue("J3 offset", "rad", 2e-4),
+            ParameterValue("J4 a", "m", 1e-5),
+        ]
     )
-    changes = {change.name: change for change in diff(before, after)}
-    assert changes["J2 offset"].deviations == pytest.approx(10.0)
-    assert changes["J3 offset"].deviations is None
-    assert changes["J1 d"].difference == -1e-4
-    assert changes["J4 a"].difference == 1e-5
-    assert diff(before, before) == ()
+    changes = {change.name: change for change in compare_sets(before, after)}
+    assert changes["J2 offset"].difference_in_sigmas == pytest.approx(10.0)
+    assert changes["J3 offset"].difference_in_sigmas is None
+    assert changes["J1 d"].value_difference == -1e-4
+    assert changes["J4 a"].value_difference == 1e-5
+    assert compare_sets(before, before) == ()
 
 
 def test_what_a_measurement_left_where_it_was_assumed_is_no_result():
@@ -197,29 +209,29 @@ def test_what_a_measurement_left_where_it_was_assumed_is_no_result():
     assert (assumed.determined, found.determined) == (False, True)
     text = to_text(draft([assumed, found]))
     assert text.count("determined = false") == 1
-    assert parse(text).values == (assumed, found)
+    assert parse_set(text).values == (assumed, found)
     with pytest.raises(ParameterSetError, match="hash"):
-        parse(text.replace("determined = false\n", ""))
+        parse_set(text.replace("determined = false\n", ""))
     with pytest.raises(ParameterSetError, match="one unit"):
-        parse(text.replace("determined = false", "determined = 0"))
-    (change,) = diff(draft([replace(assumed, value=1e-3), found]), draft([assumed, found]))
-    assert (change.determined, change.deviations) == (False, None)
+        parse_set(text.replace("determined = false", "determined = 0"))
+    (change,) = compare_sets(draft([replace(assumed, value=1e-3), found]), draft([assumed, found]))
+    assert (change.is_determined, change.difference_in_sigmas) == (False, None)
 
 
 def test_an_empty_set_and_a_value_that_is_none_are_refused():
     with pytest.raises(ParameterSetError):
         draft([])
     with pytest.raises(ParameterSetError):
-        Value("J1 d", "mm", 1.0)
+        ParameterValue("J1 d", "mm", 1.0)
     with pytest.raises(ParameterSetError):
-        Value("J1 d", "m", float("inf"))
+        ParameterValue("J1 d", "m", float("inf"))
     with pytest.raises(ParameterSetError):
-        Value("J1 d", "m", 1.0, -1.0)
+        ParameterValue("J1 d", "m", 1.0, -1.0)
 
 
 def test_a_factory_calibration_goes_through_a_set_unchanged():
     arm = factory_model(UR, ABSOLUTE)
-    found = calibrated_model(UR, parse(to_text(draft(values_of_model(UR, arm)))))
+    found = calibrated_model(UR, parse_set(to_text(draft(values_of_model(UR, arm)))))
     assert np.allclose(found.model.base_flange(JOINTS), arm.base_flange(JOINTS), rtol=0, atol=1e-13)
     assert found.left_out == ()
 

@@ -4,13 +4,13 @@ import math
 
 import pytest
 
-from cellcal.drivers.wire.patience import Patience
+from cellcal.drivers.wire.move_timeout import MoveTimeout
 
 
 def takes(overrides, step_s: float = 0.1) -> float:
     """Return when patience ends that looks at one override after the other, and at the last one for ever."""
-    patience, now_s, number = Patience(2.0, 1.0, 100.0), 100.0, 0
-    while not patience.ended(now_s, overrides[min(number, len(overrides) - 1)]):
+    patience, now_s, number = MoveTimeout(2.0, 1.0, 100.0), 100.0, 0
+    while not patience.has_expired(now_s, overrides[min(number, len(overrides) - 1)]):
         now_s, number = now_s + step_s, number + 1
         assert number < 10_000
     assert patience.passed_s() == pytest.approx(now_s - 100.0)

@@ -5,13 +5,13 @@ import re
 from pathlib import Path
 
 from cellcal import procedures
-from cellcal.procedures.motion.pace import Paced
-from cellcal.procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
+from cellcal.procedures.motion.plan_words import PER_POSE_S, PlanTour, plan_words
+from cellcal.procedures.motion.speed_limit import TimedMotion
 
 
 def test_three_lines_and_what_nobody_checked() -> None:
     words = plan_words(
-        "the robot, to 3 poses", Tour(3, Paced(math.pi, 60.0, 0.1)), ("no workspace box known",)
+        "the robot, to 3 poses", PlanTour(3, TimedMotion(math.pi, 60.0, 0.1)), ("no workspace box known",)
     )
     lines = words.splitlines()
     assert [line.split(":")[0] for line in lines] == ["What moves", "How far", "How long", "Not checked"]
@@ -22,8 +22,8 @@ def test_three_lines_and_what_nobody_checked() -> None:
 
 
 def test_time_counts_the_stops_and_names_the_hands() -> None:
-    tour = Tour(10, Paced(15.0, 30.0, 0.5), "hang the hook into each point")
-    assert tour.minutes == (30.0 + 10 * PER_POSE_S) / 60.0
+    tour = PlanTour(10, TimedMotion(15.0, 30.0, 0.5), "hang the hook into each point")
+    assert tour.duration_min == (30.0 + 10 * PER_POSE_S) / 60.0
     assert "hang the hook" in plan_words("the robot", tour, ())
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import DegenerateDataError
-from cellcal.calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses, predict
+from cellcal.calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses, predict_turns
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, healthy_record, kit
 from tests.unit.helpers.wire_world import ANCHOR, HOOK, WireWorld
@@ -39,17 +39,18 @@ def test_designed_poses_tell_more_than_random_ones(record):
     designed = candidates[list(next_poses(MODEL, record, NONE, candidates, 10))]
     rng = np.random.default_rng(0)
     volumes = [
-        np.log(predict(MODEL, record, candidates[rng.choice(200, 10, False)])[1]).sum() for _ in range(20)
+        np.log(predict_turns(MODEL, record, candidates[rng.choice(200, 10, False)])[1]).sum()
+        for _ in range(20)
     ]
-    assert np.log(predict(MODEL, record, designed)[1]).sum() < min(volumes)
+    assert np.log(predict_turns(MODEL, record, designed)[1]).sum() < min(volumes)
 
 
 def test_more_poses_never_tell_less(record):
     order = list(next_poses(MODEL, record, NONE, kit(), 14))
-    sigmas = [predict(MODEL, record, kit()[order[:n]])[1] for n in range(1, 15)]
+    sigmas = [predict_turns(MODEL, record, kit()[order[:n]])[1] for n in range(1, 15)]
     assert (np.diff(sigmas, axis=0) <= 1e-9).all()
-    assert predict(MODEL, record, kit()[order[:2]])[0] < 0.5
-    assert predict(MODEL, record, kit()[order])[0] > 0.9999
+    assert predict_turns(MODEL, record, kit()[order[:2]])[0] < 0.5
+    assert predict_turns(MODEL, record, kit()[order])[0] > 0.9999
 
 
 def test_the_next_pose_is_the_one_that_an_exhaustive_search_picks(record):

@@ -10,7 +10,7 @@ from cyclopts import App
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.motion.collision import Box, CollisionCheck, Plane, Sphere
+from cellcal.calibration.motion.collision import BoxObstacle, CollisionCheck, PlaneObstacle, SphereObstacle
 from cellcal.service.cli.poses import poses
 from cellcal.service.configuration.cell_shapes import CellShapeError, read_cell_shape
 from cellcal.service.engineering.identification.pose_planning import read_joints, visiting_order
@@ -114,12 +114,12 @@ def test_obstacles_are_kept_clear_of(plan, tmp_path):
     file.write_text(SHAPES)
     found = json.loads(plan("--count", 12, "--shape", file, "--json"))
     shape = read_cell_shape(file, MODEL, tip_in_flange_m=(0.04, 0.025, 0.1))
-    check = CollisionCheck.prepare(MODEL, shape)
-    assert check.free(joints_of(found)).all()
-    assert found["ways_free"][1:] == check.ways_free(joints_of(found)).tolist()
+    check = CollisionCheck.from_model(MODEL, shape)
+    assert check.is_free(joints_of(found)).all()
+    assert found["ways_free"][1:] == check.is_path_free(joints_of(found)).tolist()
     assert not any("no obstacles" in words for words in found["not_checked"])
     without = json.loads(plan("--count", 12, "--json"))
-    assert not check.free(joints_of(without)).all()
+    assert not check.is_free(joints_of(without)).all()
 
 
 def test_shapes_of_a_description_are_kept_clear_too(plan, tmp_path):
@@ -183,9 +183,9 @@ def test_shapes_are_read_in_millimetres_and_degrees(tmp_path):
     file.write_text(SHAPES)
     shape = read_cell_shape(file, MODEL)
     table, lamp, wall = shape.obstacles
-    assert isinstance(table, Box)
-    assert isinstance(lamp, Sphere)
-    assert isinstance(wall, Plane)
+    assert isinstance(table, BoxObstacle)
+    assert isinstance(lamp, SphereObstacle)
+    assert isinstance(wall, PlaneObstacle)
     assert table.size_m == (0.4, 0.4, 0.2)
     assert np.allclose(table.base_box[:3, 0], [np.sqrt(0.5), np.sqrt(0.5), 0.0])
     assert lamp.centre_in_base_m == (0.0, 0.5, 0.9)

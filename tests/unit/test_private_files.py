@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from cellcal.service.files import create_private_file, make_private_folder, replace_file
+from cellcal.service.path_redaction import without_paths
 from cellcal.service.record.journal import Journal
-from cellcal.service.shown_paths import without_paths
 from cellcal.service.times import read_time
 from cellcal.service.web.middleware import _host_name
 
@@ -19,7 +19,7 @@ def test_files_are_for_their_owner_whatever_the_umask(tmp_path: Path, umask: int
         make_private_folder(tmp_path / "a" / "b")
         replace_file(tmp_path / "a" / "b" / "x", "text")
         create_private_file(tmp_path / "a" / "y")
-        Journal.open(tmp_path / "c" / "journal.db").close()
+        Journal.open_file(tmp_path / "c" / "journal.db").close()
     finally:
         os.umask(before)
     found = [

@@ -9,15 +9,15 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.cross_validation import group_rows
 from cellcal.calibration.identification.held_out_regions import posture_regions
-from cellcal.calibration.identification.identify import identify
-from cellcal.calibration.identification.model_error import HeldOut, model_error
+from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.model_error import HeldOutErrors, model_error
 from cellcal.calibration.identification.observations import PoseObservations
 from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY
 from cellcal.calibration.identification.reading_prediction import predict_readings
-from cellcal.calibration.identification.selection import Options
-from cellcal.calibration.identification.tip_uncertainty import _slopes, tip_slopes
+from cellcal.calibration.identification.selection import IdentificationOptions
+from cellcal.calibration.identification.tip_uncertainty import _parameter_slopes, tip_slopes
 from cellcal.calibration.uncertainty import coverage_in_space, coverage_in_space_of
-from cellcal.service.engineering.identification.identify_check import prepare
+from cellcal.service.engineering.identification.identify_check import prepare_measurements
 from cellcal.service.engineering.measured.measurements import ReadOptions
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, wire_lengths
 
@@ -30,7 +30,7 @@ SERIES = {
 
 
 def predicted(rows, fitted, others, **options):
-    found = identify(UR10, rows.take(fitted), options=Options(find_breaks=False, **options))
+    found = identify_arm(UR10, rows.take(fitted), options=IdentificationOptions(find_breaks=False, **options))
     test = rows.take(others)
     told = predict_readings(found, test.joints_rad)
     missed = np.linalg.norm(test.positions_m - told.positions_m, axis=1)
@@ -40,7 +40,7 @@ def predicted(rows, fitted, others, **options):
 @pytest.mark.parametrize("series", ["B", "C"])
 @pytest.mark.parametrize("residual_model", [False, True])
 def test_held_out_rows_of_a_real_arm_are_inside_what_is_stated(series, residual_model):
-    rows = prepare(SERIES[series], UR10, ReadOptions()).observations
+    rows = prepare_measurements(SERIES[series], UR10, ReadOptions()).observations
     order = np.random.default_rng(3).permutation(len(rows))
     fitted, others = np.sort(order[:200]), order[200:]
     _, told, missed = predicted(rows, fitted, others, level=GRAVITY, residual_model=residual_model)
@@ -54,8 +54,8 @@ def test_held_out_rows_of_a_real_arm_are_inside_what_is_stated(series, residual_
 
 @pytest.mark.parametrize(("series", "joint"), [("B", 1), ("C", 1), ("C", 3)])
 def test_half_of_a_joints_range_does_not_promise_the_other_half(series, joint):
-    rows = prepare(SERIES[series], UR10, ReadOptions()).observations
-    some = rows.take(np.arange(0, len(rows), 3))
+    rows = prepare_measurements(SERIES[series], UR10, ReadOptions()).observations
+    some = rows.select_rows(np.arange(0, len(rows), 3))
     angle = some.joints_rad[:, joint]
     below, above = np.flatnonzero(angle < np.median(angle)), np.flatnonzero(angle >= np.median(angle))
     _, told, missed = predicted(some, below, above, level=GRAVITY)
@@ -67,7 +67,9 @@ def test_with_a_complete_model_95_percent_are_95_percent():
     inside, alone = [], []
     for seed in range(12):
         simulated = tracker_points("ur10", 70, seed=seed)
-        found = identify(UR10, simulated.observations, options=Options(level=GEOMETRY, find_breaks=False))
+        found = identify_arm(
+            UR10, simulated.observations, options=IdentificationOptions(level=GEOMETRY, find_breaks=False)
+        )
         rng = np.random.default_rng(100 + seed)
         joints = random_joints(UR10, rng, 200)
         truth = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3]
@@ -82,8 +84,10 @@ def test_with_a_complete_model_95_percent_are_95_percent():
 
 def test_a_wire_states_its_reading_in_space_too():
     simulated = wire_lengths(count=120)
-    found = identify(
-        simulated.model, simulated.observations, options=Options(level=GEOMETRY, find_breaks=False)
+    found = identify_arm(
+        simulated.model,
+        simulated.observations,
+        options=IdentificationOptions(level=GEOMETRY, find_breaks=False),
     )
     told = predict_readings(found, random_joints(simulated.model, np.random.default_rng(9), 50, reach=1.0))
     assert np.isfinite(told.expanded_m).all()
@@ -93,10 +97,10 @@ def test_a_wire_states_its_reading_in_space_too():
 @pytest.mark.parametrize("simulate", [tracker_points, wire_lengths])
 def test_derivatives_of_a_tip_are_those_of_differences(simulate):
     simulated = simulate(count=120)
-    found = identify(
+    found = identify_arm(
         simulated.model,
         simulated.observations,
-        options=Options(level=GRAVITY, find_breaks=False, judge=False),
+        options=IdentificationOptions(level=GRAVITY, find_breaks=False, judge=False),
     )
     fit, joints = found.robust.fit, simulated.observations.joints_rad[:7]
 
@@ -107,7 +111,7 @@ def test_derivatives_of_a_tip_are_those_of_differences(simulate):
         return state.seen_from(0).base_flange(state.moved_joints(joints, values))[:, :3, 3]
 
     assert tip_slopes(fit.layout, fit.state, joints) == pytest.approx(
-        _slopes(fit, places).transpose(0, 2, 1), abs=2e-6
+        _parameter_slopes(fit, places).transpose(0, 2, 1), abs=2e-6
     )
 
 
@@ -121,9 +125,9 @@ def test_the_factor_in_space_of_many_is_that_of_each():
 def test_errors_that_grow_away_from_the_rows_are_learnt_from_regions():
     rng = np.random.default_rng(2)
     size = np.linalg.norm(rng.standard_normal((400, 3)), axis=1)
-    near = HeldOut(1e-4 * size, np.full(400, 3e-10), np.zeros(400), 3)
-    far = HeldOut(1e-3 * size, np.full(400, 3e-8), np.zeros(400), 3)
-    grown, plain = model_error(near, far, 1000.0), model_error(near, HeldOut.none(), 1000.0)
+    near = HeldOutErrors(1e-4 * size, np.full(400, 3e-10), np.zeros(400), 3)
+    far = HeldOutErrors(1e-3 * size, np.full(400, 3e-8), np.zeros(400), 3)
+    grown, plain = model_error(near, far, 1000.0), model_error(near, HeldOutErrors.without_rows(), 1000.0)
     assert plain.growth == 1.0
     assert 50 < grown.growth < 200  # 1e-6 a coordinate where parameters alone say 1e-8
     there = np.broadcast_to(1e-8 * np.eye(3), (1, 3, 3))
@@ -142,10 +146,12 @@ def test_regions_are_of_like_size_and_lie_apart():
 
 
 def test_poses_are_predicted_as_points_are():
-    rows = prepare(SERIES["B"], UR10, ReadOptions()).observations
+    rows = prepare_measurements(SERIES["B"], UR10, ReadOptions()).observations
     assert isinstance(rows, PoseObservations)
-    some = rows.take(np.arange(0, len(rows), 10))
-    found = identify(UR10, some, options=Options(level=GEOMETRY, find_breaks=False, judge=False))
+    some = rows.select_rows(np.arange(0, len(rows), 10))
+    found = identify_arm(
+        UR10, some, options=IdentificationOptions(level=GEOMETRY, find_breaks=False, judge=False)
+    )
     assert not len(found.judgement.held_out_m)  # judged when it is asked for
     told = predict_readings(found, some.joints_rad)
     assert (told.expanded_m > 3e-4).all()

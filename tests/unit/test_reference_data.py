@@ -9,7 +9,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.reference_data import load_reference, reference_names
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.bench import reference
-from cellcal.service.engineering.bench.reference import FORMS, WORLD, check, check_all
+from cellcal.service.engineering.bench.reference import FORMS, WORLD, check_all, check_problem
 from cellcal.service.engineering.bench.reference_solvers import SOLVERS
 from tests.unit.helpers import reference_solver
 
@@ -39,7 +39,7 @@ def test_the_independent_solver_makes_the_answers_again(name):
 
 @pytest.mark.parametrize("name", reference_names())
 def test_our_solvers_meet_the_answers_in_any_unit_world_and_order(name):
-    found = list(check(load_reference(name), name))
+    found = list(check_problem(load_reference(name), name))
     assert [each for each in found if not each.passed] == []
     assert {each.answer for each in found} == set(load_reference(name)["answers"])
 
@@ -66,12 +66,12 @@ def test_a_wrong_answer_fails(name):
     spoilt = numbers(document["answers"][key])
     spoilt[(0,) * spoilt.ndim] += 3 * document["tolerance"] if spoilt.dtype.kind == "f" else 1
     document["answers"][key] = spoilt.tolist()
-    assert not all(each.passed for each in check(document, name) if each.answer == key)
+    assert not all(each.passed for each in check_problem(document, name) if each.answer == key)
 
 
 def test_an_answer_that_is_no_number_fails(monkeypatch):
     monkeypatch.setitem(reference.SOLVERS, "dh", lambda given: {"flanges": np.full((3, 4, 4), np.nan)})
-    assert not any(each.passed for each in check(load_reference("dh"), "dh"))
+    assert not any(each.passed for each in check_problem(load_reference("dh"), "dh"))
 
 
 def test_the_problems_are_worth_solving():

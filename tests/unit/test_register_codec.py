@@ -7,12 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellcal.drivers.draw_wire.objects import decode as decode_object
+from cellcal.drivers.draw_wire.objects import decode_entry as decode_object
 from cellcal.drivers.draw_wire.objects import load_objects
 from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.modbus_robot.panel import Panel
-from cellcal.drivers.modbus_robot.profile import Profile, load_profile, profile_names
-from cellcal.drivers.modbus_robot.registers import Access, Register, decode, decode_text, encode
+from cellcal.drivers.modbus_robot.profile import ControllerProfile, load_profile, profile_names
+from cellcal.drivers.modbus_robot.register_client import RegisterClient
+from cellcal.drivers.modbus_robot.registers import (
+    RegisterAccess,
+    RobotRegister,
+    decode_text,
+    decode_words,
+    encode_values,
+)
 from cellcal.drivers.wire.modbus import ModbusLink
 from cellcal.drivers.wire.tables import code_table
 
@@ -56,8 +62,8 @@ DOCUMENT = {
 }
 
 
-def register(kind: str, words: int, unit: str = "", multiply: float = 1.0) -> Register:
-    return Register.model_validate({
+def register(kind: str, words: int, unit: str = "", multiply: float = 1.0) -> RobotRegister:
+    return RobotRegister.model_validate({
         "address": 1, "words": words, "type": kind, "unit": unit, "multiply": multiply,
         "access": "read_write", "source": "here",
     })  # fmt: skip
@@ -67,7 +73,7 @@ def register(kind: str, words: int, unit: str = "", multiply: float = 1.0) -> Re
 def test_the_profile_has_every_register_where_the_document_has_it(name: str) -> None:
     address, words, writable = DOCUMENT[name]
     found = FANUC.registers[name]
-    assert (found.address, found.words, found.access is not Access.READ) == (address, words, writable)
+    assert (found.address, found.words, found.access is not RegisterAccess.READ) == (address, words, writable)
     assert found.source
 
 
@@ -76,18 +82,19 @@ def test_the_profile_has_every_register_where_the_document_has_it(name: str) -> 
     [("tool", 1, 501), ("tool", 10, 951), ("user", 1, 1001), ("user", 9, 1401)],
 )
 def test_frames_lie_fifty_words_apart(kind: str, number: int, address: int) -> None:
-    assert FANUC.registers[f"{kind}_xyz"].numbered(number).address == address
-    assert FANUC.registers[f"{kind}_wpr"].numbered(number).address == address + 6
-    assert FANUC.registers[f"{kind}_valid"].numbered(number).address == address + 25
+    assert FANUC.registers[f"{kind}_xyz"].register_of_item(number).address == address
+    assert FANUC.registers[f"{kind}_wpr"].register_of_item(number).address == address + 6
+    assert FANUC.registers[f"{kind}_valid"].register_of_item(number).address == address + 25
 
 
 def test_alarms_lie_a_hundred_words_apart() -> None:
     fifth = {
-        name: FANUC.registers[name].numbered(5).address for name in ("alarm_id", "alarm_number", "alarm_text")
+        name: FANUC.registers[name].register_of_item(5).address
+        for name in ("alarm_id", "alarm_number", "alarm_text")
     }
     assert fifth == {"alarm_id": 2401, "alarm_number": 2402, "alarm_text": 2412}
     with pytest.raises(ValueError, match="1 to 5"):
-        FANUC.registers["alarm_id"].numbered(6)
+        FANUC.registers["alarm_id"].register_of_item(6)
 
 
 @pytest.mark.parametrize(
@@ -114,14 +121,14 @@ def test_alarms_lie_a_hundred_words_apart() -> None:
 )
 def test_golden_words(kind: str, unit: str, words: tuple[int, ...], values: tuple[float, ...]) -> None:
     found = register(kind, len(words), unit)
-    assert decode(found, words) == pytest.approx(values, rel=1e-12)
-    assert encode(found, values) == words
+    assert decode_words(found, words) == pytest.approx(values, rel=1e-12)
+    assert encode_values(found, values) == words
 
 
 def test_a_multiplied_integer_is_divided() -> None:
     found = register("int32", 2, "mm", multiply=1000)
-    assert decode(found, (1500, 0)) == pytest.approx((1.5e-3,))
-    assert encode(found, (1.5e-3,)) == (1500, 0)
+    assert decode_words(found, (1500, 0)) == pytest.approx((1.5e-3,))
+    assert encode_values(found, (1.5e-3,)) == (1500, 0)
 
 
 def test_text_has_its_low_byte_first_and_ends_at_nul() -> None:
@@ -142,26 +149,26 @@ def test_text_has_its_low_byte_first_and_ends_at_nul() -> None:
 )
 def test_words_that_are_no_value_are_refused(kind: str, words: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"."):
-        decode(register(kind, 2), words)
+        decode_words(register(kind, 2), words)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 2.0**31, -(2.0**31) - 1])
 def test_values_that_do_not_fit_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match=r"."):
-        encode(register("int32", 2), (value,))
+        encode_values(register("int32", 2), (value,))
 
 
 @given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6))
 def test_counts_survive_the_wire_exactly(counts: list[int]) -> None:
     found = FANUC.registers["counts_at_zero"]
-    assert [int(value) for value in decode(found, encode(found, counts))] == counts
+    assert [int(value) for value in decode_words(found, encode_values(found, counts))] == counts
 
 
 @given(st.lists(st.floats(-360, 360, width=32), min_size=6, max_size=6))
 def test_angles_survive_the_wire_to_a_tenth_of_an_arc_second(degrees: list[float]) -> None:
     found = FANUC.registers["joints"]
     radians = [math.radians(value) for value in degrees]
-    assert decode(found, encode(found, radians)) == pytest.approx(radians, abs=5e-7)
+    assert decode_words(found, encode_values(found, radians)) == pytest.approx(radians, abs=5e-7)
 
 
 def test_every_profile_that_ships_can_be_loaded() -> None:
@@ -174,20 +181,20 @@ def test_a_block_that_does_not_fit_into_one_telegram_is_refused() -> None:
     document = FANUC.model_dump()
     document["blocks"]["too_long"] = ("xyz", "interaction")
     with pytest.raises(ValueError, match="more than 125"):
-        Profile.model_validate(document)
+        ControllerProfile.model_validate(document)
     document["blocks"] = {"odd": ("nothing",)}
     with pytest.raises(ValueError, match="unknown registers: nothing"):
-        Profile.model_validate(document)
+        ControllerProfile.model_validate(document)
 
 
 async def test_what_cannot_be_written_never_reaches_the_link() -> None:
-    panel = Panel(ModbusLink("robot", "127.0.0.1", 1, deadline_s=0.1), FANUC)
+    panel = RegisterClient(ModbusLink("robot", "127.0.0.1", 1, deadline_s=0.1), FANUC)
     with pytest.raises(ValueError, match="cannot be written"):
-        await panel.write({"counts": (0,) * 6})  # read only
+        await panel.write_registers({"counts": (0,) * 6})  # read only
     with pytest.raises(ValueError, match="cannot be written"):
-        await panel.write({"request": (1,), "number": (1,)})  # a gap between them
+        await panel.write_registers({"request": (1,), "number": (1,)})  # a gap between them
     with pytest.raises(RefusedError):
-        await panel.write({"counts_at_zero": (2**31,) * 6})
+        await panel.write_registers({"counts_at_zero": (2**31,) * 6})
 
 
 @pytest.mark.parametrize(

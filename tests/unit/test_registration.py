@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous, log_transform
+from cellcal.calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous_matrix, log_transform
 from cellcal.calibration.points.frames import frame_from_three_points
 from cellcal.calibration.points.tool_point import locate_tool_point
-from cellcal.calibration.registration import best_fit_transform, trilaterate
+from cellcal.calibration.registration import best_fit_transform, trilaterate_point
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-1, 1, (8, 3))
-TRUTH = homogeneous(exp_rotation(np.array([0.4, -1.3, 2.2])), np.array([2.0, -1.0, 0.5]))
+TRUTH = homogeneous_matrix(exp_rotation(np.array([0.4, -1.3, 2.2])), np.array([2.0, -1.0, 0.5]))
 
 
 def carried(points, matrix=TRUTH):
@@ -28,24 +28,24 @@ def carried(points, matrix=TRUTH):
     st.integers(3, 8),
 )
 def test_exact_pairs_give_the_exact_transform(turn, shift, count):
-    matrix = homogeneous(exp_rotation(np.array(turn)), np.array(shift))
+    matrix = homogeneous_matrix(exp_rotation(np.array(turn)), np.array(shift))
     fit = best_fit_transform(POINTS[:count], carried(POINTS[:count], matrix))
-    assert np.allclose(fit.target_source.matrix(), matrix, atol=1e-12)
+    assert np.allclose(fit.target_source.to_matrix(), matrix, atol=1e-12)
     assert fit.max_m < 1e-12
 
 
 def test_three_points_in_a_plane_are_enough_and_no_reflection():
     flat = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.1, 0.4, 0]])
-    assert np.allclose(best_fit_transform(flat, carried(flat)).target_source.matrix(), TRUTH, atol=1e-12)
+    assert np.allclose(best_fit_transform(flat, carried(flat)).target_source.to_matrix(), TRUTH, atol=1e-12)
 
 
 def test_no_other_transform_is_closer():
     target = carried(POINTS) + RNG.normal(scale=1e-2, size=POINTS.shape)
     fit = best_fit_transform(POINTS, target)
-    least = ((carried(POINTS, fit.target_source.matrix()) - target) ** 2).sum()
+    least = ((carried(POINTS, fit.target_source.to_matrix()) - target) ** 2).sum()
     for axis in np.vstack([np.eye(6), -np.eye(6)]) * 1e-4:
-        other = fit.target_source @ Pose.from_matrix(homogeneous(exp_rotation(axis[3:]), axis[:3]))
-        assert ((carried(POINTS, other.matrix()) - target) ** 2).sum() > least
+        other = fit.target_source @ Pose.from_matrix(homogeneous_matrix(exp_rotation(axis[3:]), axis[:3]))
+        assert ((carried(POINTS, other.to_matrix()) - target) ** 2).sum() > least
 
 
 def test_covariance_is_the_scatter_of_repeated_fits():
@@ -53,7 +53,7 @@ def test_covariance_is_the_scatter_of_repeated_fits():
     for seed in range(1500):
         noise = np.random.default_rng(seed).normal(scale=1e-3, size=POINTS.shape)
         fit = best_fit_transform(POINTS, carried(POINTS) + noise, sigma_m=1e-3)
-        twists.append(log_transform(np.linalg.inv(TRUTH) @ fit.target_source.matrix()))
+        twists.append(log_transform(np.linalg.inv(TRUTH) @ fit.target_source.to_matrix()))
         stated = np.array(fit.covariance)
     scatter = np.cov(np.array(twists).T)
     assert np.allclose(np.sqrt(np.diag(scatter)), np.sqrt(np.diag(stated)), rtol=0.08)
@@ -98,7 +98,7 @@ LENGTHS = np.linalg.norm(STATIONS - ANCHOR, axis=1)
 
 @pytest.mark.parametrize("zero", [0.0, 0.013, -0.2])
 def test_an_anchor_and_a_zero_are_found(zero):
-    found = trilaterate(STATIONS, LENGTHS + zero, fit_zero=True)
+    found = trilaterate_point(STATIONS, LENGTHS + zero, fit_zero=True)
     assert np.allclose(found.point_m, ANCHOR, atol=1e-9)
     assert found.zero_m == pytest.approx(zero, abs=1e-9)
 
@@ -108,7 +108,7 @@ def test_an_anchor_and_a_zero_are_found(zero):
 def test_any_anchor_is_found_from_stations_in_space(anchor):
     lengths = np.linalg.norm(STATIONS - anchor, axis=1)
     if lengths.min() > 0.05:
-        found = trilaterate(STATIONS, lengths, sigma_m=1e-4, near_m=anchor)
+        found = trilaterate_point(STATIONS, lengths, sigma_m=1e-4, near_m=anchor)
         assert np.allclose(found.point_m, anchor, atol=1e-7)
 
 
@@ -116,17 +116,17 @@ def test_stations_in_a_plane_see_two_places_and_a_hint_decides():
     flat = STATIONS * [1, 1, 0]
     lengths = np.linalg.norm(flat - ANCHOR, axis=1)
     with pytest.raises(DegenerateDataError, match=r"two places.*-0\.45"):
-        trilaterate(flat, lengths)
-    found = trilaterate(flat, lengths, near_m=(1.0, -0.5, -1.0))
+        trilaterate_point(flat, lengths)
+    found = trilaterate_point(flat, lengths, near_m=(1.0, -0.5, -1.0))
     assert np.allclose(found.point_m, ANCHOR, atol=1e-9)
-    mirrored = trilaterate(flat, lengths, near_m=(1.0, -0.5, 1.0))
+    mirrored = trilaterate_point(flat, lengths, near_m=(1.0, -0.5, 1.0))
     assert np.allclose(mirrored.point_m, ANCHOR * [1, 1, -1], atol=1e-9)
 
 
 def test_three_lengths_say_how_sure_only_with_a_known_sigma():
     with pytest.raises(DegenerateDataError, match="no residual"):
-        trilaterate(STATIONS[:3], LENGTHS[:3], near_m=ANCHOR)
-    found = trilaterate(STATIONS[:3], LENGTHS[:3], near_m=ANCHOR, sigma_m=1e-4)
+        trilaterate_point(STATIONS[:3], LENGTHS[:3], near_m=ANCHOR)
+    found = trilaterate_point(STATIONS[:3], LENGTHS[:3], near_m=ANCHOR, sigma_m=1e-4)
     assert np.allclose(found.point_m, ANCHOR, atol=1e-9)
     assert min(found.point_sigma_m) > 1e-5
 
@@ -134,7 +134,8 @@ def test_three_lengths_say_how_sure_only_with_a_known_sigma():
 def test_the_stated_sigma_is_the_scatter():
     rng = np.random.default_rng(11)
     found = [
-        trilaterate(STATIONS, LENGTHS + rng.normal(scale=2e-4, size=5), sigma_m=2e-4) for _ in range(800)
+        trilaterate_point(STATIONS, LENGTHS + rng.normal(scale=2e-4, size=5), sigma_m=2e-4)
+        for _ in range(800)
     ]
     scatter = np.std([f.point_m for f in found], axis=0)
     assert np.allclose(scatter, found[0].point_sigma_m, rtol=0.1)
@@ -152,14 +153,14 @@ def test_the_stated_sigma_is_the_scatter():
 )
 def test_lengths_that_fix_no_point_are_refused(stations, lengths):
     with pytest.raises(CalibrationError):
-        trilaterate(stations, lengths)
+        trilaterate_point(stations, lengths)
 
 
 @pytest.mark.parametrize(
     "found",
     [
         best_fit_transform(POINTS, carried(POINTS)),
-        trilaterate(STATIONS, LENGTHS),
+        trilaterate_point(STATIONS, LENGTHS),
         frame_from_three_points(*POINTS[:3], sigma_m=1e-4),
         locate_tool_point([Pose.from_matrix(exp_twist(np.array([0, 0, 0, *turn]))) for turn in np.eye(3)]),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.identification.parameters import (
     GEOMETRY,
     ArmState,
@@ -21,11 +21,11 @@ from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,
     fit_arm,
+    further_target_points,
     outlook_from,
     outlook_of,
     point_covariance,
-    points_found,
-    target_u,
+    target_expanded_u,
     with_readings,
 )
 from cellcal.calibration.poses.measurement_poses import TestPoses
@@ -33,7 +33,7 @@ from cellcal.calibration.poses.measurement_poses import TestPoses
 POINTS = ((0.10, 0.0, 0.20), (-0.05, 0.08, 0.20), (-0.05, -0.08, 0.25))
 WIRE = ArmTask("fanuc_m6ib", "length", 1e-4, (0.06, 0.05, 0.12), (0.9, -0.7, -0.45))
 TRACKER = replace(WIRE, kind="point", anchor_in_base_m=(0.0, 0.0, 0.0))
-JOINTS = candidate_joints(WIRE.nominal(), MotionLimits(), 90, seed=4)[:85]
+JOINTS = candidate_joints(WIRE.nominal_model(), MotionLimits(), 90, seed=4)[:85]
 TARGETS = np.array([0] * 40 + [1] * 15 + [2] * 15 + [3] * 15)
 
 
@@ -41,16 +41,20 @@ def _true_state(task: ArmTask, rng: np.random.Generator) -> ArmState:
     """Return an arm as its maker may build it, its device and targets a few millimetres off."""
     before = outlook_of(task, JOINTS[:0])
     places = [p.role in ("tool", "anchor", "base") for p in before.layout.parameters]
-    sizes = np.where(places, 0.004, before.layout.prior)
-    return before.layout.step(before.state, sizes * rng.normal(size=len(before.layout)))
+    sizes = np.where(places, 0.004, before.layout.prior_sigmas)
+    return before.layout.apply_step(before.state, sizes * rng.normal(size=len(before.layout)))
 
 
 def _as_the_controller_has_it(state: ArmState) -> Array:
     """Return the further targets in the flange of the drawing, which turns with the true last axis (k, 3)."""
     drawn = state.nominal
-    turn = state.arm.theta0_rad[-1] - drawn.theta0_rad[-1]
+    turn = state.arm_model.theta0_rad[-1] - drawn.theta0_rad[-1]
     about = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    last = np.linalg.inv(drawn.placements[-1]) @ homogeneous(about, np.zeros(3)) @ state.arm.placements[-1]
+    last = (
+        np.linalg.inv(drawn.placements[-1])
+        @ homogeneous_matrix(about, np.zeros(3))
+        @ state.arm_model.placements[-1]
+    )
     return np.array([(last @ target)[:3, 3] for target in state.further])
 
 
@@ -59,10 +63,10 @@ def test_the_points_are_found_as_surely_as_is_said(plain: ArmTask) -> None:
     task, rng, square = replace(plain, points_in_flange_m=POINTS), np.random.default_rng(7), []
     for _ in range(6):
         true = _true_state(task, rng)
-        nothing = task.observations(JOINTS, np.zeros((len(JOINTS), task.channels)), TARGETS)
-        values = -errors_at(true, nothing) + task.sigma_m * rng.normal(size=(task.channels, len(JOINTS)))
-        robust = fit_arm(task, task.observations(JOINTS, values.T, TARGETS))
-        off = (np.array(points_found(robust.fit.state)) - _as_the_controller_has_it(true)).ravel()
+        nothing = task.to_observations(JOINTS, np.zeros((len(JOINTS), task.channel_count)), TARGETS)
+        values = -errors_at(true, nothing) + task.sigma_m * rng.normal(size=(task.channel_count, len(JOINTS)))
+        robust = fit_arm(task, task.to_observations(JOINTS, values.T, TARGETS))
+        off = (np.array(further_target_points(robust.fit.state)) - _as_the_controller_has_it(true)).ravel()
         covariance = point_covariance(outlook_from(task, robust))
         square.append(float(off @ np.linalg.solve(covariance, off)))
         assert np.sqrt(np.diag(covariance)).max() < 3e-4
@@ -73,7 +77,7 @@ def test_one_fit_knows_arm_and_points_no_worse_than_one_after_the_other() -> Non
     task, tests = replace(WIRE, points_in_flange_m=POINTS), TestPoses(JOINTS[::4])
     flange = with_readings(outlook_of(task, JOINTS[:0]), JOINTS[:40], TARGETS[:40])
     together = with_readings(flange, JOINTS[40:], TARGETS[40:])
-    assert target_u(together, tests)[0] < target_u(flange, tests)[0]
+    assert target_expanded_u(together, tests)[0] < target_expanded_u(flange, tests)[0]
     alone = with_readings(outlook_of(task, JOINTS[:0]), JOINTS[40:], TARGETS[40:])
     tool = Pose((0.0, 0.0, 0.2))
     joint, separate = (tool_u(tool, POINTS, point_covariance(known), 2e-5) for known in (together, alone))
@@ -82,7 +86,7 @@ def test_one_fit_knows_arm_and_points_no_worse_than_one_after_the_other() -> Non
 
 
 def test_several_targets_before_a_device_that_moves_are_refused() -> None:
-    moved = make_layout(WIRE.nominal(), "length", 2, level=GEOMETRY)
+    moved = make_layout(WIRE.nominal_model(), "length", 2, level=GEOMETRY)
     with pytest.raises(CalibrationError, match="one device that stays"):
         with_further(moved, 1, Priors())
 

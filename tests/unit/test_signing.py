@@ -13,13 +13,13 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_pri
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cellcal.procedures.canonical import canonical_json
+from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.record.signing import (
-    Checked,
-    Finding,
+    CellKey,
+    CheckedDocument,
+    CheckFinding,
     SigningError,
-    StationKey,
-    check,
+    check_document,
     read_document,
     read_public_key,
     station_key,
@@ -35,33 +35,36 @@ CONTENT = {
 
 
 @pytest.fixture(scope="module")
-def key(tmp_path_factory: pytest.TempPathFactory) -> StationKey:
+def key(tmp_path_factory: pytest.TempPathFactory) -> CellKey:
     return station_key(tmp_path_factory.mktemp("cell"))
 
 
 @pytest.fixture(scope="module")
-def signed(key: StationKey) -> bytes:
-    return key.sign("test 1", CONTENT).encode()
+def signed(key: CellKey) -> bytes:
+    return key.sign_document("test 1", CONTENT).encode()
 
 
-def test_an_untouched_document_is_intact_and_gives_its_content(key: StationKey, signed: bytes) -> None:
-    for expected in (None, key.public, key.public.upper()):
-        checked = check(signed, expected_key=expected)
-        assert (checked.finding, checked.content) == (Finding.INTACT, CONTENT)
-    assert (checked.format, checked.public_key) == ("test 1", key.public)
+def test_an_untouched_document_is_intact_and_gives_its_content(key: CellKey, signed: bytes) -> None:
+    for expected in (None, key.public_key, key.public_key.upper()):
+        checked = check_document(signed, expected_key=expected)
+        assert (checked.finding, checked.content) == (CheckFinding.INTACT, CONTENT)
+    assert (checked.format, checked.public_key) == ("test 1", key.public_key)
 
 
-def test_the_same_content_gives_the_same_bytes(key: StationKey, signed: bytes) -> None:
-    assert key.sign("test 1", dict(reversed(CONTENT.items()))).encode() == signed
+def test_the_same_content_gives_the_same_bytes(key: CellKey, signed: bytes) -> None:
+    assert key.sign_document("test 1", dict(reversed(CONTENT.items()))).encode() == signed
 
 
 def test_every_byte_matters(signed: bytes) -> None:
     """Each byte replaced by several others, taken away, and doubled: none of them passes."""
     for place, byte in enumerate(signed):
         for other in {byte ^ 1, byte ^ 0x20, byte ^ 0x80, ord("0"), ord(" "), ord("\n")} - {byte}:
-            assert check(signed[:place] + bytes([other]) + signed[place + 1 :]).finding is not Finding.INTACT
-        assert check(signed[:place] + signed[place + 1 :]).finding is not Finding.INTACT
-        assert check(signed[: place + 1] + signed[place:]).finding is not Finding.INTACT
+            assert (
+                check_document(signed[:place] + bytes([other]) + signed[place + 1 :]).finding
+                is not CheckFinding.INTACT
+            )
+        assert check_document(signed[:place] + signed[place + 1 :]).finding is not CheckFinding.INTACT
+        assert check_document(signed[: place + 1] + signed[place:]).finding is not CheckFinding.INTACT
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -70,7 +73,7 @@ def test_no_other_change_passes(signed: bytes, data: st.DataObject) -> None:
     place = data.draw(st.integers(0, len(signed)))
     until = data.draw(st.integers(place, min(len(signed), place + 20)))
     changed = signed[:place] + data.draw(st.binary(max_size=20)) + signed[until:]
-    assert (check(changed).finding is Finding.INTACT) == (changed == signed)
+    assert (check_document(changed).finding is CheckFinding.INTACT) == (changed == signed)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +95,7 @@ def test_no_other_change_passes(signed: bytes, data: st.DataObject) -> None:
 def test_the_same_meaning_in_other_bytes_is_tampered_too(signed: bytes, change) -> None:
     changed = change(signed.decode())
     assert changed.encode(errors="surrogatepass") != signed
-    assert check(changed.encode(errors="surrogatepass")).finding is Finding.TAMPERED
+    assert check_document(changed.encode(errors="surrogatepass")).finding is CheckFinding.TAMPERED
 
 
 @pytest.mark.parametrize(
@@ -109,26 +112,28 @@ def test_the_same_meaning_in_other_bytes_is_tampered_too(signed: bytes, change) 
     ],
 )
 def test_what_was_never_signed_is_unreadable(raw: bytes) -> None:
-    assert check(raw).finding is Finding.UNREADABLE
+    assert check_document(raw).finding is CheckFinding.UNREADABLE
 
 
-def test_another_key_is_an_unknown_key(key: StationKey, tmp_path: Path) -> None:
-    forged = station_key(tmp_path).sign("test 1", CONTENT).encode()
-    assert check(forged).finding is Finding.INTACT  # it says itself that nobody checked whose key it is
-    found = check(forged, expected_key=key.public)
-    assert (found.finding, found.content) == (Finding.UNKNOWN_KEY, None)
+def test_another_key_is_an_unknown_key(key: CellKey, tmp_path: Path) -> None:
+    forged = station_key(tmp_path).sign_document("test 1", CONTENT).encode()
+    assert (
+        check_document(forged).finding is CheckFinding.INTACT
+    )  # it says itself that nobody checked whose key it is
+    found = check_document(forged, expected_key=key.public_key)
+    assert (found.finding, found.content) == (CheckFinding.UNKNOWN_KEY, None)
 
 
-def test_a_signature_does_not_travel_to_another_format(key: StationKey, signed: bytes) -> None:
+def test_a_signature_does_not_travel_to_another_format(key: CellKey, signed: bytes) -> None:
     document = json.loads(signed)
     document["format"] = "test 2"
-    assert check((canonical_json(document) + "\n").encode()).finding is Finding.TAMPERED
+    assert check_document((canonical_json(document) + "\n").encode()).finding is CheckFinding.TAMPERED
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
-def test_no_number_that_is_not_finite_is_signed(key: StationKey, wrong: float) -> None:
+def test_no_number_that_is_not_finite_is_signed(key: CellKey, wrong: float) -> None:
     with pytest.raises(SigningError, match="cannot be signed"):
-        key.sign("test 1", {"value": [wrong]})
+        key.sign_document("test 1", {"value": [wrong]})
 
 
 def test_a_key_is_made_once_for_its_owner_only(tmp_path: Path) -> None:
@@ -138,7 +143,7 @@ def test_a_key_is_made_once_for_its_owner_only(tmp_path: Path) -> None:
     assert not first.open_to_others
     kept = first.path.read_bytes()
     again = station_key(tmp_path / "data")
-    assert (again.created, again.public, first.path.read_bytes()) == (False, first.public, kept)
+    assert (again.created, again.public_key, first.path.read_bytes()) == (False, first.public_key, kept)
     assert os.listdir(tmp_path / "data") == [first.path.name]  # noqa: PTH208
     first.path.chmod(0o644)
     assert station_key(tmp_path / "data").open_to_others
@@ -147,7 +152,7 @@ def test_a_key_is_made_once_for_its_owner_only(tmp_path: Path) -> None:
 def test_two_at_once_end_with_one_key(tmp_path: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         keys = list(pool.map(lambda _: station_key(tmp_path), range(8)))
-    assert len({key.public for key in keys}) == 1
+    assert len({key.public_key for key in keys}) == 1
     assert sum(key.created for key in keys) == 1
 
 
@@ -170,16 +175,16 @@ def test_a_key_in_a_place_that_cannot_be(tmp_path: Path) -> None:
         station_key(tmp_path / "data")
 
 
-def test_a_public_key_is_given_as_digits_or_as_a_file(key: StationKey, tmp_path: Path) -> None:
+def test_a_public_key_is_given_as_digits_or_as_a_file(key: CellKey, tmp_path: Path) -> None:
     digits, pem = tmp_path / "key.txt", tmp_path / "key.pem"
-    digits.write_text(key.public + "\n")
+    digits.write_text(key.public_key + "\n")
     pem.write_bytes(
         key.private.public_key().public_bytes(
             serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
         )
     )
-    for told in (key.public, key.public.upper(), str(digits), str(pem)):
-        assert read_public_key(told) == key.public
+    for told in (key.public_key, key.public_key.upper(), str(digits), str(pem)):
+        assert read_public_key(told) == key.public_key
     digits.write_text("-----BEGIN PUBLIC KEY-----\nxx\n-----END PUBLIC KEY-----")
     for wrong in ("", "abc", str(digits), str(tmp_path), "x" * 5000, "a\0b", str(tmp_path / "none")):
         with pytest.raises(SigningError, match="no public key"):
@@ -189,5 +194,5 @@ def test_a_public_key_is_given_as_digits_or_as_a_file(key: StationKey, tmp_path:
 def test_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "none", Path("a\0b")):
         found = read_document(path)
-        assert isinstance(found, Checked)
-        assert found.finding is Finding.UNREADABLE
+        assert isinstance(found, CheckedDocument)
+        assert found.finding is CheckFinding.UNREADABLE

@@ -27,7 +27,7 @@ def written(folder: Path, name: str, tags: TagPath, *, unit: float = 1e3, head: 
     for row in range(len(tags)):
         joints = np.degrees(tags.joints_rad[row]) if tags.joints_rad else []
         numbers = [*(v * unit for v in tags.positions_m[row]), *joints]
-        rows.append(",".join([tags.label(row), *(f"{float(v):.9f}" for v in numbers)]))
+        rows.append(",".join([tags.tag_label(row), *(f"{float(v):.9f}" for v in numbers)]))
     path = folder / name
     path.write_text("\n".join(rows) + "\n")
     return path
@@ -37,7 +37,7 @@ def test_a_path_is_read_as_it_was_written(tmp_path: Path) -> None:
     tags = robot_tags().robot
     found = read_tags(written(tmp_path, "tags.csv", tags))
     assert found.path.names == tags.names
-    assert np.allclose(found.path.positions(), tags.positions(), atol=1e-9)
+    assert np.allclose(found.path.to_positions(), tags.to_positions(), atol=1e-9)
     assert np.allclose(found.path.joints_rad, tags.joints_rad, atol=1e-9)
     assert "position taken as mm" in found.guesses
     assert "joints taken as deg" in found.guesses
@@ -102,7 +102,7 @@ def test_a_base_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str
     told = json.loads(capsys.readouterr().out)
     assert told["judgement"]["word"] == "pass"
     found = Pose(**told["result"]["found"]["outer_inner"])
-    assert np.allclose(found.matrix(), FIXTURE_BASE, atol=5e-4)
+    assert np.allclose(found.to_matrix(), FIXTURE_BASE, atol=5e-4)
     assert json.loads((out / "base.json").read_text()) == told["result"]
     text = (out / "base.txt").read_text()
     assert "fanuc_wpr: W " in text
@@ -149,7 +149,7 @@ def test_a_robot_by_the_command_with_its_description_and_parameter_set(
     assert "mm RMS at tags that were not fitted" in told
     assert "not known: J1 offset" in told
     assert "J1 offset: " not in told
-    saved = ParameterSets(sets).load("R-1")
+    saved = ParameterSets(sets).load_set("R-1")
     assert saved.made_by == "anna"
     calibrated = read_urdf((out / "robot.urdf").read_text(), tip_link="flange").model
     joints = np.random.default_rng(5).uniform(-1.2, 1.2, (20, 6))

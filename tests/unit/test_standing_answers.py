@@ -6,9 +6,9 @@ from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.mastering_record import HOOK_WIRE
 from cellcal.procedures.mastering_recovery import AT_REFERENCE
-from cellcal.procedures.recovery.waking import NEW_BATTERY, POWER_CYCLE, SLOW_MOTION
+from cellcal.procedures.recovery.position_alarms import NEW_BATTERY, POWER_CYCLE, SLOW_MOTION
 from cellcal.service.configuration.cell_file import WatchTable
-from cellcal.service.watching.automatic_operator import CELL_FILE, StandingAnswers
+from cellcal.service.watching.automatic_operator import CELL_FILE, AutomaticOperator
 
 PLAN = Instruction("accept_plan", "The robot will move.")
 NEWEST = Instruction("saved_counts", "Is no newer record at hand?")
@@ -20,8 +20,8 @@ YES = {
 VOUCHED = WatchTable(recover_alone=True, cell_closed=True, records_complete=True, wire_stays_hooked=True)
 
 
-def operator(watch: WatchTable) -> StandingAnswers:
-    return StandingAnswers(watch, ScriptedOperator(YES | {"retry": "yes", "plate": "F-1"}, who="Anna"))
+def operator(watch: WatchTable) -> AutomaticOperator:
+    return AutomaticOperator(watch, ScriptedOperator(YES | {"retry": "yes", "plate": "F-1"}, person="Anna"))
 
 
 async def test_a_checked_plan_and_what_was_vouched_for_need_nobody() -> None:
@@ -42,7 +42,7 @@ async def test_hands_eyes_and_writes_are_a_persons_and_so_is_all_that_follows(as
 
 async def test_what_only_a_person_knows_ends_it_too() -> None:
     alone = operator(VOUCHED)
-    assert (await alone.enter(Question("plate", "What does the plate say?"))).who == "Anna"
+    assert (await alone.ask_question(Question("plate", "What does the plate say?"))).who == "Anna"
     assert (await alone.confirm(PLAN)).who == "Anna"
 
 

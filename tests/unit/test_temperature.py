@@ -28,7 +28,7 @@ def test_the_shift_of_a_degree_is_found_and_taken_out():
     found = temperature_effect(load_model("ur10"), rows, degrees, group_rows(rows.joints_rad))
     assert found.slopes == pytest.approx(SHIFT_M, abs=1.5e-5)
     assert found.at == pytest.approx(degrees.mean())
-    back = found.without(rows, degrees)
+    back = found.remove_effect(rows, degrees)
     assert np.abs(back.positions_m - simulated.observations.positions_m).max() < 5e-5
     (note,) = temperature_note(found)
     assert f"at {degrees.mean():.1f} °C" in note.message

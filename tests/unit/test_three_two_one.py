@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix, inverse_transform, log_transform
 from cellcal.calibration.points.frames import PointsDisagreeError
 from cellcal.calibration.points.three_two_one import (
     FACES,
     Corner,
+    CornerFace,
     CornerFrame,
-    Face,
     FaceName,
     corner_covariance,
     corner_estimate,
@@ -35,7 +35,7 @@ MORE_PLACES: dict[FaceName, tuple[tuple[float, float, float], ...]] = {
     "y": (*LEAST_PLACES["y"], (0.06, 0.0, -0.040)),
     "x": (*LEAST_PLACES["x"], (0.0, 0.09, -0.012)),
 }
-TRUE = homogeneous(exp_rotation(np.array([0.3, -0.2, 0.7])), np.array([0.6, -0.2, 0.1]))
+TRUE = homogeneous_matrix(exp_rotation(np.array([0.3, -0.2, 0.7])), np.array([0.6, -0.2, 0.1]))
 Array = np.ndarray
 
 
@@ -45,9 +45,9 @@ def felt(
     errors_m: Array | None = None,
     true: Array = TRUE,
     lean: dict[FaceName, Array] | None = None,
-) -> dict[FaceName, Face]:
+) -> dict[FaceName, CornerFace]:
     """Return where the ball's centre was; ``errors_m`` shift the points along +z, +y, +x. A lean turns a face."""
-    found: dict[FaceName, Face] = {}
+    found: dict[FaceName, CornerFace] = {}
     first = 0
     for name in FACES:
         axis, normal = "xyz".index(name), outward_in_frame(name, corner)
@@ -59,20 +59,22 @@ def felt(
         base = points @ true[:3, :3].T + true[:3, 3]
         centres = tuple((float(x), float(y), float(z)) for x, y, z in base)
         x, y, z = true[:3, :3] @ normal
-        found[name] = Face(centres, (float(x), float(y), float(z)), (SIGMA_M,) * len(points))
+        found[name] = CornerFace(centres, (float(x), float(y), float(z)), (SIGMA_M,) * len(points))
     return found
 
 
-def solved(faces: dict[FaceName, Face], corner: Corner = "outside") -> CornerFrame:
+def solved(faces: dict[FaceName, CornerFace], corner: Corner = "outside") -> CornerFrame:
     return three_two_one(faces, radius_m=RADIUS_M, corner=corner)
 
 
-def weighted(faces: dict[FaceName, Face], sigma_m: dict[FaceName, tuple[float, ...]]) -> dict[FaceName, Face]:
+def weighted(
+    faces: dict[FaceName, CornerFace], sigma_m: dict[FaceName, tuple[float, ...]]
+) -> dict[FaceName, CornerFace]:
     return {name: replace(face, sigma_m=sigma_m[name]) for name, face in faces.items()}
 
 
 def twist_off(found: CornerFrame, true: Array = TRUE) -> Array:
-    return log_transform(inverse_transform(true) @ found.base_frame.matrix())
+    return log_transform(inverse_transform(true) @ found.base_frame.to_matrix())
 
 
 @pytest.mark.parametrize("corner", ["outside", "inside"])
@@ -85,9 +87,9 @@ def test_perfect_touches_give_the_corner_itself(
     turn: tuple[float, ...],
     shift: tuple[float, ...],
 ) -> None:
-    true = homogeneous(exp_rotation(np.array(turn)), np.array(shift))
+    true = homogeneous_matrix(exp_rotation(np.array(turn)), np.array(shift))
     found = solved(felt(places, corner, true=true), corner)
-    assert np.abs(found.base_frame.matrix() - true).max() < 1e-11
+    assert np.abs(found.base_frame.to_matrix() - true).max() < 1e-11
     assert found.rms_m < 1e-12
     assert found.redundancy == sum(map(len, places.values())) - 6
 
@@ -186,7 +188,7 @@ def test_a_small_departure_from_the_right_angle_is_told() -> None:
     assert solved(felt(LEAST_PLACES)).square_rad == ()
 
 
-def _with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dict[FaceName, Face]:
+def _with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dict[FaceName, CornerFace]:
     return felt({**LEAST_PLACES, name: places})
 
 
@@ -204,7 +206,7 @@ def _with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dic
         (_with("y", ((0.02, 0.0, -0.01), (0.021, 0.0, -0.01))), "within 20 mm of each other"),
     ],
 )
-def test_bases_that_are_too_short_are_refused(faces: dict[FaceName, Face], words: str) -> None:
+def test_bases_that_are_too_short_are_refused(faces: dict[FaceName, CornerFace], words: str) -> None:
     with pytest.raises(DegenerateDataError, match=words):
         solved(faces)
 

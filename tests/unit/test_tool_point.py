@@ -13,7 +13,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Pose,
     exp_rotation,
-    homogeneous,
+    homogeneous_matrix,
     log_rotation,
     rotation_from_quaternion,
 )
@@ -26,7 +26,7 @@ TILTS = [(0, 0, 0), (0.7, 0, 0), (0, 0.7, 0), (-0.5, 0.4, 0.9), (0.3, -0.8, -0.6
 
 def touch(tilt, noise=(0.0, 0.0, 0.0), tip=TIP, pin=PIN) -> Pose:
     rotation = exp_rotation(np.array([math.pi, 0, 0])) @ exp_rotation(np.array(tilt, dtype=float))
-    return Pose.from_matrix(homogeneous(rotation, pin - rotation @ tip + np.array(noise)))
+    return Pose.from_matrix(homogeneous_matrix(rotation, pin - rotation @ tip + np.array(noise)))
 
 
 def noisy(seed: int, sigma_m: float, tilts=TILTS) -> list[Pose]:
@@ -82,7 +82,7 @@ def test_leaving_one_out_equals_fitting_without_it():
     worst = 0.0
     for i in range(len(touches)):
         rest = locate_tool_point(touches[:i] + touches[i + 1 :])
-        tip = touches[i].rotation() @ rest.tip_in_flange_m + touches[i].position_m
+        tip = touches[i].rotation_matrix() @ rest.tip_in_flange_m + touches[i].position_m
         worst = max(worst, float(np.linalg.norm(tip - rest.pin_in_base_m)))
     assert found.leave_one_out_max_m == pytest.approx(worst, rel=1e-9)
 
@@ -116,13 +116,13 @@ def test_the_result_is_plain_numbers():
 
 
 TOOL = exp_rotation(np.array([0.3, -1.1, 2.0]))  # flange_tool
-SQUARE = Pose.from_matrix(homogeneous(TOOL.T, np.array([0.9, 0.1, 0.7])))  # tool axes along the base's
+SQUARE = Pose.from_matrix(homogeneous_matrix(TOOL.T, np.array([0.9, 0.1, 0.7])))  # tool axes along the base's
 
 
 def moved(direction, length_m=0.3, turn=(0.0, 0.0, 0.0)) -> Pose:
-    rotation = SQUARE.rotation() @ exp_rotation(np.array(turn, dtype=float))
+    rotation = SQUARE.rotation_matrix() @ exp_rotation(np.array(turn, dtype=float))
     position = np.array(SQUARE.position_m) + np.array(direction, dtype=float) * length_m
-    return Pose.from_matrix(homogeneous(rotation, position))
+    return Pose.from_matrix(homogeneous_matrix(rotation, position))
 
 
 X, Y, Z = np.eye(3)
@@ -180,7 +180,7 @@ def test_tip_and_axes_make_the_tool_frame():
     found = tool_axes(SQUARE, along_x=moved(X), along_z=moved(Z))
     pose = tool_pose((0.1, 0.2, 0.3), found)
     assert pose.position_m == (0.1, 0.2, 0.3)
-    assert np.allclose(pose.rotation(), TOOL)
+    assert np.allclose(pose.rotation_matrix(), TOOL)
     assert tool_pose((0.1, 0.2, 0.3)).quaternion == (1.0, 0.0, 0.0, 0.0)
 
 

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.turn_recovery import (
     TurnRecovery,
-    predict,
+    predict_turns,
     verification_power,
     verify_recovery,
 )
@@ -183,7 +183,7 @@ def test_verification_power_is_the_change_of_length_by_one_turn_in_deviations():
 def test_the_prediction_before_measuring_is_what_the_recovery_finds():
     loss = lose(1, poses=kit()[:16])
     surprise = (loss.true_turns - np.array(loss.provisional)) @ DRIVE.radians_per_turn().T
-    probability, sigma = predict(MODEL, loss.record, kit()[:16] + surprise)
+    probability, sigma = predict_turns(MODEL, loss.record, kit()[:16] + surprise)
     assert probability > 0.9999
     assert np.array(loss.recover().sigma_turns) == pytest.approx(sigma, rel=0.02)
 

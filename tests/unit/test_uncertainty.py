@@ -10,7 +10,7 @@ from cellcal.calibration.uncertainty import (
     Verdict,
     chi_square_limit,
     coverage_factor,
-    decide,
+    decide_conformity,
     effective_degrees_of_freedom,
 )
 
@@ -30,27 +30,27 @@ def test_chi_square_limits_are_those_of_the_tables():
     [(0.7, Verdict.PASS), (0.95, Verdict.UNDECIDED), (1.05, Verdict.UNDECIDED), (1.3, Verdict.FAIL)],
 )
 def test_conformity_and_nonconformity_must_both_be_proved(value, verdict):
-    decision = decide(value, 0.1, 1.0)
+    decision = decide_conformity(value, 0.1, 1.0)
     assert decision.verdict is verdict
     assert decision.guard_band == pytest.approx(0.1645, abs=1e-4)
     assert "ISO 14253-1" in decision.rule
 
 
 def test_few_degrees_of_freedom_widen_the_guard_band():
-    assert decide(0.82, 0.1, 1.0).verdict is Verdict.PASS
-    assert decide(0.82, 0.1, 1.0, degrees_of_freedom=5).verdict is Verdict.UNDECIDED
+    assert decide_conformity(0.82, 0.1, 1.0).verdict is Verdict.PASS
+    assert decide_conformity(0.82, 0.1, 1.0, degrees_of_freedom=5).verdict is Verdict.UNDECIDED
 
 
 @given(st.floats(0, 10), st.floats(0, 2), st.floats(0.1, 10))
 def test_a_larger_uncertainty_never_turns_undecided_into_a_verdict(value, u, limit):
-    wide = decide(value, 2 * u, limit).verdict
-    assert decide(value, u, limit).verdict is wide or wide is Verdict.UNDECIDED
+    wide = decide_conformity(value, 2 * u, limit).verdict
+    assert decide_conformity(value, u, limit).verdict is wide or wide is Verdict.UNDECIDED
 
 
 def test_the_rule_keeps_its_promise():
     rng = np.random.default_rng(4)
     shown = 1.0 + rng.normal(0, 0.1, 4000)  # the truth lies on the limit
-    passed = np.mean([decide(x, 0.1, 1.0).verdict is Verdict.PASS for x in shown])
+    passed = np.mean([decide_conformity(x, 0.1, 1.0).verdict is Verdict.PASS for x in shown])
     assert passed == pytest.approx(0.05, abs=0.012)
 
 
@@ -62,7 +62,7 @@ def test_welch_satterthwaite():
 @pytest.mark.parametrize("bad", [(float("nan"), 0.1, 1.0), (0.5, -0.1, 1.0), (0.5, 0.1, float("inf"))])
 def test_nonsense_is_refused(bad):
     with pytest.raises(CalibrationError):
-        decide(*bad)
+        decide_conformity(*bad)
 
 
 def test_no_degrees_of_freedom_are_refused():

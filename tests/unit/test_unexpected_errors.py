@@ -16,7 +16,7 @@ from cellcal.service.cli import app as command_line
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode, exit_code_of
 from cellcal.service.files import replace_file
-from cellcal.service.unexpected import OneLineFormatter, explain_os_error, log_in_lines, run_guarded
+from cellcal.service.unexpected_errors import OneLineFormatter, explain_os_error, log_in_lines, run_guarded
 
 
 def _raises(error: BaseException) -> int:
@@ -122,7 +122,7 @@ def test_our_own_log_is_written_whatever_the_packages_are_named(
 ) -> None:
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     log_in_lines("%(message)s")
-    Supervisor().failed("a task", OSError("the cable"))
+    Supervisor().note_failure("a task", OSError("the cable"))
     assert capsys.readouterr().err.startswith("a task failed: OSError: the cable")
 
 

@@ -7,23 +7,28 @@ import pytest
 
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Readiness
-from cellcal.drivers.universal_robots.health import condition_of, error_of, refusal_of, stop_of
+from cellcal.drivers.universal_robots.health import (
+    condition_error,
+    condition_of,
+    safety_stop_of,
+    translate_refusal,
+)
 from cellcal.drivers.universal_robots.motion import (
-    Tolerances,
-    arrived,
+    MotionTolerances,
     expected_s,
-    moves,
-    off_path_rad,
-    stands,
+    has_arrived,
+    has_stood,
+    is_moving,
+    path_deviation_rad,
 )
 from cellcal.drivers.universal_robots.rtde import RuntimeState
-from cellcal.drivers.universal_robots.state import Sample, Six
+from cellcal.drivers.universal_robots.state import Six, StateSample
 
 START: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TARGET: Six = (1.0, -0.5, 0.0, 0.2, 0.0, 0.0)
 REST: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-LIMITS = Tolerances(position_rad=5e-4, speed_rad_s=2e-3, settle_s=0.3)
-HEALTHY = Sample(
+LIMITS = MotionTolerances(position_rad=5e-4, speed_rad_s=2e-3, settle_s=0.3)
+HEALTHY = StateSample(
     timestamp_s=10.0,
     joints_rad=START,
     joint_speeds_rad_s=REST,
@@ -41,7 +46,7 @@ HEALTHY = Sample(
 )
 
 
-def record(*joints: Six, period_s: float = 0.05) -> list[Sample]:
+def record(*joints: Six, period_s: float = 0.05) -> list[StateSample]:
     return [replace(HEALTHY, timestamp_s=10 + k * period_s, joints_rad=q) for k, q in enumerate(joints)]
 
 
@@ -49,7 +54,7 @@ def test_a_healthy_arm_in_reduced_mode_is_ready() -> None:
     assert condition_of(HEALTHY, program_is_ours=False).readiness is Readiness.READY
     reduced = replace(HEALTHY, safety_status_bits=0b11)
     assert condition_of(reduced, program_is_ours=False).readiness is Readiness.READY
-    assert stop_of("arm", reduced) is None
+    assert safety_stop_of("arm", reduced) is None
 
 
 @pytest.mark.parametrize(
@@ -72,8 +77,8 @@ def test_each_safety_stop_is_told_with_what_to_do(bits: tuple[int, ...], says: s
     assert condition.readiness is Readiness.STOPPED
     assert says in condition.message
     assert condition.remedy
-    assert isinstance(error_of("arm", condition), MotionStoppedError)
-    stop = stop_of("arm", sample)
+    assert isinstance(condition_error("arm", condition), MotionStoppedError)
+    stop = safety_stop_of("arm", sample)
     assert stop is not None
     assert says in stop.message
     assert stop.remedy == condition.remedy
@@ -84,7 +89,7 @@ def test_no_robot_mode_but_running_is_ready(mode: int) -> None:
     condition = condition_of(replace(HEALTHY, robot_mode=mode), program_is_ours=False)
     assert condition.readiness is Readiness.NOT_READY
     assert condition.remedy
-    assert isinstance(error_of("arm", condition), RefusedError)
+    assert isinstance(condition_error("arm", condition), RefusedError)
 
 
 @pytest.mark.parametrize("state", [state for state in RuntimeState if state is not RuntimeState.STOPPED])
@@ -104,43 +109,45 @@ def test_a_program_that_is_not_ours_forbids_a_move_and_ours_does_not(state: Runt
     ],
 )
 def test_what_the_library_says_is_said_in_our_words(said: str, says: str) -> None:
-    error = refusal_of(RefusedError("arm", said, vendor_text=said))
+    error = translate_refusal(RefusedError("arm", said, vendor_text=said))
     assert says in str(error)
     assert error.vendor_text == said
 
 
 def test_an_arm_has_arrived_when_it_stood_at_the_target_for_the_settling_time() -> None:
-    assert arrived(record(*[TARGET] * 8), TARGET, LIMITS)
-    assert not arrived(record(*[TARGET] * 4), TARGET, LIMITS), "not for long enough"
-    assert not arrived(record(*[START] * 8), TARGET, LIMITS), "somewhere else"
+    assert has_arrived(record(*[TARGET] * 8), TARGET, LIMITS)
+    assert not has_arrived(record(*[TARGET] * 4), TARGET, LIMITS), "not for long enough"
+    assert not has_arrived(record(*[START] * 8), TARGET, LIMITS), "somewhere else"
     near: Six = (1.0 + 6e-4, -0.5, 0.0, 0.2, 0.0, 0.0)
-    assert not arrived(record(*[near] * 8), TARGET, LIMITS)
-    assert not arrived(record(*[TARGET] * 4, near, *[TARGET] * 3), TARGET, LIMITS), "it was pushed"
+    assert not has_arrived(record(*[near] * 8), TARGET, LIMITS)
+    assert not has_arrived(record(*[TARGET] * 4, near, *[TARGET] * 3), TARGET, LIMITS), "it was pushed"
 
 
 def test_an_arm_that_passes_through_the_target_has_not_arrived() -> None:
     passing = [replace(s, joint_speeds_rad_s=(0.01, 0, 0, 0, 0, 0)) for s in record(*[TARGET] * 8)]
-    assert not arrived(passing, TARGET, LIMITS)
-    assert moves(passing[-1], LIMITS)
+    assert not has_arrived(passing, TARGET, LIMITS)
+    assert is_moving(passing[-1], LIMITS)
 
 
 def test_an_arm_that_creeps_without_saying_so_does_not_stand() -> None:
     creeping: list[Six] = [(1e-3 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(8)]
-    assert not stands(record(*creeping), LIMITS, 0.1)
-    assert stands(record(*[START] * 8), LIMITS, 0.1)
-    assert not stands([], LIMITS, 0.0)
+    assert not has_stood(record(*creeping), LIMITS, 0.1)
+    assert has_stood(record(*[START] * 8), LIMITS, 0.1)
+    assert not has_stood([], LIMITS, 0.0)
 
 
 def test_the_path_of_a_joint_move_is_a_straight_line_in_joint_space() -> None:
     on_it: Six = (0.3, -0.15, 0.0, 0.06, 0.0, 0.0)
-    assert off_path_rad(replace(HEALTHY, joints_rad=on_it), START, TARGET) == pytest.approx(0.0, abs=1e-12)
+    assert path_deviation_rad(replace(HEALTHY, joints_rad=on_it), START, TARGET) == pytest.approx(
+        0.0, abs=1e-12
+    )
     off_it: Six = (0.3, -0.15, 0.0, 0.06, 0.2, 0.0)
-    assert off_path_rad(replace(HEALTHY, joints_rad=off_it), START, TARGET) == pytest.approx(0.2)
+    assert path_deviation_rad(replace(HEALTHY, joints_rad=off_it), START, TARGET) == pytest.approx(0.2)
     behind: Six = (-0.3, 0.15, 0.0, -0.06, 0.0, 0.0)
-    assert off_path_rad(replace(HEALTHY, joints_rad=behind), START, TARGET) == pytest.approx(0.3)
+    assert path_deviation_rad(replace(HEALTHY, joints_rad=behind), START, TARGET) == pytest.approx(0.3)
     beyond: Six = (1.1, -0.5, 0.0, 0.2, 0.0, 0.0)
-    assert off_path_rad(replace(HEALTHY, joints_rad=beyond), START, TARGET) > 0.02
-    assert off_path_rad(replace(HEALTHY, joints_rad=off_it), START, START) == pytest.approx(0.3)
+    assert path_deviation_rad(replace(HEALTHY, joints_rad=beyond), START, TARGET) > 0.02
+    assert path_deviation_rad(replace(HEALTHY, joints_rad=off_it), START, START) == pytest.approx(0.3)
 
 
 def test_a_move_is_expected_to_take_its_ramps_and_its_cruise() -> None:

@@ -162,4 +162,4 @@ def test_a_description_of_one_joint_is_read() -> None:
         '<robot name="one"><link name="base"/><link name="tip"/><joint name="j" type="revolute"><parent link="base"/>'
         '<child link="tip"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
-    assert read_urdf(text, tip_link="tip").model.axes == 1
+    assert read_urdf(text, tip_link="tip").model.axis_count == 1

@@ -11,7 +11,7 @@ from cellcal.procedures.six_point_tcp import SixPointTcp
 from cellcal.service.cli.app import run_command_line as main
 from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.runs.outline import ClassOutOfReachError, refuse_class_out_of_reach
+from cellcal.service.runs.run_preview import ClassOutOfReachError, refuse_class_out_of_reach
 from cellcal.service.runs.settings import build_spec, chosen_by_cell
 from tests.unit.helpers.usual import with_usual
 

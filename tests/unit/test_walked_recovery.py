@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor
 from tests.soak import losses
 from tests.unit.helpers.recovery_cases import MODEL, healthy_record, kit
@@ -39,19 +39,21 @@ def test_sets_of_captures_are_judged_as_if_each_were_alone():
     record = healthy_record(WireWorld(3))
     predictor = WirePredictor(MODEL, record.wire, record.prior)
     sets = kit()[:12].reshape(3, 4, 6)
-    together = predictor.scatter_of_sets(predictor.terms(WireSeen.of(kit()[:12], 2e-4)), 4)
+    together = predictor.scatter_of_sets(
+        predictor.wire_terms(WirePoses.from_record_side(kit()[:12], 2e-4)), 4
+    )
     for one, scatter in zip(sets, together, strict=True):
-        alone = predictor.expect(predictor.terms(WireSeen.of(one, 2e-4)))[1]
+        alone = predictor.expected_lengths(predictor.wire_terms(WirePoses.from_record_side(one, 2e-4)))[1]
         np.testing.assert_allclose(scatter, alone, rtol=1e-9, atol=1e-16)
 
 
 def test_the_walk_that_is_gone_is_the_best_of_those_tried():
     planned = planner(healthy_record(WireWorld(2)))
-    walks = planned.walks(kit()[2], 8)
-    costs = [float(planned.cost(walk[None], kit()[2])[0]) for walk in walks]
+    walks = planned.plan_walks(kit()[2], 8)
+    costs = [float(planned.walk_cost(walk[None], kit()[2])[0]) for walk in walks]
     assert len(walks) > 1
     assert costs == sorted(costs)
-    assert np.array_equal(planned.plan(kit()[2], 8), walks[0])
+    assert np.array_equal(planned.plan_walk(kit()[2], 8), walks[0])
 
 
 def test_an_exchange_that_nobody_told_of_needs_more_than_four_deviations() -> None:

@@ -9,10 +9,10 @@ from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts, remember_healthy
-from cellcal.service.record.unconfirmed_mastering import Unconfirmed
-from cellcal.service.watching.loss_modes import LossMode, What
-from cellcal.service.watching.mastering_comparison import HeldMastering, Journalled
-from cellcal.service.watching.watch import PositionLoss, Watch
+from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering
+from cellcal.service.watching.loss_modes import LossKind, LossMode
+from cellcal.service.watching.mastering_comparison import JournalledMastering, MasteringComparison
+from cellcal.service.watching.watch import PositionLoss, RobotWatch
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 
@@ -59,16 +59,16 @@ def arm() -> Controller:
 
 
 @pytest.fixture
-def watch(arm: Controller, tmp_path: Path) -> Watch:
-    return Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
+def watch(arm: Controller, tmp_path: Path) -> RobotWatch:
+    return RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
 
 
-async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller, watch: Watch) -> None:
-    assert await watch.look() is None
+async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller, watch: RobotWatch) -> None:
+    assert await watch.look_once() is None
     arm.counts, arm.readiness = (17, 23), Readiness.POSITION_LOST
     arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS),)
-    assert await watch.look() is not None
-    assert await watch.look() is None
+    assert await watch.look_once() is not None
+    assert await watch.look_once() is None
     (loss,) = arm.losses
     assert "BZAL alarm" in loss.detected_by
     assert loss.last_healthy is not None
@@ -80,47 +80,49 @@ EMPTY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS)
 
 
 async def test_a_loss_after_a_failing_encoder_is_told_too_and_may_mean_an_exchanged_one(
-    arm: Controller, watch: Watch
+    arm: Controller, watch: RobotWatch
 ) -> None:
-    await watch.look()
+    await watch.look_once()
     arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
-    failing = await watch.look()
+    failing = await watch.look_once()
     arm.link_is_up = False  # switched off and mended
-    assert await watch.look() is None
+    assert await watch.look_once() is None
     arm.link_is_up, arm.readiness, arm.alarms = True, Readiness.POSITION_LOST, (EMPTY,)
-    lost = await watch.look()
-    assert await watch.look() is None
+    lost = await watch.look_once()
+    assert await watch.look_once() is None
     assert failing is not None
     assert lost is not None
-    assert (failing.suspicion.what, failing.follows_another) == (What.HELD, False)
-    assert (lost.suspicion.what, lost.follows_another) == (What.LOST, True)
+    assert (failing.suspicion.loss_kind, failing.follows_another) == (LossKind.HELD, False)
+    assert (lost.suspicion.loss_kind, lost.follows_another) == (LossKind.LOST, True)
     assert (lost.suspicion.mode, lost.suspicion.axes) == (LossMode.MOTOR, (2,))
 
 
-async def test_a_failing_encoder_is_remembered_over_a_new_connection(arm: Controller, watch: Watch) -> None:
-    await watch.look()
+async def test_a_failing_encoder_is_remembered_over_a_new_connection(
+    arm: Controller, watch: RobotWatch
+) -> None:
+    await watch.look_once()
     arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
-    await watch.look()
+    await watch.look_once()
     mended = replace(arm, readiness=Readiness.POSITION_LOST, alarms=(EMPTY,))
-    watch.meet(mended)  # type: ignore[arg-type]
-    lost = await watch.look()
+    watch.use_connection(mended)  # type: ignore[arg-type]
+    lost = await watch.look_once()
     assert lost is not None
     assert (lost.follows_another, lost.suspicion.mode) == (True, LossMode.MOTOR)
 
 
 async def test_a_loss_is_of_a_run_until_the_robot_was_seen_healthy_after_it(
-    arm: Controller, watch: Watch
+    arm: Controller, watch: RobotWatch
 ) -> None:
-    await watch.look()
+    await watch.look_once()
     watch.forget_motion()
     arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
-    during = await watch.look()
+    during = await watch.look_once()
     assert not await watch.is_mended()
     arm.readiness, arm.alarms = Readiness.READY, ()
-    await watch.look()
+    await watch.look_once()
     assert await watch.is_mended()
     arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
-    after = await watch.look()
+    after = await watch.look_once()
     assert during is not None
     assert after is not None
     assert (during.during_run, after.during_run) == (True, False)
@@ -130,71 +132,73 @@ async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_told_as_what_fo
     arm: Controller, tmp_path: Path
 ) -> None:
     watch = watching(arm, tmp_path, [record_of((1, 1))])
-    differs = await watch.look()
+    differs = await watch.look_once()
     arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
-    lost = await watch.look()
+    lost = await watch.look_once()
     assert differs is not None
     assert lost is not None
-    assert (differs.suspicion.what, lost.suspicion.mode) == (What.DIFFERS, LossMode.TURNS)
+    assert (differs.suspicion.loss_kind, lost.suspicion.mode) == (LossKind.DIFFERS, LossMode.TURNS)
     assert lost.follows_another
 
 
-async def test_a_jump_beside_an_alarm_that_nobody_knows_names_it(arm: Controller, watch: Watch) -> None:
-    await watch.look()
+async def test_a_jump_beside_an_alarm_that_nobody_knows_names_it(arm: Controller, watch: RobotWatch) -> None:
+    await watch.look_once()
     arm.counts = (1000 + 60 * 524288, 2000)
     arm.readiness, arm.alarms = Readiness.NOT_READY, (Alarm("SYST-001", "something else"),)
-    found = await watch.look()
+    found = await watch.look_once()
     assert found is not None
     assert (found.suspicion.mode, found.suspicion.not_known) == (LossMode.TURNS, ("SYST-001",))
 
 
-async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(arm: Controller, watch: Watch) -> None:
-    await watch.look()
+async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(
+    arm: Controller, watch: RobotWatch
+) -> None:
+    await watch.look_once()
     arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
-    found = await watch.look()
+    found = await watch.look_once()
     assert found is not None
     assert "axis 1 jumped" in found.detected_by
 
 
-async def test_ordinary_motion_is_no_loss(arm: Controller, watch: Watch) -> None:
+async def test_ordinary_motion_is_no_loss(arm: Controller, watch: RobotWatch) -> None:
     for step in range(5):
         arm.counts = (1000 + step * 200_000, 2000 - step * 100_000)
-        assert await watch.look() is None
+        assert await watch.look_once() is None
 
 
 async def test_a_new_epoch_is_a_loss_until_a_run_has_left_the_robot_healthy(
-    arm: Controller, watch: Watch, tmp_path: Path
+    arm: Controller, watch: RobotWatch, tmp_path: Path
 ) -> None:
-    await watch.look()
+    await watch.look_once()
     arm.epoch = 5
-    assert await watch.look() is not None
+    assert await watch.look_once() is not None
     await remember_healthy("arm", arm, LastHealthyCounts(tmp_path))  # type: ignore[arg-type]
-    assert await watch.look() is None
+    assert await watch.look_once() is None
 
 
 async def test_a_disk_that_takes_nothing_is_told_once_and_the_watch_goes_on(
     arm: Controller, tmp_path: Path
 ) -> None:
     told: list[str] = []
-    watch = Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, warn=told.append)  # type: ignore[arg-type]
+    watch = RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, warn=told.append)  # type: ignore[arg-type]
     (tmp_path / "last_healthy_arm.json").mkdir()  # no file can take its place
     for step in range(3):
         arm.counts = (1000 + step, 2000)
-        assert await watch.look() is None
+        assert await watch.look_once() is None
     assert len(told) == 1
     assert "arm: its healthy counts cannot be kept" in told[0]
     arm.readiness = Readiness.POSITION_LOST
-    assert await watch.look() is not None
+    assert await watch.look_once() is not None
 
 
 async def test_a_lost_link_is_no_loss_and_the_next_look_does_not_compare(
-    arm: Controller, watch: Watch
+    arm: Controller, watch: RobotWatch
 ) -> None:
-    await watch.look()
+    await watch.look_once()
     arm.link_is_up = False
-    assert await watch.look() is None
+    assert await watch.look_once() is None
     arm.link_is_up, arm.counts = True, (1000 + 60 * 524288, 2000)  # moved while we could not see
-    assert await watch.look() is None
+    assert await watch.look_once() is None
 
 
 def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
@@ -215,34 +219,39 @@ def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
     )
 
 
-def watching(arm: Controller, folder: Path, records: list[MasteringRecord], every_s: float = 0.0) -> Watch:
-    def journalled() -> Journalled:
-        return Journalled(records[-1] if records else None)
+def watching(
+    arm: Controller, folder: Path, records: list[MasteringRecord], every_s: float = 0.0
+) -> RobotWatch:
+    def journalled() -> JournalledMastering:
+        return JournalledMastering(records[-1] if records else None)
 
-    held = HeldMastering(journalled, look_every_s=every_s)
-    return Watch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, held=held)  # type: ignore[arg-type]
+    held = MasteringComparison(journalled, look_every_s=every_s)
+    return RobotWatch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, comparison=held)  # type: ignore[arg-type]
 
 
 async def test_an_old_backup_raises_no_alarm_and_is_seen_once_until_it_is_mended(
     arm: Controller, tmp_path: Path
 ) -> None:
     watch = watching(arm, tmp_path, [record_of((0, 0))])
-    assert await watch.look() is None
+    assert await watch.look_once() is None
     arm.held = MasteringData((0, 174763), mastered=True)
-    found = await watch.look()
+    found = await watch.look_once()
     assert found is not None
     assert "J2 by 1.200 deg" in found.detected_by
     assert "no alarm" in found.detected_by
-    assert (found.suspicion.mode, found.suspicion.procedure) == (LossMode.WRONG_ROBOT, "mastering_recovery")
-    assert not found.suspicion.may_run_alone
+    assert (found.suspicion.mode, found.suspicion.answering_procedure) == (
+        LossMode.WRONG_ROBOT,
+        "mastering_recovery",
+    )
+    assert not found.suspicion.may_run_unattended
     assert found.last_healthy is not None  # the encoders are fine: what they said serves the recovery
-    assert await watch.look() is None
-    assert watch.standing
+    assert await watch.look_once() is None
+    assert watch.is_still_lost
     arm.held = MasteringData((0, 0), mastered=True)
-    assert await watch.look() is None
-    assert not watch.standing
+    assert await watch.look_once() is None
+    assert not watch.is_still_lost
     arm.held = MasteringData((1, 0), mastered=True)
-    assert await watch.look() is not None  # the next one is told again
+    assert await watch.look_once() is not None  # the next one is told again
 
 
 async def test_a_new_record_makes_the_robots_own_mastering_the_right_one(
@@ -251,50 +260,53 @@ async def test_a_new_record_makes_the_robots_own_mastering_the_right_one(
     records = [record_of((0, 0))]
     watch = watching(arm, tmp_path, records, every_s=3600.0)
     arm.held = MasteringData((0, 9), mastered=True)
-    assert await watch.look() is not None
+    assert await watch.look_once() is not None
     records.append(record_of((0, 9)))
-    assert await watch.look() is None
-    assert watch.standing  # between two looks the last answer stands
+    assert await watch.look_once() is None
+    assert watch.is_still_lost  # between two looks the last answer stands
     watch.forget_motion()  # a run has ended
-    await watch.look()
-    assert not watch.standing
+    await watch.look_once()
+    assert not watch.is_still_lost
 
 
 async def test_without_a_record_or_while_nothing_is_mastered_there_is_nothing_to_compare(
     arm: Controller, tmp_path: Path
 ) -> None:
     arm.held = MasteringData((0, 9), mastered=True)
-    assert await watching(arm, tmp_path, []).look() is None
+    assert await watching(arm, tmp_path, []).look_once() is None
     arm.held = MasteringData((0, 9), mastered=False)
-    assert await watching(arm, tmp_path, [record_of((0, 0))]).look() is None
+    assert await watching(arm, tmp_path, [record_of((0, 0))]).look_once() is None
 
 
 async def test_a_mastering_that_a_run_never_confirmed_is_told_until_it_is_gone(
     arm: Controller, tmp_path: Path
 ) -> None:
     old, new = MasteringData((0, 0), mastered=False), MasteringData((5, 7), mastered=True)
-    pending = Unconfirmed("mastering_recovery-1", new, old, 3)
-    held = HeldMastering(lambda: Journalled(record_of((0, 0)), (pending,)), look_every_s=0.0)
-    watch = Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, held=held)  # type: ignore[arg-type]
+    pending = UnconfirmedMastering("mastering_recovery-1", new, old, 3)
+    held = MasteringComparison(lambda: JournalledMastering(record_of((0, 0)), (pending,)), look_every_s=0.0)
+    watch = RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, comparison=held)  # type: ignore[arg-type]
     arm.held = new
-    found = await watch.look()
+    found = await watch.look_once()
     assert found is not None
-    assert (found.suspicion.what, found.suspicion.procedure) == (What.UNCONFIRMED, "mastering_undo")
-    assert found.suspicion.settings() == {"of_run": "mastering_recovery-1"}
-    assert not found.suspicion.may_run_alone
+    assert (found.suspicion.loss_kind, found.suspicion.answering_procedure) == (
+        LossKind.UNCONFIRMED,
+        "mastering_undo",
+    )
+    assert found.suspicion.procedure_settings() == {"of_run": "mastering_recovery-1"}
+    assert not found.suspicion.may_run_unattended
     arm.held = MasteringData((5, 0), mastered=True)  # half of it
-    assert await watch.look() is None
-    assert watch.standing
+    assert await watch.look_once() is None
+    assert watch.is_still_lost
     arm.held = old
-    assert await watch.look() is None
-    assert not watch.standing
+    assert await watch.look_once() is None
+    assert not watch.is_still_lost
 
 
 def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:
     memory = LastHealthyCounts(tmp_path)
-    assert memory.load("arm") is None
+    assert memory.load_counts("arm") is None
     seen = HealthyCounts("arm", (1, -2), 7, "2026-01-01T00:00:00+00:00")
-    memory.save(seen)
-    assert LastHealthyCounts(tmp_path).load("arm") == seen
+    memory.save_counts(seen)
+    assert LastHealthyCounts(tmp_path).load_counts("arm") == seen
     (tmp_path / "last_healthy_arm.json").write_text('{"counts": [1')
-    assert memory.load("arm") is None
+    assert memory.load_counts("arm") is None

@@ -11,10 +11,10 @@ from cellcal.calibration.geometry import Pose, exp_twist, log_transform
 from cellcal.calibration.points.alignment import Alignment, alignment_text, read_alignments
 from cellcal.calibration.points.fixture import (
     base_through_fixture,
+    mirror_gaps,
     mirror_image,
     place_points,
     refuse_bad_points,
-    telling_gaps,
 )
 from cellcal.calibration.wires.network_fit import fit_network
 from tests.unit.helpers.fixture_world import (
@@ -39,14 +39,14 @@ def test_the_fixture_of_the_hidden_world_is_found_and_its_uncertainty_holds() ->
     assert np.linalg.norm(errors[:, :3], axis=1).max() < 0.0004
     assert max(f.placed.origin_u_m for f in found) < 0.0003
     assert max(f.placed.angle_u_rad for f in found) < math.radians(0.03)
-    assert all(f.network.consistent() and f.placed.consistent() for f in found)
+    assert all(f.network.is_consistent() and f.placed.is_consistent() for f in found)
 
 
 def _mountings(world: FixtureWorld) -> list:
     record, *spots = designed(False, 16)
     mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
     for point, poses in enumerate(spots, 1):
-        world.gauge.mount(point, MOUTH)
+        world.gauge.mount_exit(point, MOUTH)
         mountings.append(mounting(point, 0, poses, world.lengths(poses), MOUTH))
     return mountings
 
@@ -57,7 +57,7 @@ def test_one_wrong_length_is_named_with_its_mounting_and_capture() -> None:
     lengths[5] += 0.004
     mountings[3] = replace(mountings[3], lengths_m=tuple(lengths))
     network = fit_network(MODEL, fixture_belief(), mountings)
-    assert not network.consistent()
+    assert not network.is_consistent()
     assert (network.worst_mounting, network.worst_capture) == (3, 5)
 
 
@@ -69,7 +69,7 @@ def test_an_adaptor_on_another_seat_shows_as_a_wrong_shape_with_the_pair_named()
     exits[2][1] += 0.003
     covariance = found.exit_covariance([1, 2, 3, 4])
     placed = place_points(POINTS, [tuple(e) for e in exits], covariance, sigma_point_m=2e-5)
-    assert not placed.consistent()
+    assert not placed.is_consistent()
     assert 2 in placed.worst_pair
     assert abs(placed.worst_gap_m) > 0.001
 
@@ -98,14 +98,14 @@ def test_two_lengths_or_a_place_nobody_described_are_refused() -> None:
 
 def test_a_frame_from_points_weighs_them_by_their_covariance() -> None:
     true = Pose.from_matrix(exp_twist(np.array([0.9, 0.1, -0.2, 0.1, -0.2, 0.3])))
-    found = [tuple(true.rotation() @ np.array(p) + np.array(true.position_m)) for p in POINTS]
+    found = [tuple(true.rotation_matrix() @ np.array(p) + np.array(true.position_m)) for p in POINTS]
     exact = place_points(POINTS, found, DIAGONAL, sigma_point_m=1e-6)
-    assert np.allclose(exact.outer_inner.matrix(), true.matrix(), atol=1e-12)
+    assert np.allclose(exact.outer_inner.to_matrix(), true.to_matrix(), atol=1e-12)
     found[0] = (found[0][0] + 0.01, *found[0][1:])
     loose = DIAGONAL.copy()
     loose[:3, :3] = np.eye(3)
     weighed = place_points(POINTS, found, loose, sigma_point_m=1e-6)
-    assert np.allclose(weighed.outer_inner.matrix(), true.matrix(), atol=1e-6)
+    assert np.allclose(weighed.outer_inner.to_matrix(), true.to_matrix(), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -127,20 +127,20 @@ def test_stations_in_a_plane_leave_two_places_and_the_station_off_it_tells() -> 
     flat = np.column_stack([rng.uniform(-0.5, 0.5, (8, 2)), np.zeros(8)])
     place = (0.1, 0.2, -0.7)
     mirror = mirror_image(flat, place, 3e-4)
-    assert not mirror.excluded
+    assert not mirror.is_excluded
     assert np.allclose(mirror.at_m, (0.1, 0.2, 0.7), atol=1e-6)
     others = np.array([[0.3, 0.3, 0.0], [0.3, 0.3, 0.4]])
-    gaps_m = telling_gaps(others, place, mirror)
+    gaps_m = mirror_gaps(others, place, mirror)
     assert gaps_m[0] < 1e-6
     assert gaps_m[1] > 0.1
-    assert mirror_image(np.vstack([flat, others[1:]]), place, 3e-4).excluded
+    assert mirror_image(np.vstack([flat, others[1:]]), place, 3e-4).is_excluded
 
 
 def test_nearly_flat_stations_are_ambiguous_and_a_volume_is_not() -> None:
     rng = np.random.default_rng(5)
     spread = rng.uniform(-0.5, 0.5, (12, 3))
-    assert mirror_image(spread, (0.2, 0.1, -1.0), 3e-4).excluded
-    assert not mirror_image(spread * (1, 1, 1e-4), (0.2, 0.1, -1.0), 3e-4).excluded
+    assert mirror_image(spread, (0.2, 0.1, -1.0), 3e-4).is_excluded
+    assert not mirror_image(spread * (1, 1, 1e-4), (0.2, 0.1, -1.0), 3e-4).is_excluded
     with pytest.raises(DegenerateDataError):
         mirror_image(spread[:2], (0, 0, 1), 3e-4)
 
@@ -152,11 +152,13 @@ def test_a_base_through_a_fixture_carries_both_uncertainties_as_monte_carlo_does
     spread = rng.normal(size=(2, 6, 6)) * 1e-4
     ours, theirs = (s @ s.T for s in spread)
     chained = base_through_fixture(one, ours, other, theirs)
-    assert np.allclose(chained.other_base_base.matrix(), other.matrix() @ np.linalg.inv(one.matrix()))
+    assert np.allclose(
+        chained.other_base_base.to_matrix(), other.to_matrix() @ np.linalg.inv(one.to_matrix())
+    )
     draws = rng.normal(size=(4000, 2, 6))
-    base = one.matrix() @ exp_twist(draws[:, 0] @ spread[0].T)
-    seen = other.matrix() @ exp_twist(draws[:, 1] @ spread[1].T)
-    expected = np.linalg.inv(chained.other_base_base.matrix())
+    base = one.to_matrix() @ exp_twist(draws[:, 0] @ spread[0].T)
+    seen = other.to_matrix() @ exp_twist(draws[:, 1] @ spread[1].T)
+    expected = np.linalg.inv(chained.other_base_base.to_matrix())
     twists = log_transform(expected @ seen @ np.linalg.inv(base))
     found, stated = np.cov(twists.T), np.array(chained.covariance)
     assert np.allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(stated)), rtol=0.1)

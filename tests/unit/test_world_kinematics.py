@@ -8,22 +8,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.arm_models import COUNTS_PER_TURN, MODELS
-from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.clock import WorldClock
 from cellcal.fake_devices.encoders import PulseCoders
-from cellcal.fake_devices.kinematics import flange, inverse, link_frames, matrix_from_xyzwpr, wpr_from_matrix
-from cellcal.fake_devices.motion import SpeedChange, Trapezoid
+from cellcal.fake_devices.kinematics import (
+    flange_poses,
+    invert_pose,
+    link_frames,
+    matrix_from_xyzwpr,
+    wpr_from_matrix,
+)
+from cellcal.fake_devices.motion import SpeedChange, TrapezoidMotion
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
 
-def perfect(model: str) -> Arm:
-    return Arm.from_model(model, seed=1, hidden=False, clock=Clock(0.0))
+def perfect(model: str) -> SimulatedArm:
+    return SimulatedArm.from_model(model, seed=1, hidden=False, clock=WorldClock(0.0))
 
 
-def at(arm: Arm, degrees: list[float]) -> np.ndarray:
+def at(arm: SimulatedArm, degrees: list[float]) -> np.ndarray:
     return arm.believed_flange(np.radians(degrees))[0]
 
 
@@ -82,7 +88,7 @@ def test_two_kinematics_written_apart_agree(model):
 
 def test_hayatis_beta_tilts_the_next_axis_about_y():
     dh = np.array([[0.0, 0.1, 0.2, 0.0, 0.3]])
-    pose = flange(dh, np.zeros((1, 1)))[0]
+    pose = flange_poses(dh, np.zeros((1, 1)))[0]
     assert pose[:3, 2] == pytest.approx([np.sin(0.3), 0.0, np.cos(0.3)])
     assert pose[:3, 3] == pytest.approx([0.2, 0.0, 0.1])
 
@@ -94,7 +100,7 @@ angle = st.floats(-179.0, 179.0)
 def test_wpr_goes_there_and_back(w, p, r):
     pose = matrix_from_xyzwpr([10.0, -20.0, 30.0, w, p, r])
     assert wpr_from_matrix(pose[:3, :3]) == pytest.approx((w, p, r), abs=1e-6)
-    assert inverse(pose) @ pose == pytest.approx(np.eye(4), abs=1e-12)
+    assert invert_pose(pose) @ pose == pytest.approx(np.eye(4), abs=1e-12)
 
 
 @pytest.mark.parametrize("p", [90.0, -90.0])
@@ -108,39 +114,39 @@ def test_wpr_survives_the_pole(p):
 
 
 def test_every_axis_of_a_move_ends_together_and_none_is_faster_than_asked():
-    move = Trapezoid(np.zeros(3), np.array([1.0, -0.5, 0.1]), 0.4, 2.0, begin_s=5.0)
+    move = TrapezoidMotion(np.zeros(3), np.array([1.0, -0.5, 0.1]), 0.4, 2.0, begin_s=5.0)
     times = np.linspace(5.0, move.end_s, 400)
-    speeds = np.array([move.velocity(t) for t in times])
+    speeds = np.array([move.velocity_at(t) for t in times])
     assert np.abs(speeds).max() == pytest.approx(0.4)
     assert move.end_s - 5.0 == pytest.approx(1.0 / 0.4 + 0.4 / 2.0)
-    assert move.position(move.end_s) == pytest.approx([1.0, -0.5, 0.1], abs=1e-15)
+    assert move.position_at(move.end_s) == pytest.approx([1.0, -0.5, 0.1], abs=1e-15)
     travelled = np.trapezoid(speeds, times, axis=0)
     assert travelled == pytest.approx([1.0, -0.5, 0.1], rel=1e-4)
 
 
 def test_a_short_move_never_reaches_its_speed():
-    move = Trapezoid(np.zeros(1), np.array([0.01]), 1.0, 1.0, begin_s=0.0)
+    move = TrapezoidMotion(np.zeros(1), np.array([0.01]), 1.0, 1.0, begin_s=0.0)
     assert move.end_s == pytest.approx(0.2)
-    assert move.velocity(0.1) == pytest.approx([0.1])
+    assert move.velocity_at(0.1) == pytest.approx([0.1])
 
 
 def test_a_move_to_where_it_stands_takes_no_time():
-    move = Trapezoid(np.ones(2), np.ones(2), 0.5, 2.0, begin_s=3.0)
+    move = TrapezoidMotion(np.ones(2), np.ones(2), 0.5, 2.0, begin_s=3.0)
     assert move.end_s == pytest.approx(3.0)
-    assert move.position(3.0) == pytest.approx([1.0, 1.0])
+    assert move.position_at(3.0) == pytest.approx([1.0, 1.0])
 
 
 def test_braking_ends_in_standstill_further_along_the_path():
     brake = SpeedChange(np.zeros(2), np.array([0.4, -0.2]), np.zeros(2), 2.0, begin_s=1.0)
     assert brake.end_s == pytest.approx(1.2)
-    assert brake.position(9.0) == pytest.approx([0.04, -0.02])
-    assert brake.velocity(9.0) == pytest.approx([0.0, 0.0])
+    assert brake.position_at(9.0) == pytest.approx([0.04, -0.02])
+    assert brake.velocity_at(9.0) == pytest.approx([0.0, 0.0])
 
 
 def test_a_constant_speed_goes_on():
     run = SpeedChange(np.zeros(1), np.zeros(1), np.array([0.5]), 1.0, begin_s=0.0)
-    assert run.position(2.5) == pytest.approx([0.125 + 1.0])
-    assert run.velocity(2.5) == pytest.approx([0.5])
+    assert run.position_at(2.5) == pytest.approx([0.125 + 1.0])
+    assert run.velocity_at(2.5) == pytest.approx([0.5])
 
 
 def test_a_leap_of_the_clock_ends_where_small_steps_end():
@@ -150,7 +156,7 @@ def test_a_leap_of_the_clock_ends_where_small_steps_end():
     leaping.clock.advance(1000.0)
     for _ in range(1000):
         stepping.clock.advance(1.0)
-        stepping.step()
+        stepping.update_backlash()
         stepping.base_flange()
     assert leaping.base_flange() == pytest.approx(stepping.base_flange(), abs=1e-12)
 
@@ -161,7 +167,7 @@ def test_a_stop_can_be_dated_back():
     arm.start_move(start + np.array([1.0, 0, 0, 0, 0, 0]), 0.5, 5.0)
     arm.clock.advance(1.0)
     arm.stop(5.0, at_s=0.5)
-    assert not arm.moving
+    assert not arm.is_moving
     assert arm.joints_rad[0] - start[0] == pytest.approx(0.5 * 0.5 - 0.025 + 0.025)
 
 
@@ -170,12 +176,12 @@ def test_a_followed_set_point_has_a_speed_and_comes_to_rest():
     goal = arm.joints_rad
     for _ in range(5):
         goal = goal + 0.001
-        arm.command(goal)
+        arm.follow_set_point(goal)
         arm.clock.advance(0.008)
-    assert arm.moving
-    assert arm.velocity == pytest.approx(np.full(6, 0.125), rel=1e-6)
+    assert arm.is_moving
+    assert arm.joint_velocity == pytest.approx(np.full(6, 0.125), rel=1e-6)
     arm.clock.advance(1.0)
-    assert not arm.moving
+    assert not arm.is_moving
     assert arm.joints_rad == pytest.approx(goal)
 
 
@@ -183,9 +189,9 @@ def test_a_followed_set_point_has_a_speed_and_comes_to_rest():
 
 
 def test_a_seed_draws_the_same_arm_again_and_another_seed_another():
-    first, again, other = (Arm.from_model("fanuc_m6ib", seed, name="a") for seed in (5, 5, 6))
-    assert np.array_equal(first.dh, again.dh)
-    assert not np.array_equal(first.dh, other.dh)
+    first, again, other = (SimulatedArm.from_model("fanuc_m6ib", seed, name="a") for seed in (5, 5, 6))
+    assert np.array_equal(first.true_dh, again.true_dh)
+    assert not np.array_equal(first.true_dh, other.true_dh)
 
 
 def test_the_errors_of_an_arm_have_the_size_of_a_real_ones():
@@ -202,7 +208,7 @@ def test_a_ur_controller_knows_its_factory_errors_but_for_a_small_rest():
     arm = World(2, 0.0).add_arm("ur", "ur10e")
     joints = np.random.default_rng(2).uniform(-2.0, 2.0, (50, 6))
     truth = arm.flange_at(joints)[:, :3, 3]
-    nominal = flange(arm.nominal_dh, joints)[:, :3, 3]
+    nominal = flange_poses(arm.nominal_dh, joints)[:, :3, 3]
     known = arm.believed_flange(joints)[:, :3, 3]
     assert np.linalg.norm(known - truth, axis=1).mean() < 0.5 * np.linalg.norm(nominal - truth, axis=1).mean()
 
@@ -225,7 +231,7 @@ def test_an_unloaded_axis_stops_short_on_the_side_it_comes_from():
 def test_an_arm_bends_down_under_its_own_weight():
     arm = World(7, 0.0).add_arm("a", "fanuc_m6ib")
     stretched = np.radians([0.0, 80.0, -60.0, 0.0, 0.0, 0.0])
-    stiff = Arm("a", arm.model, arm.hidden, arm.clock, arm.known_dh)
+    stiff = SimulatedArm("a", arm.model, arm.hidden, arm.clock, arm.known_dh)
     stiff.hidden = type(arm.hidden)(**{**vars(arm.hidden), "compliance_rad_nm": np.zeros(6)})
     sag = (arm.flange_at(stretched) - stiff.flange_at(stretched))[0, 2, 3]
     assert -1e-3 < sag < -0.02e-3
@@ -248,20 +254,20 @@ def test_what_is_left_after_a_move_dies_away():
 
 def coders(seed: int = 1) -> PulseCoders:
     world = World(seed, 0.0)
-    return PulseCoders(world.add_arm("a", "fanuc_m6ib"), world.dice("coders"))
+    return PulseCoders(world.add_arm("a", "fanuc_m6ib"), world.make_rng("coders"))
 
 
 def turn(subject: PulseCoders, joints: np.ndarray) -> None:
-    subject._arm.place(subject._arm.joints_rad + joints)
+    subject._arm.put_joints(subject._arm.joints_rad + joints)
 
 
 def test_joints_come_from_counts_through_the_wrist_coupling():
     subject = coders()
     zero = tuple(int(count) for count in subject.factory_counts_at_zero)
-    assert subject.joints(zero) == pytest.approx(subject._arm.joints_rad, abs=1e-6)
-    before = np.array(subject.read())
+    assert subject.joints_from_counts(zero) == pytest.approx(subject._arm.joints_rad, abs=1e-6)
+    before = np.array(subject.read_counts())
     turn(subject, np.array([0, 0, 0, 0.5, 0, 0]))
-    moved = np.array(subject.read()) - before
+    moved = np.array(subject.read_counts()) - before
     assert moved[3] != 0
     assert moved[4] != 0  # motor 5 has to hold its joint against motor 4
     assert not moved[:3].any()
@@ -269,12 +275,12 @@ def test_joints_come_from_counts_through_the_wrist_coupling():
 
 def test_a_lost_coder_counts_from_zero_until_its_index_gives_the_fraction_back():
     subject = coders()
-    before = np.array(subject.read())
-    subject.lose([2])
-    assert subject.read()[2] == 0
-    subject.acknowledge()
+    before = np.array(subject.read_counts())
+    subject.lose_turns([2])
+    assert subject.read_counts()[2] == 0
+    subject.acknowledge_alarm()
     turn(subject, 1.2 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
-    travelled = subject.read()[2] - before[2]
+    travelled = subject.read_counts()[2] - before[2]
     assert subject.established.all()
     fraction = (travelled - round(1.2 * COUNTS_PER_TURN)) % COUNTS_PER_TURN
     assert fraction in (0, 1, COUNTS_PER_TURN - 1)
@@ -286,32 +292,32 @@ def test_a_lost_coder_counts_from_zero_until_its_index_gives_the_fraction_back()
 
 def test_the_index_is_not_found_while_the_battery_alarm_stands():
     subject = coders()
-    subject.lose([0])
+    subject.lose_turns([0])
     turn(subject, 1.5 * subject.radians_per_count[:, 0] * COUNTS_PER_TURN)
-    subject.read()
+    subject.read_counts()
     assert not subject.established[0]
 
 
 def test_less_than_a_turn_that_passes_no_index_establishes_nothing():
     subject = coders()
     inside = COUNTS_PER_TURN - int(subject.true_counts()[1]) % COUNTS_PER_TURN
-    subject.lose([1])
-    subject.acknowledge()
+    subject.lose_turns([1])
+    subject.acknowledge_alarm()
     turn(subject, 0.9 * inside * subject.radians_per_count[:, 1])
-    subject.read()
+    subject.read_counts()
     assert not subject.established[1]
     turn(subject, 0.2 * inside * subject.radians_per_count[:, 1])
-    subject.read()
+    subject.read_counts()
     assert subject.established[1]
 
 
 def test_a_new_motor_shifts_the_fraction_too():
     subject = coders()
     subject.replace_motor(2, 123_456)
-    subject.lose([2])
-    subject.acknowledge()
+    subject.lose_turns([2])
+    subject.acknowledge_alarm()
     turn(subject, 1.5 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
-    subject.read()
+    subject.read_counts()
     shift = subject.true_counts_at_zero()[2] - int(subject.factory_counts_at_zero[2])
     assert shift % COUNTS_PER_TURN == -123_456 % COUNTS_PER_TURN
 
@@ -319,7 +325,7 @@ def test_a_new_motor_shifts_the_fraction_too():
 def test_an_arm_without_gears_has_no_pulse_coders():
     world = World(1, 0.0)
     with pytest.raises(ValueError, match="no pulse coders"):
-        PulseCoders(world.add_arm("ur", "ur10e"), world.dice("coders"))
+        PulseCoders(world.add_arm("ur", "ur10e"), world.make_rng("coders"))
 
 
 # wire
@@ -362,7 +368,7 @@ def test_linearity_is_a_small_smooth_error():
     for j1 in np.linspace(-0.6, 0.6, 100):
         joints = arm.joints_rad
         joints[0] = j1
-        arm.place(joints)
+        arm.put_joints(joints)
         length = wire.true_length_m()
         errors.append(wire.exact_reading_m() - length * (1.0 + wire.scale_error) - wire.zero_m)
     assert 1e-6 < np.std(errors) < 2e-4
@@ -372,25 +378,25 @@ def test_slack_snap_slip_and_outliers_show_and_go_away():
     world, wire = gauge()
     arm = world.arms["fanuc"]
     here = wire.exact_reading_m()
-    wire.slacken()
+    wire.let_catch()
     way = wire.anchor_in_base_m - wire.hook_in_base_m()
     nearer = min(
         (arm.joints_rad + step for step in np.vstack([np.eye(6)[0], -np.eye(6)[0]]) * 0.1),
         key=lambda joints: np.linalg.norm(arm.flange_at(joints)[0, :3, 3] - wire.anchor_in_base_m),
     )
     assert np.linalg.norm(way) > 0.2
-    arm.place(nearer)
+    arm.put_joints(nearer)
     assert wire.exact_reading_m() < here - 0.005
     assert wire.read_m()[0] == pytest.approx(here, abs=1e-3)
-    wire.restore()
+    wire.restore_hook()
     assert wire.read_m()[0] == pytest.approx(wire.exact_reading_m(), abs=1e-3)
-    wire.snap()
+    wire.let_go()
     assert wire.read_m()[0] < 0.002
-    wire.restore()
+    wire.restore_hook()
     wire.spoil_next(0.008, 2)
     off = [wire.read_m()[0] - wire.exact_reading_m() for _ in range(3)]
     assert off == pytest.approx([0.008, 0.008, 0.0], abs=5e-4)
-    wire.slip(0.005)
+    wire.lengthen_readings(0.005)
     assert wire.read_m()[0] - wire.exact_reading_m() == pytest.approx(0.0, abs=5e-4)
 
 
@@ -404,18 +410,18 @@ def test_beyond_its_end_a_drum_stands_still():
 
 
 def test_a_standing_clock_moves_only_when_told():
-    clock = Clock(0.0)
-    assert clock.now() == 0.0
+    clock = WorldClock(0.0)
+    assert clock.now_s() == 0.0
     clock.advance(12.5)
-    assert clock.now() == 12.5
+    assert clock.now_s() == 12.5
     with pytest.raises(ValueError, match="backwards"):
         clock.advance(-1.0)
     with pytest.raises(ValueError, match="time_factor"):
-        Clock(-1.0)
+        WorldClock(-1.0)
 
 
 async def test_a_sleeper_wakes_when_the_clock_leaps():
-    clock = Clock(0.0)
+    clock = WorldClock(0.0)
     sleeper = asyncio.create_task(clock.sleep(100.0))
     await asyncio.sleep(0)
     clock.advance(99.0)

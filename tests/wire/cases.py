@@ -8,7 +8,7 @@ from typing import Any
 
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Condition, ContactEdge, Readiness
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 
 Fault = tuple[str, dict[str, Any]]
@@ -23,7 +23,7 @@ class RobotCase:
     home_rad: tuple[float, ...]
     away_rad: tuple[float, ...]  # far enough that a move at ``slow_rad_s`` can be interrupted
     slow_rad_s: float
-    heal: Callable[[Door, Any], Awaitable[None]]  # robot ready again, whatever a test did to it
+    heal: Callable[[FakeCellClient, Any], Awaitable[None]]  # robot ready again, whatever a test did to it
     link_faults: tuple[Fault, ...]  # every way in which the cable can fail
     stop_fault: Fault  # somebody presses the emergency stop
     slow_fault: Fault  # somebody turns the speed down to 15 %
@@ -36,7 +36,7 @@ class GaugeCase:
     """One gauge of the cell file, by the name it has there."""
 
     name: str
-    heal: Callable[[Door], Awaitable[None]]
+    heal: Callable[[FakeCellClient], Awaitable[None]]
     link_faults: tuple[Fault, ...]
     true_length_m: Callable[[Truth], float] = lambda truth: truth["reading_m"]
     shelf: str = "gauges"  # of the cell file and of the door's truth
@@ -50,7 +50,7 @@ class ProbeCase:
     """One touch probe of the cell file, by the name it has there."""
 
     name: str
-    heal: Callable[[Door], Awaitable[None]]
+    heal: Callable[[FakeCellClient], Awaitable[None]]
     link_faults: tuple[Fault, ...]
     stale_faults: tuple[Fault, ...]  # every way in which its inputs can stop telling
     stranger: Any
@@ -96,22 +96,22 @@ async def until_open(probe: Any) -> None:
     """Wait until a probe's contact is open."""
 
     async def is_open() -> bool:
-        return not (await probe.contact()).closed
+        return not (await probe.read_contact()).closed
 
     await until(is_open)
 
 
-async def watching(probe: Any, case: ProbeCase, door: Door) -> "asyncio.Task[ContactEdge]":
+async def watching(probe: Any, case: ProbeCase, door: FakeCellClient) -> "asyncio.Task[ContactEdge]":
     """Wait for a touch in a task of its own; return once the probe has seen the contact open.
 
     The driver's second write of its echo tells: the first one came back in the image that the watch starts from.
     """
 
     async def writes() -> int:
-        return int((await door.truth())["probes"][case.name]["output_writes"])
+        return int((await door.read_truth())["probes"][case.name]["output_writes"])
 
     before = await writes()
-    task = asyncio.create_task(probe.touched())
+    task = asyncio.create_task(probe.wait_for_touch())
 
     async def has_looked() -> bool:
         return task.done() or await writes() >= before + 2
@@ -120,45 +120,45 @@ async def watching(probe: Any, case: ProbeCase, door: Door) -> "asyncio.Task[Con
     return task
 
 
-async def _heal_modbus_robot(door: Door, robot: Any) -> None:
-    await door.ask("clear")
-    await door.fault("release_emergency_stop", device="fanuc")
-    await door.fault("auto_mode", device="fanuc")
-    await door.fault("override", device="fanuc", percent=100)
-    await door.fault("select", device="fanuc", tool=1, frame=0)
+async def _heal_modbus_robot(door: FakeCellClient, robot: Any) -> None:
+    await door.send_command("clear")
+    await door.inject_fault("release_emergency_stop", device="fanuc")
+    await door.inject_fault("auto_mode", device="fanuc")
+    await door.inject_fault("override", device="fanuc", percent=100)
+    await door.inject_fault("select", device="fanuc", tool=1, frame=0)
     await robot.reset_position_alarms()
 
 
-async def _heal_universal_robot(door: Door, robot: Any) -> None:
-    await door.ask("clear")
-    await door.fault("unlock_protective_stop", device="ur")
-    await door.fault("release_emergency_stop", device="ur")
-    await door.fault("program_stop", device="ur")
-    await door.fault("speed_slider", device="ur", fraction=1.0)
-    await door.fault("tool_switched", device="ur", tcp=[0.0] * 6, payload_kg=0.0)
+async def _heal_universal_robot(door: FakeCellClient, robot: Any) -> None:
+    await door.send_command("clear")
+    await door.inject_fault("unlock_protective_stop", device="ur")
+    await door.inject_fault("release_emergency_stop", device="ur")
+    await door.inject_fault("program_stop", device="ur")
+    await door.inject_fault("speed_slider", device="ur", fraction=1.0)
+    await door.inject_fault("tool_switched", device="ur", tcp=[0.0] * 6, payload_kg=0.0)
     await until_ready(robot, Readiness.READY)
 
 
-async def _heal_draw_wire(door: Door) -> None:
-    await door.ask("clear")
-    await door.fault("node_off", device="wire")  # forgets every answer that is still under way
-    await door.fault("node_on", device="wire")
-    await door.fault("wire_restore", device="wire")
-    await door.fault("emcy_clear", device="wire")
+async def _heal_draw_wire(door: FakeCellClient) -> None:
+    await door.send_command("clear")
+    await door.inject_fault("node_off", device="wire")  # forgets every answer that is still under way
+    await door.inject_fault("node_on", device="wire")
+    await door.inject_fault("wire_restore", device="wire")
+    await door.inject_fault("emcy_clear", device="wire")
 
 
-async def _heal_by_clearing(door: Door) -> None:
-    await door.ask("clear")
+async def _heal_by_clearing(door: FakeCellClient) -> None:
+    await door.send_command("clear")
 
 
-async def _heal_modbus_draw_wire(door: Door) -> None:
-    await door.ask("clear")
-    await door.fault("wire_restore", device="wire_tcp")
+async def _heal_modbus_draw_wire(door: FakeCellClient) -> None:
+    await door.send_command("clear")
+    await door.inject_fault("wire_restore", device="wire_tcp")
 
 
-async def _heal_dial(door: Door) -> None:
-    await door.ask("clear")
-    await door.fault("push_in", device="dial", m=0.004)
+async def _heal_dial(door: FakeCellClient) -> None:
+    await door.send_command("clear")
+    await door.inject_fault("push_in", device="dial", m=0.004)
 
 
 _MODBUS_LINK: tuple[Fault, ...] = (("silent", {}), ("reset", {}), ("refuse", {}), ("cut", {"bytes": 5}))

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.cases import GAUGES, PROBES, ROBOTS, GaugeCase, ProbeCase, RobotCase, opened, until_open
 from tests.wire.fakes import running
 
@@ -21,19 +21,19 @@ pytest.register_assert_rewrite(
 
 
 @pytest.fixture(scope="session")
-def fakes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Door]]:
+def fakes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
     with running(tmp_path_factory.mktemp("cell")) as cell:
         yield cell
 
 
 @pytest.fixture
-def cell(fakes: tuple[Path, Door]) -> CellConfig:
+def cell(fakes: tuple[Path, FakeCellClient]) -> CellConfig:
     return read_cell_file(fakes[0])
 
 
 @pytest.fixture
-async def door(fakes: tuple[Path, Door]) -> Door:
-    await fakes[1].ask("clear")
+async def door(fakes: tuple[Path, FakeCellClient]) -> FakeCellClient:
+    await fakes[1].send_command("clear")
     return fakes[1]
 
 
@@ -43,9 +43,9 @@ def robot_case(request: pytest.FixtureRequest) -> RobotCase:
 
 
 @pytest.fixture
-async def robot(robot_case: RobotCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+async def robot(robot_case: RobotCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
     """A connected robot at its home position, its cell healthy."""
-    async with opened(cell.robot(robot_case.name)) as robot:
+    async with opened(cell.robot_named(robot_case.name)) as robot:
         await robot_case.heal(door, robot)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
         yield robot
@@ -57,7 +57,7 @@ def gauge_case(request: pytest.FixtureRequest) -> GaugeCase:
 
 
 @pytest.fixture
-async def gauge(gauge_case: GaugeCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+async def gauge(gauge_case: GaugeCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
     """A connected gauge, its cell healthy."""
     await gauge_case.heal(door)
     entry = next(one for one in (*cell.gauges, *cell.probes) if one.device.name == gauge_case.name)
@@ -71,7 +71,7 @@ def probe_case(request: pytest.FixtureRequest) -> ProbeCase:
 
 
 @pytest.fixture
-async def probe(probe_case: ProbeCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+async def probe(probe_case: ProbeCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
     """A connected touch probe that touches nothing, its cell healthy."""
     await probe_case.heal(door)
     entry = next(entry for entry in cell.probes if entry.device.name == probe_case.name)
@@ -81,17 +81,17 @@ async def probe(probe_case: ProbeCase, cell: CellConfig, door: Door) -> AsyncIte
 
 
 @pytest.fixture
-async def fanuc(cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+async def fanuc(cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
     """The Modbus robot, healthy and at home."""
     case = ROBOTS["modbus_robot"]
-    async with opened(cell.robot(case.name)) as robot:
+    async with opened(cell.robot_named(case.name)) as robot:
         await case.heal(door, robot)
         await robot.move_joints(case.home_rad, speed_rad_s=0.5)
         yield robot
 
 
 @pytest.fixture
-def fresh_fakes(tmp_path: Path) -> Iterator[tuple[Path, Door]]:
+def fresh_fakes(tmp_path: Path) -> Iterator[tuple[Path, FakeCellClient]]:
     """A cell of its own, for a test that spoils the robot for others."""
     with running(tmp_path) as cell:
         yield cell

@@ -10,7 +10,7 @@ import pytest
 
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Readiness
-from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
 from tests.wire.trackers import SERIAL, believed, off_in_sigmas
 
 
@@ -24,7 +24,7 @@ class TrackerContract:
             assert off_in_sigmas(await tracker.point(), fake) < 5.0
 
     async def test_a_reading_is_finite_with_an_uncertainty_the_device_can_hold(self, tracker: Any) -> None:
-        reading, can = await tracker.point(), tracker.capabilities
+        reading, can = await tracker.measure_point(), tracker.capabilities
         assert all(map(math.isfinite, (*reading.position_m, *reading.sigma_m, *reading.covariance_m2)))
         assert min(reading.sigma_m) >= 0.99 * can.sigma_m > 0
         assert 0 < math.hypot(*reading.position_m) <= can.range_m
@@ -38,7 +38,7 @@ class TrackerContract:
     async def test_a_reading_is_as_new_as_the_target(self, tracker: Any, fake: FakeTracker) -> None:
         before = np.array((await tracker.point()).position_m)
         where = believed(fake)
-        await fake.fault("tripod_pushed", {"m": 0.05, "silently": True})
+        await fake.inject_fault("tripod_pushed", {"m": 0.05, "silently": True})
         after = await tracker.point()
         assert np.linalg.norm(believed(fake) - where) > 0.02
         assert np.array(after.position_m) - before == pytest.approx(believed(fake) - where, abs=5e-4)
@@ -73,21 +73,21 @@ class TrackerContract:
                 await tracker.pose()
             return
         reading = await tracker.pose()
-        truth = np.array(fake.truth()["tracker_probe"])
-        off = reading.station_probe.matrix() - truth
+        truth = np.array(fake.true_state()["tracker_probe"])
+        off = reading.station_probe.to_matrix() - truth
         assert np.abs(off[:3, 3] / reading.sigma_m).max() < 5.0
         assert np.abs(off[:3, :3]).max() < 6.0 * max(reading.sigma_rad)
         assert reading.station == 3
 
     async def test_a_healthy_device_is_ready_and_says_who_it_is(self, tracker: Any) -> None:
-        assert (await tracker.condition()).readiness is Readiness.READY
+        assert (await tracker.read_condition()).readiness is Readiness.READY
         assert (await tracker.identify()).serial == str(SERIAL)
         assert tracker.name == "at"
 
     async def test_the_condition_may_be_asked_while_it_measures(
         self, tracker: Any, fake: FakeTracker
     ) -> None:
-        measuring = asyncio.create_task(tracker.point())
+        measuring = asyncio.create_task(tracker.measure_point())
         await asyncio.sleep(0)
-        assert (await tracker.condition()).readiness is Readiness.READY
+        assert (await tracker.read_condition()).readiness is Readiness.READY
         assert off_in_sigmas(await measuring, fake) < 5.0

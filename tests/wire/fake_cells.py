@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from cellcal.fake_devices.cell import FakeCell
-from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.control_server import ControlServer
 from cellcal.fake_devices.device import FakeDevice
 from tests.machine_speed import stretched_s
 
@@ -35,9 +35,9 @@ async def running(**fake: Any) -> AsyncIterator[FakeCell]:
 
 
 @asynccontextmanager
-async def behind_a_door(**fake: Any) -> AsyncIterator[ControlDoor]:
+async def behind_a_door(**fake: Any) -> AsyncIterator[ControlServer]:
     """Run that cell with its control door."""
-    async with FakeCell(document(**fake)) as cell, ControlDoor(cell) as door:
+    async with FakeCell(document(**fake)) as cell, ControlServer(cell) as door:
         yield door
 
 
@@ -50,7 +50,7 @@ async def until(true: Callable[[], bool]) -> None:
 
 async def happen(device: FakeDevice, fault: str, **parameters: Any) -> None:
     """Let a fault happen to a device."""
-    await device.fault(fault, parameters)
+    await device.inject_fault(fault, parameters)
 
 
 def int32(*values: int) -> list[int]:

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from cellcal.fake_devices.universal_robots.device import UniversalRobot, create
+from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot, create_universal_robot
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
@@ -18,7 +18,7 @@ CHILD_DEADLINE_S = stretched_s(60.0)
 @asynccontextmanager
 async def fake_ur(
     time_factor: float = 1.0, model: str = "ur10e", seed: int = 3
-) -> AsyncIterator[UniversalRobot]:
+) -> AsyncIterator[FakeUniversalRobot]:
     """Start one; its address is ``robot.server.address``."""
     robot = await _started(time_factor, model, seed)
     try:
@@ -27,12 +27,14 @@ async def fake_ur(
         await robot.stop()
 
 
-async def _started(time_factor: float, model: str, seed: int) -> UniversalRobot:
+async def _started(time_factor: float, model: str, seed: int) -> FakeUniversalRobot:
     dice = random.SystemRandom()
     for _ in range(20):
         address = f"127.{dice.randint(1, 250)}.{dice.randint(0, 250)}.{dice.randint(1, 250)}"
         world = World(seed, time_factor)
-        robot = create(world, {"name": "ur", "model": model, "address": address, "serial": "20225500042"})
+        robot = create_universal_robot(
+            world, {"name": "ur", "model": model, "address": address, "serial": "20225500042"}
+        )
         with suppress(OSError):
             await robot.start()
             return robot
@@ -63,7 +65,7 @@ class Wheel:
 
 
 @asynccontextmanager
-async def wheel(robot: UniversalRobot, scenario: str) -> AsyncIterator[Wheel]:
+async def wheel(robot: FakeUniversalRobot, scenario: str) -> AsyncIterator[Wheel]:
     """Run a scenario of tests/wire/ur_wheel_child.py against a fake; kill it at the end if need be."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 
 TIME_FACTOR = 30.0
@@ -145,7 +145,7 @@ def own_address() -> str:
 
 
 @contextmanager
-def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
+def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
     text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR)
@@ -163,7 +163,7 @@ def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
         readable, _, _ = select.select([process.stdout], [], [], _START_S)
         assert readable, "the fake devices did not start"
         host, port = json.loads(process.stdout.readline())["control"]
-        yield path, Door(host, port)
+        yield path, FakeCellClient(host, port)
     finally:
         process.stdin.close()
         process.wait(timeout=_START_S)

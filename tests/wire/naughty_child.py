@@ -6,7 +6,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from cellcal.drivers.wire.child import serve
+from cellcal.drivers.wire.child import serve_requests
 
 
 def _echo(value: object) -> object:
@@ -48,7 +48,7 @@ def _shout() -> None:
 
 
 if __name__ == "__main__":
-    serve(
+    serve_requests(
         {
             "echo": _echo,
             "refuse": _refuse,

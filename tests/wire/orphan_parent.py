@@ -12,7 +12,7 @@ async def _main() -> None:
         "arm", "tests.wire.naughty_child", title="the child", start_s=stretched_s(20.0)
     )
     verb = sys.argv[1]
-    call = asyncio.create_task(child.call(verb, deadline_s=1.0)) if verb != "idle" else asyncio.sleep(0)
+    call = asyncio.create_task(child.call_verb(verb, deadline_s=1.0)) if verb != "idle" else asyncio.sleep(0)
     await asyncio.sleep(0.05)
     print(child.pid, flush=True)
     await asyncio.sleep(3600)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.probe_line import joints_for_tip
-from cellcal.procedures.steps.touch import Approach, probe_of
-from cellcal.service.demo.door import Door
+from cellcal.procedures.steps.touch import ProbeApproach, probe_of
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.fakes import running
 
 BALL_MM = 12.7
@@ -141,7 +141,7 @@ def drawn_ball_m(robot: str, model: RobotModel) -> np.ndarray:
 @contextmanager
 def probing(
     folder: Path, robot: str, place_m: Sequence[float], *, hidden: bool = True, tip_sigma_mm: float = 1.0
-) -> Iterator[tuple[Path, Door]]:
+) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play a robot with a probe and a ball near ``place_m``."""
     ball = _BALL.format(robot=robot, ball=BALL_MM, place=[float(1e3 * value) for value in place_m])
     with _playing(folder, robot, ball, hidden=hidden, tip_sigma_mm=tip_sigma_mm) as cell:
@@ -151,7 +151,7 @@ def probing(
 @contextmanager
 def at_a_corner(
     folder: Path, robot: str, base_frame: np.ndarray, *, tip_sigma_mm: float
-) -> Iterator[tuple[Path, Door]]:
+) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on."""
     tables = corner_tables(robot, base_frame)
     with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=4.0) as cell:
@@ -167,7 +167,7 @@ def _playing(
     tip_sigma_mm: float,
     hidden: bool = True,
     pace: float = 3.0,
-) -> Iterator[tuple[Path, Door]]:
+) -> Iterator[tuple[Path, FakeCellClient]]:
     text = (_ROBOTS[robot] + _REST).format(
         robot=robot,
         tip=list(TIP_MM),
@@ -195,7 +195,7 @@ def true_corner(truth: dict[str, Any]) -> np.ndarray:
     planes = [truth["artefacts"][f"{name} face"] for name in "xyz"]
     axes = np.array([plane["axis_in_base"] for plane in planes])
     heights = [axis @ np.array(plane["place_in_base_m"]) for axis, plane in zip(axes, planes, strict=True)]
-    return homogeneous(axes.T, np.linalg.solve(axes, heights))
+    return homogeneous_matrix(axes.T, np.linalg.solve(axes, heights))
 
 
 def approach_from(
@@ -207,7 +207,7 @@ def approach_from(
     clear_m: float = 0.0015,
     beyond_m: float = 0.0025,
     **how: Any,
-) -> Approach:
+) -> ProbeApproach:
     """Return an approach to the ball's centre from one side, from clear of where it should touch to beyond that."""
     _, setup = probe_of(cell)
     assert cell.model is not None
@@ -219,4 +219,4 @@ def approach_from(
         )
         for away in (clear_m, -beyond_m)
     ]
-    return Approach(ends[0], ends[1], **how)
+    return ProbeApproach(ends[0], ends[1], **how)

@@ -13,8 +13,8 @@ import pytest
 from cellcal.drivers.errors import RefusedError, WrongDeviceError
 from cellcal.drivers.interfaces import Readiness
 from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
-from cellcal.drivers.laser_tracker.packets import Change, Command
-from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.drivers.laser_tracker.packets import StatusChange, TrackerCommand
+from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 from tests.wire.cesapi_peer import PeerClient, PeerTracker, ces, error, header_table, listening, status_change
 from tests.wire.trackers import SERIAL, believed, fake_tracker
@@ -33,9 +33,9 @@ class TestOurDriver:
     async def test_initialises_sets_up_and_measures_a_point(self) -> None:
         peer = PeerTracker(SERIAL, PLACE_M)
         async with listening(peer) as port, driver_at(port).open() as tracker:
-            assert (await tracker.condition()).readiness is Readiness.READY
+            assert (await tracker.read_condition()).readiness is Readiness.READY
             who = await tracker.identify()
-            reading = await tracker.point()
+            reading = await tracker.measure_point()
         assert (who.model, who.serial, who.firmware) == ("AT401", str(SERIAL), "emScon 3.8.900")
         assert reading.position_m == PLACE_M
         assert reading.sigma_m == pytest.approx((20e-6, 21e-6, 30e-6))
@@ -50,7 +50,7 @@ class TestOurDriver:
         peer = PeerTracker(SERIAL, PLACE_M)
         peer.refuses[ces.ES_C_SetStatisticMode] = ces.ES_RS_NotImplemented
         async with listening(peer) as port, driver_at(port).open() as tracker:
-            reading = await tracker.point()
+            reading = await tracker.measure_point()
         assert reading.position_m == PLACE_M
         assert reading.covariance_m2 == (0.0, 0.0, 0.0)
         assert reading.sigma_m == pytest.approx((20e-6, 21e-6, 30e-6))
@@ -69,31 +69,31 @@ class TestOurDriver:
         async with listening(peer) as port, driver_at(port).open() as tracker:
             peer.instead = [instead()]
             with pytest.raises(RefusedError, match=says):
-                await tracker.point()
+                await tracker.measure_point()
             peer.instead = None
-            assert (await tracker.point()).position_m == PLACE_M
+            assert (await tracker.measure_point()).position_m == PLACE_M
 
     async def test_looks_for_a_lost_reflector(self) -> None:
         peer = PeerTracker(SERIAL, PLACE_M)
         peer.known["trackerStatus"] = ces.ES_TS_NotReady
         async with listening(peer) as port, driver_at(port, search_distance_m=2.5).open() as tracker:
             with pytest.raises(RefusedError, match="MeasurementStatusNotReady"):
-                await tracker.point()
+                await tracker.measure_point()
         searched = [command for command in peer.heard if isinstance(command, ces.FindReflectorCT)]
         assert [command.dAproxDistance for command in searched] == [2.5]
 
     async def test_tells_a_new_station_from_the_event(self) -> None:
         peer = PeerTracker(SERIAL, PLACE_M)
         async with listening(peer) as port, driver_at(port).open() as tracker:
-            await tracker.point()
+            await tracker.measure_point()
             peer.instead = [
                 status_change(ces.ES_SSC_StationOrientationParamsChanged),
                 status_change(ces.ES_SSC_MeasStatus_NotReady),
             ]
             with pytest.raises(RefusedError):
-                await tracker.point()
+                await tracker.measure_point()
             with pytest.raises(RefusedError, match="another station"):
-                await tracker.point()
+                await tracker.measure_point()
 
     async def test_refuses_another_instrument(self) -> None:
         async with listening(PeerTracker(SERIAL + 1, PLACE_M)) as port:
@@ -140,12 +140,12 @@ class TestOurFake:
     async def test_is_initialised_set_up_and_measures_the_truth(
         self, fake: FakeTracker, client: PeerClient
     ) -> None:
-        await fake.fault("not_initialised", {})
+        await fake.inject_fault("not_initialised", {})
         with pytest.raises(Exception, match=f"failed with status {ces.ES_RS_TrackerNotInitialized}"):
             await asyncio.to_thread(client.command.StartMeasurement)
         both = await asyncio.to_thread(_results, client)
         assert [type(found) for found in both] == [ces.SingleMeasResult2T, ces.SingleMeasResultT]
-        covariance = np.array(fake.truth()["covariance_m2"])
+        covariance = np.array(fake.true_state()["covariance_m2"])
         for found in both:
             place = np.array([found.dVal1, found.dVal2, found.dVal3])
             expected = np.array([found.dAprioriStd1, found.dAprioriStd2, found.dAprioriStd3])
@@ -172,7 +172,7 @@ class TestOurFake:
         assert (reflector.iInternalReflectorId, frame.transformationData.dScale) == (2, 1.0)
 
     async def test_tells_a_client_of_a_broken_beam(self, fake: FakeTracker, client: PeerClient) -> None:
-        await fake.fault("beam_break", {})
+        await fake.inject_fault("beam_break", {})
         with pytest.raises(Exception, match=f"failed with status {ces.ES_RS_MeasurementStatusNotReady}"):
             await asyncio.to_thread(client.command.StartMeasurement)
         await asyncio.to_thread(client.command.FindReflector, 3.0)
@@ -203,5 +203,7 @@ def _misnamed(ours: Any, theirs: dict[str, int]) -> list[str]:
 
 
 def test_commands_and_events_have_the_numbers_and_names_of_the_header() -> None:
-    assert _misnamed(Command, header_table("ES_C_")) == []
-    assert _misnamed(Change, {**header_table("ES_SSC_"), **header_table("ES_SCC_")}) == []  # it misspells two
+    assert _misnamed(TrackerCommand, header_table("ES_C_")) == []
+    assert (
+        _misnamed(StatusChange, {**header_table("ES_SSC_"), **header_table("ES_SCC_")}) == []
+    )  # it misspells two

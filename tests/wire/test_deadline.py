@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from cellcal.drivers.errors import DeviceTimeoutError
-from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.modbus import ModbusLink
 from tests.machine_speed import stretched_s
 
@@ -74,7 +74,7 @@ async def test_a_block_whose_answer_came_during_a_standstill_is_not_too_long() -
     with ours, theirs:
 
         async def wait_for_answer() -> bytes:
-            async with deadline("arm", 0.1, "reading"):
+            async with answer_deadline("arm", 0.1, "reading"):
                 return await loop.sock_recv(ours, 16)
 
         reading = asyncio.create_task(wait_for_answer())
@@ -90,7 +90,7 @@ async def test_a_device_that_says_nothing_is_too_late_all_the_same() -> None:
     with ours, theirs:
 
         async def wait_for_answer(stands_still_s: float) -> None:
-            async with deadline("arm", 0.1, "reading"):
+            async with answer_deadline("arm", 0.1, "reading"):
                 stand_still_until(time.monotonic() + stands_still_s)
                 await asyncio.get_running_loop().sock_recv(ours, 16)
 

@@ -23,9 +23,9 @@ from cellcal.drivers.errors import (
 from cellcal.drivers.interfaces import Readiness
 from cellcal.drivers.wire.can_session import BusOptions
 from cellcal.drivers.wire.canopen import CanopenLink
-from cellcal.drivers.wire.socketcand import GuardedSocketcandBus
+from cellcal.drivers.wire.socketcand import SafeSocketcandBus
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
 
@@ -40,11 +40,11 @@ def readers() -> set[threading.Thread]:
     return {thread for thread in threading.enumerate() if thread.name.startswith("CAN receiver of")}
 
 
-async def expected_m(door: Door) -> float:
-    return float((await door.truth())["gauges"]["wire"]["reading_m"])
+async def expected_m(door: FakeCellClient) -> float:
+    return float((await door.read_truth())["gauges"]["wire"]["reading_m"])
 
 
-async def heals(gauge: Any, door: Door) -> None:
+async def heals(gauge: Any, door: FakeCellClient) -> None:
     await GAUGES["draw_wire"].heal(door)
     await until_ready(gauge, Readiness.READY)
     assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
@@ -62,10 +62,15 @@ class TestTheNode:
         ],
     )
     async def test_that_does_not_answer_rightly_is_an_error_with_a_remedy(
-        self, gauge: Any, door: Door, fault: str, parameters: dict[str, Any], error: type[DeviceError]
+        self,
+        gauge: Any,
+        door: FakeCellClient,
+        fault: str,
+        parameters: dict[str, Any],
+        error: type[DeviceError],
     ) -> None:
         given = {key: stretched_s(value) if key == "delay_s" else value for key, value in parameters.items()}
-        await door.fault(fault, device="wire", **given)
+        await door.inject_fault(fault, device="wire", **given)
         with pytest.raises(error) as failure:
             await gauge.distance()
         assert str(failure.value).startswith("wire: ")
@@ -74,12 +79,12 @@ class TestTheNode:
 
     @pytest.mark.parametrize("delay_s", [0.4, 0.5, 0.6, 0.8])
     async def test_that_answers_late_is_never_taken_for_the_next_answer(
-        self, gauge: Any, door: Door, delay_s: float
+        self, gauge: Any, door: FakeCellClient, delay_s: float
     ) -> None:
-        await door.fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
+        await door.inject_fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
         with pytest.raises(DeviceTimeoutError):
             await gauge.distance()
-        await door.fault("wire_offset", device="wire", m=0.04)
+        await door.inject_fault("wire_offset", device="wire", m=0.04)
         found = []
         while not found:
             try:
@@ -88,9 +93,11 @@ class TestTheNode:
                 await asyncio.sleep(0.02)
         assert found[0] == pytest.approx(await expected_m(door), abs=0.001)
 
-    async def test_whose_heartbeat_stops_is_lost_even_while_nobody_asks(self, gauge: Any, door: Door) -> None:
+    async def test_whose_heartbeat_stops_is_lost_even_while_nobody_asks(
+        self, gauge: Any, door: FakeCellClient
+    ) -> None:
         assert readers()
-        await door.fault("heartbeat_stop", device="wire")
+        await door.inject_fault("heartbeat_stop", device="wire")
 
         async def noticed() -> bool:
             return not readers()
@@ -98,17 +105,17 @@ class TestTheNode:
         await until(noticed)
         await heals(gauge, door)
 
-    async def test_that_restarts_is_set_up_again(self, gauge: Any, door: Door) -> None:
+    async def test_that_restarts_is_set_up_again(self, gauge: Any, door: FakeCellClient) -> None:
         await gauge.distance()
-        await door.fault("node_off", device="wire")
-        await door.fault("node_on", device="wire")
+        await door.inject_fault("node_off", device="wire")
+        await door.inject_fault("node_on", device="wire")
         await until_ready(gauge, Readiness.READY)
         before = readers()
         assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
         assert readers() == before, "the heartbeat was not switched on again"
 
     async def test_whose_zero_was_moved_is_not_trusted_until_it_is_opened_again(
-        self, gauge: Any, cell: CellConfig, door: Door
+        self, gauge: Any, cell: CellConfig, door: FakeCellClient
     ) -> None:
         config = cell.gauges[0].device
         data = struct.pack("<BHBi", 0x23, 0x6003, 0, 100_000)
@@ -119,65 +126,65 @@ class TestTheNode:
         await gauge.close()  # the next call connects again, as after any interruption
         for _ in range(2):
             with pytest.raises(RefusedError, match="zero of the gauge moved"):
-                await gauge.distance()
+                await gauge.read_distance()
         async with config.open() as opened_again:
-            assert (await opened_again.distance()).value_m == pytest.approx(1.0, abs=0.002)
-        await door.fault("node_off", device="wire")
-        await door.fault("node_on", device="wire")
+            assert (await opened_again.read_distance()).value_m == pytest.approx(1.0, abs=0.002)
+        await door.inject_fault("node_off", device="wire")
+        await door.inject_fault("node_on", device="wire")
         await heals(gauge, door)
 
 
 class TestEmergencies:
     @pytest.mark.parametrize("length", [2, 3, 5, 8])
     async def test_of_any_length_are_latched_until_the_node_takes_them_back(
-        self, gauge: Any, door: Door, length: int
+        self, gauge: Any, door: FakeCellClient, length: int
     ) -> None:
-        await door.fault("emcy", device="wire", code=0x5200, length=length)
+        await door.inject_fault("emcy", device="wire", code=0x5200, length=length)
 
         async def latched() -> bool:
             return (await gauge.condition()).readiness is Readiness.NOT_READY
 
         await until(latched)
-        condition = await gauge.condition()
+        condition = await gauge.read_condition()
         assert [alarm.code for alarm in condition.alarms] == ["EMCY-5200"]
         with pytest.raises(RefusedError, match="sensor hardware") as failure:
-            await gauge.distance()
+            await gauge.read_distance()
         assert failure.value.vendor_code == 0x5200
         await heals(gauge, door)
 
-    async def test_survive_a_lost_link(self, gauge: Any, door: Door) -> None:
-        await door.fault("emcy", device="wire", code=0x4210)
-        await door.fault("daemon_stop", device="wire", duration_s=0.3)
+    async def test_survive_a_lost_link(self, gauge: Any, door: FakeCellClient) -> None:
+        await door.inject_fault("emcy", device="wire", code=0x4210)
+        await door.inject_fault("daemon_stop", device="wire", duration_s=0.3)
         condition = await until_ready(gauge, Readiness.NOT_READY)
         assert [alarm.code for alarm in condition.alarms] == ["EMCY-4210"]
         assert condition.message.endswith("wire speed too high")
 
 
 class TestTheWire:
-    async def test_that_has_snapped_gives_no_length(self, gauge: Any, door: Door) -> None:
-        await door.fault("wire_snap", device="wire")
+    async def test_that_has_snapped_gives_no_length(self, gauge: Any, door: FakeCellClient) -> None:
+        await door.inject_fault("wire_snap", device="wire")
         with pytest.raises(RefusedError) as failure:
             await gauge.distance()
         assert failure.value.remedy
         await heals(gauge, door)
 
-    async def test_at_the_end_of_its_range_gives_no_length(self, gauge: Any, door: Door) -> None:
-        await door.fault("wire_offset", device="wire", m=2.5)
+    async def test_at_the_end_of_its_range_gives_no_length(self, gauge: Any, door: FakeCellClient) -> None:
+        await door.inject_fault("wire_offset", device="wire", m=2.5)
         with pytest.raises(RefusedError):
             await gauge.distance()
         await heals(gauge, door)
 
 
 class TestTheBus:
-    async def test_with_another_master_is_not_used(self, gauge: Any, door: Door) -> None:
+    async def test_with_another_master_is_not_used(self, gauge: Any, door: FakeCellClient) -> None:
         async def noticed() -> bool:
-            await door.fault(
+            await door.inject_fault(
                 "foreign_master", device="wire"
             )  # again and again: it is told for two seconds only
             return (await gauge.condition()).readiness is Readiness.NOT_READY
 
         async def refused() -> bool:
-            await door.fault("foreign_master", device="wire")
+            await door.inject_fault("foreign_master", device="wire")
             with suppress(WireProtocolError):  # its answer came between ours
                 try:
                     await gauge.distance()
@@ -188,13 +195,15 @@ class TestTheBus:
         await until(noticed)
         await until(refused)
 
-    async def test_survives_an_error_frame(self, gauge: Any, door: Door) -> None:
-        await door.fault("error_frame", device="wire")
+    async def test_survives_an_error_frame(self, gauge: Any, door: FakeCellClient) -> None:
+        await door.inject_fault("error_frame", device="wire")
         assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
 
-    async def test_whose_daemon_dies_is_noticed_while_nobody_asks(self, gauge: Any, door: Door) -> None:
+    async def test_whose_daemon_dies_is_noticed_while_nobody_asks(
+        self, gauge: Any, door: FakeCellClient
+    ) -> None:
         assert readers()
-        await door.fault("daemon_stop", device="wire")
+        await door.inject_fault("daemon_stop", device="wire")
 
         async def noticed() -> bool:
             return not readers()
@@ -202,12 +211,12 @@ class TestTheBus:
         await until(noticed)
         await heals(gauge, door)
 
-    async def test_is_left_without_threads(self, cell: CellConfig, door: Door) -> None:
+    async def test_is_left_without_threads(self, cell: CellConfig, door: FakeCellClient) -> None:
         await GAUGES["draw_wire"].heal(door)
         before = set(threading.enumerate())
         for _ in range(3):
             async with cell.gauges[0].device.open() as gauge:
-                await gauge.distance()
+                await gauge.read_distance()
 
         async def ended() -> bool:
             return set(threading.enumerate()) <= before
@@ -244,7 +253,7 @@ class TestTheTrapsOfSocketcand:
 
     def test_a_frame_may_arrive_with_the_last_handshake_answer(self) -> None:
         daemon = Daemon(b"< hi >", b"< ok >", b"< ok >< frame 707 1.000000 05 >")
-        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
+        bus = SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         message = bus.recv(stretched_s(5.0))
         assert message is not None
         assert (message.arbitration_id, bytes(message.data)) == (0x707, b"\x05")
@@ -254,19 +263,19 @@ class TestTheTrapsOfSocketcand:
     def test_a_silent_daemon_is_given_up(self) -> None:
         daemon = Daemon(b"< hi >")
         with pytest.raises(TimeoutError):
-            GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=0.1)
+            SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=0.1)
         daemon.end()
 
     def test_a_daemon_that_says_no_is_an_error(self) -> None:
         daemon = Daemon(b"< hi >", b"< error could not open bus >")
         with pytest.raises(can.CanError, match="could not open bus"):
-            GuardedSocketcandBus("can9", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
+            SafeSocketcandBus("can9", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         daemon.end()
 
     @pytest.mark.parametrize("malformed", [b"< frame 707 1.0 >", b"< frame 707 1.0 5 >", b""])
     def test_nonsense_and_the_end_are_errors_and_not_silence(self, malformed: bytes) -> None:
         daemon = Daemon(b"< hi >", b"< ok >", b"< ok >" + malformed)
-        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
+        bus = SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         daemon.end()
         with pytest.raises(can.CanError):
             bus.recv(stretched_s(5.0))
@@ -299,7 +308,7 @@ async def test_a_short_answer_is_not_a_value(virtual_gauge: tuple[DrawWire, can.
     gauge, node = virtual_gauge
     answering = asyncio.create_task(answer_with(node, [(0x587, bytes.fromhex("60171000"))]))
     with pytest.raises(WireProtocolError, match="4 bytes instead of 8") as failure:
-        await gauge.distance()
+        await gauge.read_distance()
     assert failure.value.frame == "60171000"
     await answering
 
@@ -332,7 +341,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
 
     serving = asyncio.create_task(serve())
     with pytest.raises(WireProtocolError):
-        await gauge.distance()
+        await gauge.read_distance()
     await gauge.close()
     over.set()
     await serving
@@ -340,7 +349,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
 
 async def test_bus_off_is_said_as_such(virtual_gauge: tuple[DrawWire, can.BusABC]) -> None:
     gauge, node = virtual_gauge
-    asking = asyncio.create_task(gauge.distance())
+    asking = asyncio.create_task(gauge.read_distance())
     assert await asyncio.to_thread(node.recv, stretched_s(10.0)) is not None
     node.send(can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=True, data=bytes(8)))
     with pytest.raises(UnreachableError, match="bus-off"):

@@ -13,7 +13,7 @@ import canopen
 import pytest
 import pytest_asyncio
 
-from cellcal.fake_devices.draw_wire.device import DrawWire
+from cellcal.fake_devices.draw_wire.device import FakeDrawWire
 from cellcal.fake_devices.draw_wire.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED
 from cellcal.fake_devices.draw_wire.sdo import SdoServer
 from cellcal.fake_devices.draw_wire.socketcand import frame_text, parse_send
@@ -24,10 +24,10 @@ WAIT_S = stretched_s(10.0)
 
 
 @pytest_asyncio.fixture
-async def wire() -> AsyncIterator[DrawWire]:
+async def wire() -> AsyncIterator[FakeDrawWire]:
     async with running() as cell:
         device = cell.gauges[0]
-        assert isinstance(device, DrawWire)
+        assert isinstance(device, FakeDrawWire)
         yield device
 
 
@@ -41,7 +41,7 @@ class Line:
         self.reader, self.writer = reader, writer
 
     @classmethod
-    async def to(cls, wire: DrawWire) -> "Line":
+    async def to(cls, wire: FakeDrawWire) -> "Line":
         return cls(*await asyncio.open_connection("127.0.0.1", wire.daemon.port))
 
     async def read(self) -> str:
@@ -71,13 +71,13 @@ class Line:
 
 
 @pytest_asyncio.fixture
-async def line(wire: DrawWire) -> AsyncIterator[Line]:
+async def line(wire: FakeDrawWire) -> AsyncIterator[Line]:
     connection = await (await Line.to(wire)).raw()
     yield connection
     await connection.close()
 
 
-async def test_the_handshake_is_the_documents_letter_for_letter(wire: DrawWire):
+async def test_the_handshake_is_the_documents_letter_for_letter(wire: FakeDrawWire):
     connection = await Line.to(wire)
     assert await connection.read() == "< hi >"
     assert await connection.ask("< rawmode >") == "< error unknown command >"
@@ -113,7 +113,7 @@ async def test_nonsense_is_answered_with_an_error(line: Line, text):
     assert await line.ask(text) == "< error unknown command >"
 
 
-async def test_clients_hear_each_other_as_on_a_real_bus(wire: DrawWire, line: Line):
+async def test_clients_hear_each_other_as_on_a_real_bus(wire: FakeDrawWire, line: Line):
     other = await (await Line.to(wire)).raw()
     await until(lambda: wire.daemon.ready_clients == 2)
     other.writer.write(b"< send 123 2 de ad >")
@@ -123,29 +123,29 @@ async def test_clients_hear_each_other_as_on_a_real_bus(wire: DrawWire, line: Li
     await other.close()
 
 
-async def test_no_frame_comes_between_the_handshakes_answers(wire: DrawWire):
+async def test_no_frame_comes_between_the_handshakes_answers(wire: FakeDrawWire):
     wire.node.settings.now["heartbeat_ms"] = 1
     connection = await (await Line.to(wire)).raw()
     assert (await connection.frame()).startswith("< frame 707 ")
     await connection.close()
 
 
-async def test_a_daemon_that_dies_hangs_and_comes_back(wire: DrawWire, line: Line):
+async def test_a_daemon_that_dies_hangs_and_comes_back(wire: FakeDrawWire, line: Line):
     await happen(wire, "daemon_hang", duration_s=60)
     line.writer.write(b"< send 607 8 40 18 10 4 0 0 0 0 >")
-    wire.clear()
+    wire.clear_faults()
     await until(lambda: not wire.daemon.hung)
     await happen(wire, "daemon_stop")
-    await until(lambda: wire.daemon.connections == 0)
+    await until(lambda: wire.daemon.client_count == 0)
     with pytest.raises(ConnectionRefusedError):
         await Line.to(wire)
-    wire.clear()
-    await until(lambda: wire.daemon.listening)
+    wire.clear_faults()
+    await until(lambda: wire.daemon.is_listening)
     again = await (await Line.to(wire)).raw()
     await again.close()
 
 
-async def test_an_error_frame_and_a_foreign_master_are_seen(wire: DrawWire, line: Line):
+async def test_an_error_frame_and_a_foreign_master_are_seen(wire: FakeDrawWire, line: Line):
     await until(lambda: wire.daemon.ready_clients == 1)
     await happen(wire, "error_frame")
     assert re.fullmatch(r"< error 020 \d+\.\d{6} >", await line.frame())
@@ -203,10 +203,10 @@ class Bus:
             network.subscribe(can_id, self.heard.take)
 
     def read(self, index: int, sub: int = 0, layout: str = "<I") -> int:
-        return int(struct.unpack(layout, self.node.sdo.upload(index, sub))[0])
+        return int(struct.unpack(layout, self.node.sdo.read_bytes(index, sub))[0])
 
     def write(self, index: int, sub: int, value: int, layout: str = "<I") -> None:
-        self.node.sdo.download(index, sub, struct.pack(layout, value))
+        self.node.sdo.write_bytes(index, sub, struct.pack(layout, value))
 
     def position(self) -> int:
         return self.read(0x6004, 0, "<i")
@@ -221,7 +221,7 @@ class Bus:
 
 
 @contextmanager
-def connected(wire: DrawWire) -> Iterator[Bus]:
+def connected(wire: FakeDrawWire) -> Iterator[Bus]:
     network = canopen.Network()
     network.connect(interface="socketcand", host="127.0.0.1", port=wire.daemon.port, channel="can0")
     try:
@@ -230,7 +230,7 @@ def connected(wire: DrawWire) -> Iterator[Bus]:
         network.disconnect()
 
 
-async def on_the_bus(wire: DrawWire, story: Callable[[Bus], None]) -> None:
+async def on_the_bus(wire: FakeDrawWire, story: Callable[[Bus], None]) -> None:
     """Tell a story in a thread: canopen blocks."""
 
     def tell() -> None:
@@ -240,17 +240,17 @@ async def on_the_bus(wire: DrawWire, story: Callable[[Bus], None]) -> None:
     await asyncio.to_thread(tell)
 
 
-async def test_who_it_is(wire: DrawWire):
+async def test_who_it_is(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         assert bus.read(0x1000) & 0xFFFF == 406
         assert bus.read(0x1018, 4) == bus.read(0x650B) == 4711
-        assert bus.node.sdo.upload(0x1008, 0) == b"DW-3000 draw-wire encoder"  # in segments
-        assert bus.node.sdo.upload(0x1009, 0) == b"HW 1.2"
+        assert bus.node.sdo.read_bytes(0x1008, 0) == b"DW-3000 draw-wire encoder"  # in segments
+        assert bus.node.sdo.read_bytes(0x1009, 0) == b"HW 1.2"
 
     await on_the_bus(wire, story)
 
 
-async def test_the_position_is_the_wires_length_in_steps(wire: DrawWire):
+async def test_the_position_is_the_wires_length_in_steps(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         step_m = bus.read(0x6005, 1) * 1e-9
         assert bus.position() * step_m == pytest.approx(wire.gauge.exact_reading_m(), abs=5e-4)
@@ -261,7 +261,7 @@ async def test_the_position_is_the_wires_length_in_steps(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_refusals_carry_the_abort_code_of_the_book(wire: DrawWire):
+async def test_refusals_carry_the_abort_code_of_the_book(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         assert bus.abort_of(lambda: bus.read(0x2222)) == 0x06020000
         assert bus.abort_of(lambda: bus.read(0x6005, 9)) == 0x06090011
@@ -271,28 +271,32 @@ async def test_refusals_carry_the_abort_code_of_the_book(wire: DrawWire):
         assert bus.abort_of(lambda: bus.write(0x1010, 1, 0x12345678)) == 0x08000020
         assert bus.abort_of(lambda: bus.write(0x1A00, 1, 0x60050020)) == 0x06040041
         assert bus.abort_of(lambda: bus.write(0x6003, 0, -(2**31), "<i")) == 0x06090030
-        bus.node.sdo.download(0x1017, 0, bytes(9 - 7), force_segment=True)
+        bus.node.sdo.write_bytes(0x1017, 0, bytes(9 - 7), force_segment=True)
         assert bus.read(0x1017, 0, "<H") == 0
 
     await on_the_bus(wire, story)
 
 
 def test_a_segmented_transfer_checks_its_toggle_bit(wire_node_sdo: SdoServer):
-    assert wire_node_sdo.answer(bytes.fromhex("4008100000000000"))[:1] == b"\x41"
-    assert wire_node_sdo.answer(bytes.fromhex("6000000000000000"))[0] == 0x00
-    aborted = wire_node_sdo.answer(bytes.fromhex("6000000000000000"))
+    assert wire_node_sdo.answer_request(bytes.fromhex("4008100000000000"))[:1] == b"\x41"
+    assert wire_node_sdo.answer_request(bytes.fromhex("6000000000000000"))[0] == 0x00
+    aborted = wire_node_sdo.answer_request(bytes.fromhex("6000000000000000"))
     assert aborted == bytes.fromhex("80081000") + struct.pack("<I", 0x05030000)
-    assert wire_node_sdo.answer(bytes.fromhex("7000000000000000"))[4:] == struct.pack("<I", 0x05040001)
-    assert wire_node_sdo.answer(bytes.fromhex("8008100000000000")) is None
-    assert wire_node_sdo.answer(bytes.fromhex("C618100000000000"))[4:] == struct.pack("<I", 0x05040001)
+    assert wire_node_sdo.answer_request(bytes.fromhex("7000000000000000"))[4:] == struct.pack(
+        "<I", 0x05040001
+    )
+    assert wire_node_sdo.answer_request(bytes.fromhex("8008100000000000")) is None
+    assert wire_node_sdo.answer_request(bytes.fromhex("C618100000000000"))[4:] == struct.pack(
+        "<I", 0x05040001
+    )
 
 
 @pytest_asyncio.fixture
-async def wire_node_sdo(wire: DrawWire) -> SdoServer:
+async def wire_node_sdo(wire: FakeDrawWire) -> SdoServer:
     return wire.node.sdo
 
 
-async def test_a_preset_moves_the_offset_with_its_sign(wire: DrawWire):
+async def test_a_preset_moves_the_offset_with_its_sign(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         before = bus.position()
         for value in (0, -123_456, 250_000):
@@ -307,7 +311,7 @@ async def test_a_preset_moves_the_offset_with_its_sign(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_a_preset_is_lost_without_save_and_kept_with_it(wire: DrawWire):
+async def test_a_preset_is_lost_without_save_and_kept_with_it(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         before = bus.position()
         bus.write(0x6003, 0, before + 5000, "<i")
@@ -327,7 +331,7 @@ async def test_a_preset_is_lost_without_save_and_kept_with_it(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_heartbeats_tell_the_state(wire: DrawWire):
+async def test_heartbeats_tell_the_state(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         bus.write(0x1017, 0, 10, "<H")
         assert bus.heard.next(0x707) == bytes([PRE_OPERATIONAL])
@@ -339,7 +343,7 @@ async def test_heartbeats_tell_the_state(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_position_telegrams_flow_in_operational_only(wire: DrawWire):
+async def test_position_telegrams_flow_in_operational_only(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         bus.write(0x6200, 0, 5, "<H")
         assert bus.heard.count(0x187) == 0
@@ -355,7 +359,7 @@ async def test_position_telegrams_flow_in_operational_only(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_position_telegrams_follow_sync(wire: DrawWire):
+async def test_position_telegrams_follow_sync(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         bus.write(0x1800, 2, 2, "<B")
         bus.nmt(1)
@@ -372,7 +376,7 @@ async def test_position_telegrams_follow_sync(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_a_stopped_node_answers_no_sdo(wire: DrawWire):
+async def test_a_stopped_node_answers_no_sdo(wire: FakeDrawWire):
     def story(bus: Bus) -> None:
         bus.node.sdo.RESPONSE_TIMEOUT = 0.1
         bus.nmt(2)
@@ -386,7 +390,7 @@ async def test_a_stopped_node_answers_no_sdo(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_beyond_the_end_it_says_so_and_says_when_it_is_over(wire: DrawWire):
+async def test_beyond_the_end_it_says_so_and_says_when_it_is_over(wire: FakeDrawWire):
     wire.gauge.range_m = 0.5
 
     def beyond(bus: Bus) -> None:
@@ -408,7 +412,7 @@ async def test_beyond_the_end_it_says_so_and_says_when_it_is_over(wire: DrawWire
     await on_the_bus(wire, beyond)
 
 
-async def test_emergencies_can_be_asked_for_of_any_length(wire: DrawWire, line: Line):
+async def test_emergencies_can_be_asked_for_of_any_length(wire: FakeDrawWire, line: Line):
     """On a bare socket: canopen's receiver stumbles over an emergency of fewer than 8 bytes."""
     await until(lambda: wire.daemon.ready_clients == 1)
     for length, data in ((8, "0042810000000000"), (2, "0042"), (0, "")):
@@ -418,7 +422,7 @@ async def test_emergencies_can_be_asked_for_of_any_length(wire: DrawWire, line: 
     assert (await line.frame()).endswith(" 0000000000000000 >")
 
 
-async def test_a_node_without_power_is_gone_and_boots_when_it_returns(wire: DrawWire):
+async def test_a_node_without_power_is_gone_and_boots_when_it_returns(wire: FakeDrawWire):
     loop = asyncio.get_running_loop()
 
     def fault(name: str) -> None:
@@ -439,7 +443,7 @@ async def test_a_node_without_power_is_gone_and_boots_when_it_returns(wire: Draw
     await on_the_bus(wire, story)
 
 
-async def test_sdo_faults(wire: DrawWire):
+async def test_sdo_faults(wire: FakeDrawWire):
     loop = asyncio.get_running_loop()
 
     def fault(name: str, **parameters: Any) -> None:
@@ -462,7 +466,7 @@ async def test_sdo_faults(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_heartbeat_and_telegrams_can_stop_or_freeze(wire: DrawWire):
+async def test_heartbeat_and_telegrams_can_stop_or_freeze(wire: FakeDrawWire):
     loop = asyncio.get_running_loop()
 
     def fault(name: str, **parameters: Any) -> None:
@@ -477,11 +481,11 @@ async def test_heartbeat_and_telegrams_can_stop_or_freeze(wire: DrawWire):
         fault("heartbeat_stop")
         fault("tpdo_frozen")
         beats, frozen = bus.heard.count(0x707), bus.heard.next(0x187, after=bus.heard.count(0x187))
-        wire.gauge.slip(0.1)
+        wire.gauge.lengthen_readings(0.1)
         assert bus.heard.next(0x187, after=bus.heard.count(0x187) + 3) == frozen
         assert bus.heard.count(0x707) <= beats + 1
         fault("tpdo_stop", duration_s=0.05)
-        wire.clear()
+        wire.clear_faults()
         newest = bus.heard.next(0x187, after=bus.heard.count(0x187) + 1)
         assert struct.unpack("<i", newest)[0] - struct.unpack("<i", frozen)[0] == pytest.approx(
             10_000, abs=60
@@ -490,7 +494,7 @@ async def test_heartbeat_and_telegrams_can_stop_or_freeze(wire: DrawWire):
     await on_the_bus(wire, story)
 
 
-async def test_what_happens_to_the_wire_shows_in_the_position(wire: DrawWire):
+async def test_what_happens_to_the_wire_shows_in_the_position(wire: FakeDrawWire):
     loop = asyncio.get_running_loop()
 
     def fault(name: str, **parameters: Any) -> None:
@@ -506,6 +510,6 @@ async def test_what_happens_to_the_wire_shows_in_the_position(wire: DrawWire):
         assert bus.position() == pytest.approx(here, abs=60)
         fault("wire_slack")
         assert bus.position() == pytest.approx(here, abs=60)
-        assert wire.truth()["snapped"] is False
+        assert wire.true_state()["snapped"] is False
 
     await on_the_bus(wire, story)

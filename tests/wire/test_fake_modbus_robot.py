@@ -13,8 +13,8 @@ from pymodbus.client import AsyncModbusTcpClient
 from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
 from cellcal.fake_devices.cell import FakeCell
 from cellcal.fake_devices.kinematics import matrix_from_xyzwpr
-from cellcal.fake_devices.modbus_robot.device import ModbusRobot
-from cellcal.fake_devices.modbus_robot.program import HEARTBEAT_S, Reason, State
+from cellcal.fake_devices.modbus_robot.device import FakeModbusRobot
+from cellcal.fake_devices.modbus_robot.program import HEARTBEAT_S, RefusalReason, RequestState
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import float32, floats, happen, int32, integers, running, text, until
@@ -27,7 +27,7 @@ class Host:
 
     def __init__(self, cell: FakeCell) -> None:
         robot = cell.robots[0]
-        assert isinstance(robot, ModbusRobot)
+        assert isinstance(robot, FakeModbusRobot)
         self.cell, self.robot, self.world = cell, robot, cell.world
         self.number = 0
         self.client = AsyncModbusTcpClient(
@@ -51,11 +51,11 @@ class Host:
         await self.write(3003, int32(operation, axis) + float32(*target, speed) + int32(0, self.number))
         await self.write(3001, int32(self.number))
 
-    async def status(self) -> tuple[int, State, Reason, bool]:
+    async def status(self) -> tuple[int, RequestState, RefusalReason, bool]:
         number, state, reason, moving = integers(await self.read(3041, 8))
-        return number, State(state), Reason(reason), bool(moving)
+        return number, RequestState(state), RefusalReason(reason), bool(moving)
 
-    async def ask(self, operation: int, **arguments: Any) -> tuple[State, Reason]:
+    async def ask(self, operation: int, **arguments: Any) -> tuple[RequestState, RefusalReason]:
         """Start an operation and wait for its end, keeping the heartbeat up."""
         await self.begin(operation, **arguments)
         beat = 1000
@@ -63,7 +63,7 @@ class Host:
             while True:
                 number, state, reason, _ = await self.status()
                 assert number == self.number
-                if state is not State.RUNNING:
+                if state is not RequestState.RUNNING:
                     return state, reason
                 beat += 1
                 await self.write(3023, int32(beat))
@@ -83,7 +83,7 @@ class Host:
         await self.reconnect()
 
     async def reconnect(self) -> None:
-        await until(lambda: self.robot.controller.powered and self.robot.server.listening)
+        await until(lambda: self.robot.controller.powered and self.robot.server.is_listening)
         self.client.close()
         assert await self.client.connect()
 
@@ -97,8 +97,11 @@ class Host:
         await self.write(103, int32(1))
         await self.power_cycle()
         for axis in range(1, 7):
-            assert await self.ask(JOG, axis=axis, target=[8.0], speed=5.0) == (State.DONE, Reason.NONE)
-        assert await self.ask(RESET) == (State.DONE, Reason.NONE)
+            assert await self.ask(JOG, axis=axis, target=[8.0], speed=5.0) == (
+                RequestState.DONE,
+                RefusalReason.NONE,
+            )
+        assert await self.ask(RESET) == (RequestState.DONE, RefusalReason.NONE)
 
 
 @pytest_asyncio.fixture
@@ -127,7 +130,7 @@ async def test_the_position_block_is_laid_out_as_the_document_says(host: Host):
 
 
 async def test_a_32_bit_value_is_sent_low_word_first_and_a_word_high_byte_first(host: Host):
-    count = host.robot.controller.coders.read()[0]
+    count = host.robot.controller.coders.read_counts()[0]
     frame = await exchange(host, bytes.fromhex("03 003e 0002"))
     assert frame[:2] == bytes([3, 4])
     low, high = struct.unpack(">HH", frame[2:])
@@ -156,7 +159,7 @@ async def test_unused_registers_read_zero_and_swallow_writes(host: Host):
     await host.write(10001, [1, 2, 3])
     assert await host.read(10001, 3) == [0, 0, 0]
     await host.write(63, int32(1, 2, 3))
-    assert integers(await host.read(63, 12)) == list(host.robot.controller.coders.read())
+    assert integers(await host.read(63, 12)) == list(host.robot.controller.coders.read_counts())
 
 
 async def test_half_a_value_cannot_be_written(host: Host):
@@ -184,15 +187,15 @@ async def test_tools_and_frames_are_written_and_shape_the_position(host: Host):
     await host.write(1001, float32(100.0, 0.0, 0.0, 0.0, 0.0, 90.0))
     assert floats(await host.read(551, 12)) == pytest.approx([1, 2, 3, 10, 20, 30])
     assert (await host.read(576, 1))[0] == 1
-    assert await host.ask(SELECT_TOOL, axis=2) == (State.DONE, Reason.NONE)
-    assert await host.ask(SELECT_FRAME, axis=1) == (State.DONE, Reason.NONE)
+    assert await host.ask(SELECT_TOOL, axis=2) == (RequestState.DONE, RefusalReason.NONE)
+    assert await host.ask(SELECT_FRAME, axis=1) == (RequestState.DONE, RefusalReason.NONE)
     words = await host.read(1, 50)
     assert words[45:47] == [1, 2]
     flange = host.robot.controller.arm.believed_flange(np.radians(floats(words[26:38])))[0]
     user, tool = matrix_from_xyzwpr([100, 0, 0, 0, 0, 90]), matrix_from_xyzwpr([1, 2, 3, 10, 20, 30])
     assert user @ matrix_from_xyzwpr(floats(words[:12])) == pytest.approx(flange @ tool, abs=1e-5)
-    assert await host.ask(SELECT_TOOL, axis=11) == (State.REFUSED, Reason.BAD_NUMBER)
-    assert await host.ask(SELECT_FRAME, axis=10) == (State.REFUSED, Reason.BAD_NUMBER)
+    assert await host.ask(SELECT_TOOL, axis=11) == (RequestState.REFUSED, RefusalReason.BAD_NUMBER)
+    assert await host.ask(SELECT_FRAME, axis=10) == (RequestState.REFUSED, RefusalReason.BAD_NUMBER)
 
 
 # telegrams
@@ -296,7 +299,7 @@ async def test_beyond_its_limit_the_oldest_connection_is_dropped(host: Host):
     others = [Raw(*await asyncio.open_connection("127.0.0.1", host.robot.server.port)) for _ in range(4)]
     await others[-1].send(READ)
     assert (await others[-1].receive())[3][0] == 3
-    await until(lambda: host.robot.server.connections == 4)
+    await until(lambda: host.robot.server.client_count == 4)
     for other in others:
         await other.close()
 
@@ -306,7 +309,7 @@ async def test_beyond_its_limit_the_oldest_connection_is_dropped(host: Host):
 
 async def test_a_joint_move_ends_at_its_target(host: Host):
     target = [10.0, 20.0, -10.0, 30.0, -40.0, 50.0]
-    assert await host.ask(JOINT_MOVE, target=target) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOINT_MOVE, target=target) == (RequestState.DONE, RefusalReason.NONE)
     assert await host.joints_deg() == pytest.approx(target, abs=2e-3)
 
 
@@ -315,13 +318,13 @@ async def test_a_request_number_counts_once(host: Host):
     before = await host.joints_deg()
     await host.write(3007, float32(7.0))
     await host.write(3001, int32(host.number))
-    assert (await host.status())[1] is State.DONE
+    assert (await host.status())[1] is RequestState.DONE
     assert await host.joints_deg() == pytest.approx(before, abs=1e-4)
 
 
 async def test_a_jog_turns_one_axis_and_holds_the_others(host: Host):
     before = await host.joints_deg()
-    assert await host.ask(JOG, axis=4, target=[30.0]) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOG, axis=4, target=[30.0]) == (RequestState.DONE, RefusalReason.NONE)
     moved = np.array(await host.joints_deg()) - before
     assert moved == pytest.approx([0, 0, 0, 30, 0, 0], abs=2e-3)
 
@@ -329,20 +332,20 @@ async def test_a_jog_turns_one_axis_and_holds_the_others(host: Host):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"operation": JOINT_MOVE, "target": [171.0]}, Reason.AXIS_LIMIT),
-        ({"operation": JOINT_MOVE, "target": [float("nan")]}, Reason.BAD_NUMBER),
-        ({"operation": JOINT_MOVE, "speed": 0.0}, Reason.BAD_NUMBER),
-        ({"operation": JOINT_MOVE, "speed": float("inf")}, Reason.BAD_NUMBER),
-        ({"operation": JOG, "axis": 0, "target": [1.0]}, Reason.BAD_NUMBER),
-        ({"operation": JOG, "axis": 7, "target": [1.0]}, Reason.BAD_NUMBER),
-        ({"operation": JOG, "axis": 1, "target": [200.0]}, Reason.AXIS_LIMIT),
-        ({"operation": 99}, Reason.BAD_OPERATION),
-        ({"operation": 0}, Reason.BAD_OPERATION),
+        ({"operation": JOINT_MOVE, "target": [171.0]}, RefusalReason.AXIS_LIMIT),
+        ({"operation": JOINT_MOVE, "target": [float("nan")]}, RefusalReason.BAD_NUMBER),
+        ({"operation": JOINT_MOVE, "speed": 0.0}, RefusalReason.BAD_NUMBER),
+        ({"operation": JOINT_MOVE, "speed": float("inf")}, RefusalReason.BAD_NUMBER),
+        ({"operation": JOG, "axis": 0, "target": [1.0]}, RefusalReason.BAD_NUMBER),
+        ({"operation": JOG, "axis": 7, "target": [1.0]}, RefusalReason.BAD_NUMBER),
+        ({"operation": JOG, "axis": 1, "target": [200.0]}, RefusalReason.AXIS_LIMIT),
+        ({"operation": 99}, RefusalReason.BAD_OPERATION),
+        ({"operation": 0}, RefusalReason.BAD_OPERATION),
     ],
 )
 async def test_what_cannot_be_done_is_refused_with_its_reason(host: Host, arguments, reason):
     before = await host.joints_deg()
-    assert await host.ask(arguments.pop("operation"), **arguments) == (State.REFUSED, reason)
+    assert await host.ask(arguments.pop("operation"), **arguments) == (RequestState.REFUSED, reason)
     assert await host.joints_deg() == before
 
 
@@ -350,10 +353,15 @@ async def test_without_a_heartbeat_the_arm_stops(host: Host):
     host.world.clock.time_factor = 1.0
     host.robot.controller.program.heartbeat_s = HEARTBEAT_S
     await host.begin(JOINT_MOVE, target=[160.0, 10.0, -25.0, 15.0, -60.0, 20.0], speed=10.0)
-    assert (await host.status())[1] is State.RUNNING
-    await until(lambda: host.robot.controller.program.state is State.STOPPED)
+    assert (await host.status())[1] is RequestState.RUNNING
+    await until(lambda: host.robot.controller.program.state is RequestState.STOPPED)
     number, state, reason, moving = await host.status()
-    assert (number, state, reason, moving) == (host.number, State.STOPPED, Reason.HEARTBEAT_MISSING, False)
+    assert (number, state, reason, moving) == (
+        host.number,
+        RequestState.STOPPED,
+        RefusalReason.HEARTBEAT_MISSING,
+        False,
+    )
     assert -20.0 < (await host.joints_deg())[0] < 0.0
 
 
@@ -361,21 +369,21 @@ async def test_the_host_can_stop_and_must_take_the_stop_back(host: Host):
     host.world.clock.time_factor = 5.0
     await host.begin(JOINT_MOVE, target=[160.0, 10.0, -25.0, 15.0, -60.0, 20.0], speed=20.0)
     await host.write(3021, int32(1))
-    await until(lambda: host.robot.controller.program.state is State.STOPPED)
-    assert (await host.status())[2:] == (Reason.HOST_STOP, False)
+    await until(lambda: host.robot.controller.program.state is RequestState.STOPPED)
+    assert (await host.status())[2:] == (RefusalReason.HOST_STOP, False)
     await host.write(3001, int32(77))
-    assert (await host.status())[:3] == (77, State.REFUSED, Reason.HOST_STOP)
+    assert (await host.status())[:3] == (77, RequestState.REFUSED, RefusalReason.HOST_STOP)
     await host.write(3021, int32(0))
     host.number = 77
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.DONE, RefusalReason.NONE)
 
 
 async def test_a_second_request_is_refused_as_busy_and_the_first_goes_on(host: Host):
     host.world.clock.time_factor = 20.0
     await host.begin(JOG, axis=1, target=[20.0], speed=20.0)
     await host.begin(JOG, axis=2, target=[20.0])
-    assert (await host.status())[:3] == (host.number, State.REFUSED, Reason.BUSY)
-    await until(lambda: not host.robot.controller.arm.moving)
+    assert (await host.status())[:3] == (host.number, RequestState.REFUSED, RefusalReason.BUSY)
+    await until(lambda: not host.robot.controller.arm.is_moving)
     assert (await host.joints_deg())[:2] == pytest.approx([0.0, 10.0], abs=2e-3)
 
 
@@ -383,24 +391,24 @@ async def test_an_emergency_stop_stops_and_wants_release_and_reset(host: Host):
     host.world.clock.time_factor = 5.0
     await host.begin(JOG, axis=1, target=[90.0], speed=20.0)
     await happen(host.robot, "emergency_stop")
-    await until(lambda: host.robot.controller.program.state is State.STOPPED)
-    assert (await host.status())[2] is Reason.EMERGENCY_STOP
+    await until(lambda: host.robot.controller.program.state is RequestState.STOPPED)
+    assert (await host.status())[2] is RefusalReason.EMERGENCY_STOP
     assert integers(await host.read(3051, 2)) == [1]
     assert (11, 1, "Operator panel E-stop") in await host.alarms()
-    assert await host.ask(RESET) == (State.REFUSED, Reason.EMERGENCY_STOP)
+    assert await host.ask(RESET) == (RequestState.REFUSED, RefusalReason.EMERGENCY_STOP)
     await happen(host.robot, "release_emergency_stop")
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.REFUSED, Reason.ALARM_ACTIVE)
-    assert await host.ask(RESET) == (State.DONE, Reason.NONE)
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.REFUSED, RefusalReason.ALARM_ACTIVE)
+    assert await host.ask(RESET) == (RequestState.DONE, RefusalReason.NONE)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.DONE, RefusalReason.NONE)
     assert await host.alarms() == []
 
 
 async def test_only_auto_moves(host: Host):
     await happen(host.robot, "t1_mode")
     assert integers(await host.read(3049, 2)) == [2]
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.REFUSED, Reason.NOT_AUTO)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.REFUSED, RefusalReason.NOT_AUTO)
     await happen(host.robot, "auto_mode")
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.DONE, RefusalReason.NONE)
 
 
 async def test_the_override_slows_down(host: Host):
@@ -408,7 +416,7 @@ async def test_the_override_slows_down(host: Host):
     await host.write(105, int32(10))
     await host.begin(JOG, axis=1, target=[20.0], speed=20.0)
     host.world.clock.advance(2.0)
-    assert np.degrees(host.robot.controller.arm.velocity[0]) == pytest.approx(2.0, rel=1e-6)
+    assert np.degrees(host.robot.controller.arm.joint_velocity[0]) == pytest.approx(2.0, rel=1e-6)
     await host.write(105, int32(900))
     assert integers(await host.read(105, 2)) == [100]
 
@@ -417,14 +425,14 @@ async def test_a_move_that_ends_early_says_done(host: Host):
     host.world.clock.time_factor = 5.0
     await host.begin(JOG, axis=1, target=[90.0], speed=20.0)
     await happen(host.robot, "early_stop")
-    await until(lambda: host.robot.controller.program.state is State.DONE)
+    await until(lambda: host.robot.controller.program.state is RequestState.DONE)
     assert (await host.joints_deg())[0] < 60.0
 
 
 async def test_somebody_else_can_move_the_arm(host: Host):
     before = await host.joints_deg()
     await happen(host.robot, "jog_by_hand", axis="J2", rad=0.05)
-    await until(lambda: not host.robot.controller.arm.moving)
+    await until(lambda: not host.robot.controller.arm.is_moving)
     moved = np.array(await host.joints_deg()) - before
     assert moved == pytest.approx([0, np.degrees(0.05), 0, 0, 0, 0], abs=2e-3)
 
@@ -441,18 +449,21 @@ async def test_a_dead_battery_takes_the_position_and_everything_says_so(host: Ho
     alarms = await host.alarms()
     assert alarms[0] == (11, 62, "BZAL alarm (Group:1 Axis:1)")
     assert len(alarms) == 5
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.REFUSED, Reason.ALARM_ACTIVE)
-    assert await host.ask(CALIBRATE) == (State.REFUSED, Reason.ALARM_ACTIVE)
-    assert await host.ask(RESET) == (State.REFUSED, Reason.ALARM_ACTIVE)
-    assert any(host.robot.truth()["turns_lost"])
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.REFUSED, RefusalReason.ALARM_ACTIVE)
+    assert await host.ask(CALIBRATE) == (RequestState.REFUSED, RefusalReason.ALARM_ACTIVE)
+    assert await host.ask(RESET) == (RequestState.REFUSED, RefusalReason.ALARM_ACTIVE)
+    assert any(host.robot.true_state()["turns_lost"])
 
 
 async def test_an_acknowledgement_waits_for_the_power_and_needs_a_battery(host: Host):
     await host.lose_battery()
     await host.write(103, int32(1))
     assert integers(await host.read(103, 2)) == [1]
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.REFUSED, Reason.POWER_CYCLE_NEEDED)
-    assert await host.ask(RESET) == (State.REFUSED, Reason.POWER_CYCLE_NEEDED)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (
+        RequestState.REFUSED,
+        RefusalReason.POWER_CYCLE_NEEDED,
+    )
+    assert await host.ask(RESET) == (RequestState.REFUSED, RefusalReason.POWER_CYCLE_NEEDED)
     await host.power_cycle()
     assert (await host.alarms())[0][1] == 62  # the battery is still dead
     await happen(host.robot, "new_battery")
@@ -466,33 +477,36 @@ async def test_after_one_turn_of_every_motor_the_pulses_are_established(host: Ho
     await happen(host.robot, "new_battery")
     await host.write(103, int32(1))
     await host.power_cycle()
-    assert await host.ask(JOINT_MOVE) == (State.REFUSED, Reason.NOT_MASTERED)
-    assert await host.ask(CALIBRATE) == (State.REFUSED, Reason.PULSE_NOT_ESTABLISHED)
-    assert await host.ask(RESET) == (State.REFUSED, Reason.PULSE_NOT_ESTABLISHED)
+    assert await host.ask(JOINT_MOVE) == (RequestState.REFUSED, RefusalReason.NOT_MASTERED)
+    assert await host.ask(CALIBRATE) == (RequestState.REFUSED, RefusalReason.PULSE_NOT_ESTABLISHED)
+    assert await host.ask(RESET) == (RequestState.REFUSED, RefusalReason.PULSE_NOT_ESTABLISHED)
     for axis in range(1, 7):
-        assert await host.ask(JOG, axis=axis, target=[8.0], speed=50.0) == (State.DONE, Reason.NONE)
-    assert await host.ask(RESET) == (State.DONE, Reason.NONE)
+        assert await host.ask(JOG, axis=axis, target=[8.0], speed=50.0) == (
+            RequestState.DONE,
+            RefusalReason.NONE,
+        )
+    assert await host.ask(RESET) == (RequestState.DONE, RefusalReason.NONE)
     assert await host.alarms() == []
-    assert await host.ask(JOINT_MOVE) == (State.REFUSED, Reason.NOT_MASTERED)
+    assert await host.ask(JOINT_MOVE) == (RequestState.REFUSED, RefusalReason.NOT_MASTERED)
 
 
 async def test_whole_turns_written_back_restore_the_zero_exactly(host: Host):
     zero = integers(await host.read(51, 12))
     await host.lose_battery(drift_turns=2.0)
     await host.establish()
-    truth = host.robot.truth()
+    truth = host.robot.true_state()
     right = [old - lost * COUNTS_PER_TURN for old, lost in zip(zero, truth["turns_lost"], strict=True)]
     assert right == truth["true_counts_at_zero"]
     assert host.world.tcp_error_m("fanuc").max() > 0.01
     await host.write(51, int32(*right))
-    assert host.robot.controller.mastered is False
-    assert await host.ask(CALIBRATE) == (State.DONE, Reason.NONE)
+    assert host.robot.controller.is_mastered is False
+    assert await host.ask(CALIBRATE) == (RequestState.DONE, RefusalReason.NONE)
     assert integers(await host.read(99, 2)) == [1]
     assert host.world.tcp_error_m("fanuc").max() < 1e-9
     assert np.radians(await host.joints_deg()) == pytest.approx(truth["joints_rad"], abs=1e-5)
     await host.power_cycle()
     assert await host.alarms() == []
-    assert host.robot.controller.mastered is True
+    assert host.robot.controller.is_mastered is True
 
 
 async def test_one_turn_wrong_on_one_motor_is_millimetres_at_the_tip(host: Host):
@@ -500,14 +514,16 @@ async def test_one_turn_wrong_on_one_motor_is_millimetres_at_the_tip(host: Host)
     wrong[2] += COUNTS_PER_TURN
     await host.write(51, int32(*wrong))
     assert host.world.tcp_error_m("fanuc").max() > 0.01
-    assert host.robot.controller.joints() == pytest.approx(host.robot.controller.arm.joints_rad, abs=1e-5)
+    assert host.robot.controller.shown_joints() == pytest.approx(
+        host.robot.controller.arm.joints_rad, abs=1e-5
+    )
     await host.ask(CALIBRATE)
-    assert abs(host.robot.controller.joints()[2] - host.robot.controller.arm.joints_rad[2]) > 0.01
+    assert abs(host.robot.controller.shown_joints()[2] - host.robot.controller.arm.joints_rad[2]) > 0.01
 
 
 async def test_a_battery_lost_on_one_axis_leaves_the_others_alone(host: Host):
     await host.lose_battery(axes=["J5"])
-    truth = host.robot.truth()
+    truth = host.robot.true_state()
     assert [alarm["axis"] for alarm in truth["alarms"]] == [4]
     assert [turns for axis, turns in enumerate(truth["turns_lost"]) if axis != 4] == [0] * 5
 
@@ -516,7 +532,10 @@ async def test_a_new_motor_is_off_by_a_fraction_of_a_turn_on_its_axis_only(host:
     await happen(host.robot, "motor_exchange", axis="J3")
     await host.reconnect()
     await host.establish()
-    shift = np.array(host.robot.truth()["true_counts_at_zero"]) - host.robot.truth()["factory_counts_at_zero"]
+    shift = (
+        np.array(host.robot.true_state()["true_counts_at_zero"])
+        - host.robot.true_state()["factory_counts_at_zero"]
+    )
     fraction = shift % COUNTS_PER_TURN
     assert 0.05 < fraction[2] / COUNTS_PER_TURN < 0.95
     assert not fraction[[0, 1, 3, 4, 5]].any()
@@ -526,19 +545,22 @@ async def test_a_lost_reference_is_off_by_fractions_everywhere(host: Host):
     await happen(host.robot, "reference_loss", battery="new")
     await host.reconnect()
     await host.establish()
-    shift = np.array(host.robot.truth()["true_counts_at_zero"]) - host.robot.truth()["factory_counts_at_zero"]
+    shift = (
+        np.array(host.robot.true_state()["true_counts_at_zero"])
+        - host.robot.true_state()["factory_counts_at_zero"]
+    )
     assert (shift % COUNTS_PER_TURN != 0).all()
 
 
 async def test_a_crash_bends_the_arm_for_good(host: Host):
-    before = np.array(host.robot.truth()["dh"])
+    before = np.array(host.robot.true_state()["dh"])
     await happen(host.robot, "crash")
     await host.reconnect()
     await host.establish()
-    bent = np.abs(np.array(host.robot.truth()["dh"]) - before)
+    bent = np.abs(np.array(host.robot.true_state()["dh"]) - before)
     assert 2e-3 <= bent[:, 1:3].max() <= 5e-3
     assert np.radians(0.3) <= bent[:, [0, 3]].max() <= np.radians(0.6)
-    await host.write(51, int32(*host.robot.truth()["true_counts_at_zero"]))
+    await host.write(51, int32(*host.robot.true_state()["true_counts_at_zero"]))
     await host.ask(CALIBRATE)
     assert host.world.tcp_error_m("fanuc").max() > 2e-3
 
@@ -557,7 +579,7 @@ async def test_a_refused_axis_keeps_its_old_mastering_count(host: Host):
     await host.write(51, int32(*(count + 100 for count in before)))
     after = integers(await host.read(51, 12))
     assert [new - old for new, old in zip(after, before, strict=True)] == [100, 100, 100, 0, 100, 100]
-    host.robot.clear()
+    host.robot.clear_faults()
     await host.write(51, int32(*before))
     assert integers(await host.read(51, 12)) == before
 
@@ -565,17 +587,20 @@ async def test_a_refused_axis_keeps_its_old_mastering_count(host: Host):
 async def test_a_low_battery_is_a_warning_that_lets_the_arm_move(host: Host):
     await happen(host.robot, "battery_low", axes=["J2"])
     assert await host.alarms() == [(11, 65, "BLAL alarm (Group:1 Axis:2)")]
-    assert await host.ask(JOG, axis=1, target=[1.0]) == (State.DONE, Reason.NONE)
+    assert await host.ask(JOG, axis=1, target=[1.0]) == (RequestState.DONE, RefusalReason.NONE)
 
 
 async def test_unmastered_an_axis_runs_into_its_stop(host: Host):
     await host.lose_battery()
     await host.establish()
-    assert await host.ask(JOG, axis=5, target=[-200.0], speed=5.0) == (State.STOPPED, Reason.ALARM_ACTIVE)
+    assert await host.ask(JOG, axis=5, target=[-200.0], speed=5.0) == (
+        RequestState.STOPPED,
+        RefusalReason.ALARM_ACTIVE,
+    )
     assert (11, 50, "CLALM alarm (Group:1 Axis:5)") in await host.alarms()
-    assert np.degrees(host.robot.truth()["joints_rad"][4]) == pytest.approx(-148.0, abs=1e-6)
-    assert await host.ask(RESET) == (State.DONE, Reason.NONE)
-    assert await host.ask(JOG, axis=5, target=[20.0], speed=5.0) == (State.DONE, Reason.NONE)
+    assert np.degrees(host.robot.true_state()["joints_rad"][4]) == pytest.approx(-148.0, abs=1e-6)
+    assert await host.ask(RESET) == (RequestState.DONE, RefusalReason.NONE)
+    assert await host.ask(JOG, axis=5, target=[20.0], speed=5.0) == (RequestState.DONE, RefusalReason.NONE)
 
 
 async def test_unmastered_an_axis_is_slow(host: Host):
@@ -584,29 +609,29 @@ async def test_unmastered_an_axis_is_slow(host: Host):
     host.world.clock.time_factor = 0.0
     await host.begin(JOG, axis=1, target=[20.0], speed=40.0)
     host.world.clock.advance(2.0)
-    assert np.degrees(host.robot.controller.arm.velocity[0]) == pytest.approx(5.0, rel=1e-6)
+    assert np.degrees(host.robot.controller.arm.joint_velocity[0]) == pytest.approx(5.0, rel=1e-6)
 
 
 async def test_a_power_cycle_drops_the_connection_and_forgets_the_handshake(host: Host):
     await host.ask(JOG, axis=1, target=[1.0])
     connection = Raw(*await asyncio.open_connection("127.0.0.1", host.robot.server.port))
     await happen(host.robot, "power_off")
-    await until(lambda: host.robot.server.connections == 0)
+    await until(lambda: host.robot.server.client_count == 0)
     await connection.close()
     with pytest.raises(ConnectionRefusedError):
         await asyncio.open_connection("127.0.0.1", host.robot.server.port)
     await happen(host.robot, "power_on")
     await host.reconnect()
-    assert await host.status() == (0, State.IDLE, Reason.NONE, False)
-    assert host.robot.controller.mastered
+    assert await host.status() == (0, RequestState.IDLE, RefusalReason.NONE, False)
+    assert host.robot.controller.is_mastered
 
 
 async def test_losses_are_drawn_from_the_seed():
     lost = []
     for _ in range(2):
         async with running(seed=9) as cell:
-            await cell.robots[0].fault("battery_loss", {"off_s": 0.0})
-            lost.append(cell.robots[0].truth()["turns_lost"])
+            await cell.robots[0].inject_fault("battery_loss", {"off_s": 0.0})
+            lost.append(cell.robots[0].true_state()["turns_lost"])
     assert lost[0] == lost[1]
 
 
@@ -731,9 +756,9 @@ async def test_nobody_listens_for_a_while(host: Host, raw: Raw):
 
 async def test_a_flapping_link_comes_and_goes(host: Host):
     await happen(host.robot, "flap", period_s=0.1)
-    await until(lambda: not host.robot.server.listening)
-    await until(lambda: host.robot.server.listening)
-    await until(lambda: not host.robot.server.listening)
+    await until(lambda: not host.robot.server.is_listening)
+    await until(lambda: host.robot.server.is_listening)
+    await until(lambda: not host.robot.server.is_listening)
 
 
 # spoilt registers
@@ -742,10 +767,10 @@ async def test_a_flapping_link_comes_and_goes(host: Host):
 async def test_frozen_registers_stand_still_with_their_counter(host: Host):
     await happen(host.robot, "frozen")
     before = await host.read(1, 50), await host.read(3041, 14)
-    host.robot.controller.arm.place(np.zeros(6))
-    await until(lambda: host.world.clock.real() > 0.05)
+    host.robot.controller.arm.put_joints(np.zeros(6))
+    await until(lambda: host.world.clock.real_now_s() > 0.05)
     assert (await host.read(1, 50), await host.read(3041, 14)) == before
-    host.robot.clear()
+    host.robot.clear_faults()
     assert await host.joints_deg() == pytest.approx([0.0] * 6, abs=1e-3)
 
 
@@ -767,7 +792,7 @@ async def test_a_pose_in_metres_and_a_pose_that_does_not_follow(host: Host):
     right = floats(await host.read(1, 6))
     await happen(host.robot, "metres", duration_s=60)
     assert floats(await host.read(1, 6)) == pytest.approx([value * 1e-3 for value in right])
-    host.robot.clear()
+    host.robot.clear_faults()
     await happen(host.robot, "stale_pose")
     await host.ask(JOG, axis=1, target=[30.0])
     assert floats(await host.read(1, 6)) == pytest.approx(right)
@@ -782,4 +807,4 @@ async def test_a_value_that_jumps(host: Host):
 
 def test_a_universal_robot_cannot_be_behind_modbus():
     with pytest.raises(ValueError, match="no pulse coders"):
-        ModbusRobot(World(), {"name": "x", "model": "ur10e"})
+        FakeModbusRobot(World(), {"name": "x", "model": "ur10e"})

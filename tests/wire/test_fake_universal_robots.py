@@ -101,7 +101,7 @@ async def test_the_wheels_list_lies_where_the_wheel_reads_it() -> None:
             offset += {"VECTOR6D": 48, "VECTOR6INT32": 24, "VECTOR3D": 24, "INT32": 4, "UINT32": 4}.get(
                 typed_as, 8
             )
-        assert struct.unpack_from(">6d", payload, 249) == pytest.approx(robot.truth()["joints_rad"])
+        assert struct.unpack_from(">6d", payload, 249) == pytest.approx(robot.true_state()["joints_rad"])
 
 
 async def test_every_documented_field_has_its_documented_type() -> None:
@@ -123,7 +123,7 @@ async def test_protocol_1_has_no_frequency_and_no_recipe_id() -> None:
         assert await client.start()
         first, second = await client.read(), await client.read()
         assert second["timestamp"] - first["timestamp"] == pytest.approx(0.008)
-        assert first["actual_q"] == pytest.approx(robot.truth()["joints_rad"])
+        assert first["actual_q"] == pytest.approx(robot.true_state()["joints_rad"])
 
 
 async def test_clients_at_different_rates_each_get_every_step_of_theirs() -> None:
@@ -159,7 +159,7 @@ async def test_input_recipes_count_from_one_and_registers_have_one_owner() -> No
             watch = await watching(host, names)
             assert (await watch.wait_for("input_int_register_20", -7))["input_double_register_20"] == 2.5
         async with watch:
-            while robot.truth()["connections"]["30004"] > 1:
+            while robot.true_state()["connections"]["30004"] > 1:
                 await watch.read()
             assert (await watch.read())["input_int_register_20"] == -7  # kept, though its writer has left
             async with await RawRtde.connect(host) as heir:
@@ -213,7 +213,7 @@ async def test_an_arm_at_slider_zero_stands_and_says_so() -> None:
     names = ["actual_q", "actual_qd", "target_qd", "actual_TCP_speed", "target_speed_fraction"]
     async with fake_ur() as robot, await watching(robot.server.address, names) as client:
         slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
-        start = robot.truth()["joints_rad"]
+        start = robot.true_state()["joints_rad"]
         await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
         while (await client.read())["actual_qd"][0] < 0.4:
             pass
@@ -226,7 +226,7 @@ async def test_an_arm_at_slider_zero_stands_and_says_so() -> None:
         for values in (at_zero, *found):
             for name in ("actual_qd", "target_qd", "actual_TCP_speed"):
                 assert not any(values[name]), name
-        assert not robot.truth()["moving"]
+        assert not robot.true_state()["moving"]
         client.send("U", struct.pack(">BId", slider, 1, 1.0))
         while (await client.read())["actual_qd"][0] < 0.4:  # the program goes on where it stood
             pass
@@ -239,7 +239,7 @@ async def test_speed_is_that_of_the_arm_at_half_slider_too() -> None:
             slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
             client.send("U", struct.pack(">BId", slider, 1, 0.5))
             await client.wait_for("target_speed_fraction", 0.5)
-            target = [q + 0.3 for q in robot.truth()["joints_rad"]]
+            target = [q + 0.3 for q in robot.true_state()["joints_rad"]]
             await run_program(robot.server.address, f"movej({target}, a=50.0, v=0.4)")
             speeds = set()
             while (values := await client.read())["actual_q"] != tuple(target):
@@ -252,14 +252,14 @@ async def test_a_program_stopped_at_slider_zero_leaves_the_arm_where_it_stands()
         names = ["actual_q", "actual_qd", "runtime_state", "target_speed_fraction"]
         async with await watching(robot.server.address, names) as client:
             slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
-            start = robot.truth()["joints_rad"]
+            start = robot.true_state()["joints_rad"]
             await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
             while (await client.read())["actual_qd"][0] < 0.4:
                 pass
             client.send("U", struct.pack(">BId", slider, 1, 0.0))
             await client.wait_for("target_speed_fraction", 0.0)
             stood = (await client.read())["actual_q"]
-            await robot.fault("program_stop", {})
+            await robot.inject_fault("program_stop", {})
             await client.wait_for("runtime_state", 1)
             found = [await client.read() for _ in range(20)]
             assert {values["actual_q"] for values in found} == {stood}

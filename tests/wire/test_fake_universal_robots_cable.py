@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from cellcal.fake_devices.cell import FakeCell
-from cellcal.fake_devices.control import ControlDoor
-from cellcal.fake_devices.universal_robots.device import UniversalRobot
+from cellcal.fake_devices.control_server import ControlServer
+from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot
 from tests.wire.fake_cells import until
 from tests.wire.fake_ur import fake_ur
 from tests.wire.rtde_client import DEADLINE_S, watching
@@ -20,24 +20,24 @@ PORTS = (30001, 30002, 30003, 30004, 29999)
 ROUNDS = 10
 
 
-async def restore(robot: UniversalRobot) -> None:
-    await robot.fault("link_restore", {})
+async def restore(robot: FakeUniversalRobot) -> None:
+    await robot.inject_fault("link_restore", {})
 
 
-async def clear(robot: UniversalRobot) -> None:
-    robot.clear()
+async def clear(robot: FakeUniversalRobot) -> None:
+    robot.clear_faults()
     await robot.server.open_ports()  # what the beat does next, here without waiting for it
 
 
-async def pull(robot: UniversalRobot) -> None:
-    await robot.fault("link_loss_all", {})
+async def pull(robot: FakeUniversalRobot) -> None:
+    await robot.inject_fault("link_loss_all", {})
 
 
-def all_open(robot: UniversalRobot) -> bool:
+def all_open(robot: FakeUniversalRobot) -> bool:
     return all(port.is_open for port in robot.server.ports.values())
 
 
-async def listens(robot: UniversalRobot) -> bool:
+async def listens(robot: FakeUniversalRobot) -> bool:
     """Whether every port lets a client in."""
     for port in PORTS:
         try:
@@ -51,7 +51,7 @@ async def listens(robot: UniversalRobot) -> bool:
 
 @pytest.mark.parametrize("acts", [(clear, restore), (restore, clear), (restore, restore, clear, clear)])
 async def test_clear_and_link_restore_open_the_ports_once(
-    acts: tuple[Callable[[UniversalRobot], Awaitable[None]], ...],
+    acts: tuple[Callable[[FakeUniversalRobot], Awaitable[None]], ...],
 ) -> None:
     async with fake_ur() as robot:
         for _ in range(ROUNDS):
@@ -68,7 +68,7 @@ async def test_clear_and_link_restore_open_the_ports_once(
 
 @pytest.mark.parametrize("first", [restore, clear])
 async def test_the_hand_that_was_last_at_the_cable_decides(
-    first: Callable[[UniversalRobot], Awaitable[None]],
+    first: Callable[[FakeUniversalRobot], Awaitable[None]],
 ) -> None:
     async with fake_ur() as robot:
         for _ in range(ROUNDS):
@@ -83,11 +83,11 @@ async def test_the_hand_that_was_last_at_the_cable_decides(
 
 
 @asynccontextmanager
-async def door_of(robot: UniversalRobot) -> AsyncIterator[Callable[..., Awaitable[dict[str, Any]]]]:
+async def door_of(robot: FakeUniversalRobot) -> AsyncIterator[Callable[..., Awaitable[dict[str, Any]]]]:
     """Ask through one connection to a control door of a cell with this robot, which runs already."""
     cell = FakeCell({})
     cell.robots = [robot]
-    async with ControlDoor(cell) as door:
+    async with ControlServer(cell) as door:
         reader, writer = await asyncio.open_connection(door.host, door.port)
 
         async def ask(**question: Any) -> dict[str, Any]:

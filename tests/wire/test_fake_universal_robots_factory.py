@@ -10,8 +10,8 @@ from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
 from cellcal.fake_devices.arm_models import MODELS
-from cellcal.fake_devices.kinematics import flange
-from cellcal.fake_devices.universal_robots.device import UniversalRobot
+from cellcal.fake_devices.kinematics import flange_poses
+from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot
 from tests.machine_speed import stretched_s
 from tests.wire.fake_ur import fake_ur
 
@@ -51,7 +51,7 @@ async def test_an_arm_that_the_driver_does_not_move_tells_its_table_in_the_same_
             assert_belongs(found, fake, model, seed)
 
 
-def assert_belongs(found: FactoryKinematics, fake: UniversalRobot, model: str, seed: int) -> None:
+def assert_belongs(found: FactoryKinematics, fake: FakeUniversalRobot, model: str, seed: int) -> None:
     """Check that a table looks like a real controller's, is accepted, and is the believed arm."""
     nominal = load_model(model)
     assert nominal.dh is not None
@@ -59,7 +59,7 @@ def assert_belongs(found: FactoryKinematics, fake: UniversalRobot, model: str, s
     far = (found.theta_rad[0], sum(found.theta_rad[1:4]), *found.theta_rad[4:])
     assert [math.remainder(angle, 2.0 * math.pi) for angle in far] == pytest.approx([0.0] * 4, abs=NEAR_RAD)
     assert max(map(abs, found.d_m)) > 5.0  # distant common normals, as in real tables
-    arm = factory_model(nominal, found.table())
+    arm = factory_model(nominal, found.to_table())
     joints = np.random.default_rng(seed).uniform(-2.0 * math.pi, 2.0 * math.pi, (20, 6))
-    believed = flange(np.array(fake.truth()["known_dh"]), joints)
+    believed = flange_poses(np.array(fake.true_state()["known_dh"]), joints)
     assert arm.base_flange(joints) == pytest.approx(believed, abs=1e-9)

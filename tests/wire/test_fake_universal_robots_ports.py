@@ -151,13 +151,13 @@ async def test_power_comes_back_step_by_step_after_an_emergency_stop() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
         async with await watching(host, ["robot_mode", "safety_mode", "safety_status_bits"]) as rtde:
-            await robot.fault("emergency_stop", {})
+            await robot.inject_fault("emergency_stop", {})
             found = await rtde.wait_for("safety_mode", 7)
             assert found["robot_mode"] != 7
             assert found["safety_status_bits"] == 1 << 6 | 1 << 7 | 1 << 10
             assert await say(host, "power on", "brake release") == ["Powering on", "Brake releasing"]
             assert (await rtde.read())["robot_mode"] == 3
-            await robot.fault("release_emergency_stop", {"power": False})
+            await robot.inject_fault("release_emergency_stop", {"power": False})
             await say(host, "power on")
             await rtde.wait_for("robot_mode", 5)
             await say(host, "brake release")
@@ -167,20 +167,20 @@ async def test_power_comes_back_step_by_step_after_an_emergency_stop() -> None:
 async def test_a_protective_stop_is_unlocked_when_its_time_has_come() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
-        await robot.fault("protective_stop", {"unlock_after_s": 3600.0})
+        await robot.inject_fault("protective_stop", {"unlock_after_s": 3600.0})
         async with await watching(host, ["safety_mode", "safety_status_bits"]) as rtde:
             assert (await rtde.wait_for("safety_mode", 3))["safety_status_bits"] == 1 << 2 | 1 << 10
         assert "until 5s" in (await say(host, "unlock protective stop"))[0]
     async with fake_ur() as robot:
-        await robot.fault("protective_stop", {})
+        await robot.inject_fault("protective_stop", {})
         assert await say(robot.server.address, "unlock protective stop") == ["Protective stop releasing"]
-        assert robot.truth()["safety_mode"] == "NORMAL"
+        assert robot.true_state()["safety_mode"] == "NORMAL"
 
 
 @pytest.mark.parametrize("port", [30001, 30002, 30003])
 async def test_a_program_sent_to_any_script_port_moves_the_arm(port: int) -> None:
     async with fake_ur(time_factor=20.0) as robot:
-        target = [q + 0.2 for q in robot.truth()["joints_rad"]]
+        target = [q + 0.2 for q in robot.true_state()["joints_rad"]]
         async with (
             await watching(robot.server.address, ["runtime_state", "actual_q"]) as rtde,
             connected(robot.server.address, port) as (_, writer),
@@ -192,7 +192,7 @@ async def test_a_program_sent_to_any_script_port_moves_the_arm(port: int) -> Non
 
 async def test_a_single_stop_line_ends_the_program_that_moves() -> None:
     async with fake_ur() as robot:
-        host, start = robot.server.address, robot.truth()["joints_rad"]
+        host, start = robot.server.address, robot.true_state()["joints_rad"]
         async with (
             await watching(host, ["actual_q", "actual_qd", "runtime_state"]) as rtde,
             connected(host, 30003) as (reader, writer),
@@ -212,7 +212,7 @@ async def test_a_single_stop_line_ends_the_program_that_moves() -> None:
 async def test_in_local_control_nothing_starts() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
-        await robot.fault("local_mode", {})
+        await robot.inject_fault("local_mode", {})
         assert (await say(host, "is in remote control"))[0] == "false"
         assert "remote control" in (await say(host, "play"))[0]
         async with (
@@ -221,16 +221,16 @@ async def test_in_local_control_nothing_starts() -> None:
         ):
             writer.write(b"def go():\n movej([0,0,0,0,0,0])\nend\n")
             assert {(await rtde.read())["runtime_state"] for _ in range(30)} == {1}
-            await robot.fault("remote_mode", {})
+            await robot.inject_fault("remote_mode", {})
             writer.write(b"def go():\n sync()\nend\n")
             await rtde.wait_for("runtime_state", 2)
 
 
 async def test_another_client_moves_the_robot() -> None:
     async with fake_ur(time_factor=20.0) as robot:
-        before = robot.truth()["joints_rad"]
+        before = robot.true_state()["joints_rad"]
         async with await watching(robot.server.address, ["runtime_state", "actual_q"]) as rtde:
-            await robot.fault("other_client_moves", {"axis": "J2", "rad": 0.3})
+            await robot.inject_fault("other_client_moves", {"axis": "J2", "rad": 0.3})
             await rtde.wait_for("runtime_state", 2)
             after = (await rtde.wait_for("runtime_state", 1))["actual_q"]
         assert np.subtract(after, before) == pytest.approx([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
@@ -238,7 +238,7 @@ async def test_another_client_moves_the_robot() -> None:
 
 async def test_a_cut_rtde_link_leaves_the_ports_open() -> None:
     async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"]) as rtde:
-        await robot.fault("link_loss_rtde", {})
+        await robot.inject_fault("link_loss_rtde", {})
         with pytest.raises((asyncio.IncompleteReadError, ConnectionError)):
             await _read_on(rtde)
         async with await watching(robot.server.address, ["timestamp"]) as again:
@@ -247,11 +247,11 @@ async def test_a_cut_rtde_link_leaves_the_ports_open() -> None:
 
 async def test_closed_ports_refuse_and_open_again_when_the_fault_is_cleared() -> None:
     async with fake_ur() as robot:
-        await robot.fault("link_loss_all", {})
+        await robot.inject_fault("link_loss_all", {})
         for port in (30001, 30002, 30003, 30004, 29999):
             with pytest.raises(ConnectionRefusedError):
                 await asyncio.open_connection(robot.server.address, port)
-        robot.clear()
+        robot.clear_faults()
         async with asyncio.timeout(DEADLINE_S):
             while True:
                 try:
@@ -264,20 +264,20 @@ async def test_closed_ports_refuse_and_open_again_when_the_fault_is_cleared() ->
 
 async def test_a_stalled_link_is_silent_both_ways_until_restored() -> None:
     async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"], 500.0) as rtde:
-        await robot.fault("link_stall", {})
+        await robot.inject_fault("link_stall", {})
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(_read_on(rtde), 0.3)
-        assert robot.truth()["connections"]["30004"] == 1
-        await robot.fault("link_restore", {})
+        assert robot.true_state()["connections"]["30004"] == 1
+        await robot.inject_fault("link_restore", {})
         assert (await rtde.read())["timestamp"] > 0.0
 
 
 async def test_names_that_the_controller_does_not_know_today() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
         assert await client.negotiate()
-        await robot.fault("not_found", {"variable": "actual_q"})
+        await robot.inject_fault("not_found", {"variable": "actual_q"})
         assert await client.outputs(["timestamp", "actual_q"]) == (0, ["DOUBLE", "NOT_FOUND"])
-        robot.clear()
+        robot.clear_faults()
         assert await client.outputs(["timestamp", "actual_q"]) == (1, ["DOUBLE", "VECTOR6D"])
 
 
@@ -286,26 +286,26 @@ async def test_a_late_script_runs_later_and_unknown_faults_are_refused() -> None
         fake_ur() as robot,
         await watching(robot.server.address, ["timestamp", "runtime_state"]) as rtde,
     ):
-        await robot.fault("late_script", {"delay_s": 0.4})
+        await robot.inject_fault("late_script", {"delay_s": 0.4})
         async with connected(robot.server.address, 30003) as (_, writer):
             sent = (await rtde.read())["timestamp"]
             writer.write(b"def go():\n sync()\nend\n")
             assert (await rtde.wait_for("runtime_state", 2))["timestamp"] - sent >= 0.4
         with pytest.raises(ValueError, match="no fault is called 'tea_break'"):
-            await robot.fault("tea_break", {})
+            await robot.inject_fault("tea_break", {})
         with pytest.raises(ValueError, match="does not know degrees"):
-            await robot.fault("other_client_moves", {"degrees": 3})
+            await robot.inject_fault("other_client_moves", {"degrees": 3})
 
 
 async def test_a_frozen_controller_repeats_its_last_packet() -> None:
     async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"]) as rtde:
         await rtde.read()
-        await robot.fault("frozen", {})
+        await robot.inject_fault("frozen", {})
         last = -1.0
         while (now := (await rtde.read())["timestamp"]) != last:
             last = now
         assert {(await rtde.read())["timestamp"] for _ in range(20)} == {last}
-        robot.clear()
+        robot.clear_faults()
         async with asyncio.timeout(DEADLINE_S):
             while (await rtde.read())["timestamp"] == last:
                 pass
@@ -313,9 +313,9 @@ async def test_a_frozen_controller_repeats_its_last_packet() -> None:
 
 async def test_a_hand_moves_the_arm_and_the_controller_knows() -> None:
     async with fake_ur() as robot:
-        before = robot.truth()["joints_rad"]
+        before = robot.true_state()["joints_rad"]
         async with await watching(robot.server.address, ["actual_q"]) as rtde:
-            await robot.fault("hand_moves", {"axis": "J6", "rad": -0.25})
+            await robot.inject_fault("hand_moves", {"axis": "J6", "rad": -0.25})
             async with asyncio.timeout(DEADLINE_S):
                 while (after := (await rtde.read())["actual_q"]) == tuple(before):
                     pass
@@ -324,7 +324,7 @@ async def test_a_hand_moves_the_arm_and_the_controller_knows() -> None:
 
 async def test_power_off_in_a_move_stops_the_arm_at_once() -> None:
     async with fake_ur() as robot:
-        host, start = robot.server.address, robot.truth()["joints_rad"]
+        host, start = robot.server.address, robot.true_state()["joints_rad"]
         async with (
             await watching(host, ["actual_q", "actual_qd", "robot_mode"]) as rtde,
             connected(host, 30003) as (_, writer),

@@ -71,20 +71,20 @@ async def test_a_stopped_move_is_false_and_the_robot_moves_again_after_the_cure(
             await child.go_on()
             while (await watch.read())["actual_qd"][0] < 0.01:
                 pass
-        await robot.fault(fault, {})
+        await robot.inject_fault(fault, {})
         found = await child.line()
         assert found["arrived"] is False
         assert {key: found[key] for key in seen} == seen
         assert 0.0 < found["gone"] < 1.0
         if cure is not None:
-            await robot.fault(cure, {})
+            await robot.inject_fault(cure, {})
         await child.go_on()
         assert await child.line() == {"home": True}
 
 
 async def test_registers_in_use_are_refused() -> None:
     async with fake_ur() as robot:
-        await robot.fault("in_use", {})
+        await robot.inject_fault("in_use", {})
         async with wheel(robot, "second_client") as child:
             assert "in use" in (await child.line())["refused"].lower()
 
@@ -92,19 +92,19 @@ async def test_registers_in_use_are_refused() -> None:
 async def test_a_receiver_sees_a_cut_link_and_comes_back() -> None:
     async with fake_ur() as robot, wheel(robot, "receive_only") as child:
         assert await child.line() == {"connected": True}
-        await robot.fault("link_loss_all", {})
+        await robot.inject_fault("link_loss_all", {})
         await child.go_on()
         assert await child.line() == {"lost": True}
-        await robot.fault("link_restore", {})
+        await robot.inject_fault("link_restore", {})
         await child.go_on()
         found = await child.line()
         assert found["again"] is True
-        assert found["q"] == pytest.approx(robot.truth()["joints_rad"])
+        assert found["q"] == pytest.approx(robot.true_state()["joints_rad"])
 
 
 async def test_a_silent_controller_hangs_the_wheel_not_us() -> None:
     async with fake_ur() as robot:
-        await robot.fault("silent_accept", {})
+        await robot.inject_fault("silent_accept", {})
         async with wheel(robot, "second_client") as child:
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(child.line(), 1.5)
@@ -115,6 +115,6 @@ async def test_the_program_outlives_its_client_and_the_next_one_takes_over() -> 
     async with fake_ur(time_factor=20.0) as robot:
         async with wheel(robot, "stopped_in_a_move") as child:
             assert await child.line() == {"ready": True}
-        assert robot.truth()["program"] == "rtde_control"
+        assert robot.true_state()["program"] == "rtde_control"
         async with wheel(robot, "answers") as child:
             assert (await child.line())["back"] is True

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cellcal.fake_devices.cell import FACTORIES, FakeCell
-from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.control_server import ControlServer
 from cellcal.fake_devices.device import FaultRefusedError
 from cellcal.fake_devices.link_faults import LinkFaults
 from tests.machine_speed import stretched_s
@@ -46,8 +46,8 @@ control_port = 0
 """
 
 
-async def ask(door: ControlDoor, **question: Any) -> dict[str, Any]:
-    return await door.answer(json.dumps(question).encode())
+async def ask(door: ControlServer, **question: Any) -> dict[str, Any]:
+    return await door.answer_line(json.dumps(question).encode())
 
 
 # the process
@@ -171,7 +171,7 @@ async def test_a_healthy_robot_has_no_tcp_error_and_a_wrong_turn_has_one():
 )
 async def test_nonsense_is_refused_in_words(line):
     async with behind_a_door() as door:
-        answer = await door.answer(line)
+        answer = await door.answer_line(line)
         assert set(answer) == {"error"}
         assert answer["error"]
 
@@ -216,29 +216,31 @@ async def test_time_leaps_when_told():
 async def test_a_power_cycle_ends_when_its_world_time_has_passed():
     async with running(time_factor=0.0) as cell:
         robot = cell.robots[0]
-        await robot.fault("power_cycle", {"off_s": 30.0})
+        await robot.inject_fault("power_cycle", {"off_s": 30.0})
         cell.world.clock.advance(29.0)
         await asyncio.sleep(0.12)
-        assert robot.truth()["powered"] is False
+        assert robot.true_state()["powered"] is False
         cell.world.clock.advance(2.0)
-        await until(lambda: robot.truth()["powered"])
+        await until(lambda: robot.true_state()["powered"])
 
 
 async def test_the_wire_follows_the_robot():
     async with running(time_factor=2000.0) as cell:
-        before = cell.gauges[0].truth()["length_m"]
-        await cell.robots[0].fault("jog_by_hand", {"axis": "J1", "rad": 0.3})
-        await until(lambda: not cell.robots[0].truth()["moving"])
-        assert abs(cell.gauges[0].truth()["length_m"] - before) > 0.05
+        before = cell.gauges[0].true_state()["length_m"]
+        await cell.robots[0].inject_fault("jog_by_hand", {"axis": "J1", "rad": 0.3})
+        await until(lambda: not cell.robots[0].true_state()["moving"])
+        assert abs(cell.gauges[0].true_state()["length_m"] - before) > 0.05
 
 
 async def test_one_seed_is_one_world():
     truths = []
     for _ in range(2):
         async with running(seed=11, time_factor=0.0) as cell:
-            truths.append([cell.robots[0].truth()["dh"], cell.gauges[0].truth()["anchor_in_base_m"]])
+            truths.append(
+                [cell.robots[0].true_state()["dh"], cell.gauges[0].true_state()["anchor_in_base_m"]]
+            )
     async with running(seed=12, time_factor=0.0) as cell:
-        assert cell.robots[0].truth()["dh"] != truths[0][0]
+        assert cell.robots[0].true_state()["dh"] != truths[0][0]
     assert truths[0] == truths[1]
 
 
@@ -249,14 +251,14 @@ async def test_devices_that_started_are_stopped_when_a_later_one_cannot():
         cell = FakeCell({**document(), "gauge": [{**GAUGE, "port": taken.getsockname()[1]}]})
         with pytest.raises(OSError, match="in use"):
             await cell.__aenter__()
-        assert cell.robots[0].truth()["connections"] == 0
+        assert cell.robots[0].true_state()["connections"] == 0
         with pytest.raises(ConnectionRefusedError):
-            await asyncio.open_connection("127.0.0.1", cell.robots[0].truth()["port"])
+            await asyncio.open_connection("127.0.0.1", cell.robots[0].true_state()["port"])
 
 
 def test_two_robots_have_two_worlds_of_errors():
     cell = FakeCell({"robot": [ROBOT, {**ROBOT, "name": "second"}]})
-    first, second = (robot.truth() for robot in cell.robots)
+    first, second = (robot.true_state() for robot in cell.robots)
     assert first["dh"] != second["dh"]
     assert first["factory_counts_at_zero"] != second["factory_counts_at_zero"]
 
@@ -264,16 +266,16 @@ def test_two_robots_have_two_worlds_of_errors():
 def test_a_link_fault_ends_by_count_by_time_and_by_clearing():
     now = [0.0]
     faults = LinkFaults({"slow": {"delay_s": 1.0}, "silent": {}}, lambda: now[0])
-    faults.set("slow", {"count": 2})
-    assert [faults.take("slow") is not None for _ in range(3)] == [True, True, False]
-    faults.set("silent", {"duration_s": 5.0})
+    faults.switch_on("slow", {"count": 2})
+    assert [faults.use_once("slow") is not None for _ in range(3)] == [True, True, False]
+    faults.switch_on("silent", {"duration_s": 5.0})
     now[0] = 4.9
-    assert faults.look("silent") is not None
+    assert faults.active_parameters("silent") is not None
     now[0] = 5.0
-    assert faults.look("silent") is None
-    faults.set("slow", {"delay_s": 0.5})
-    assert faults.look("slow") == {"delay_s": 0.5}
-    faults.clear()
-    assert faults.look("slow") is None
+    assert faults.active_parameters("silent") is None
+    faults.switch_on("slow", {"delay_s": 0.5})
+    assert faults.active_parameters("slow") == {"delay_s": 0.5}
+    faults.clear_all()
+    assert faults.active_parameters("slow") is None
     with pytest.raises(FaultRefusedError, match="no fault is called"):
-        faults.set("rain", {})
+        faults.switch_on("rain", {})

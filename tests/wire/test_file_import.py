@@ -35,7 +35,7 @@ def points(path: Path, **given: Any) -> FileTrackerConfig:
 
 async def asked(tracker: Any) -> "asyncio.Task[Any]":
     """Ask for a point and let the device look at what is in the file already."""
-    reading = asyncio.create_task(tracker.point())
+    reading = asyncio.create_task(tracker.measure_point())
     file = tracker._rows._file
     content, looked = file.content, asyncio.Event()
 
@@ -58,36 +58,38 @@ def append(path: Path, text: str) -> None:
 class TestTyped:
     async def test_lengths_have_a_unit_and_a_comma(self) -> None:
         async with gauge().open(ScriptedOperator({"reading:hand": "1234,567"})) as device:
-            reading = await device.distance()
+            reading = await device.read_distance()
             assert reading.value_m == pytest.approx(1.234567, abs=1e-12)
             assert reading.sigma_m == device.capabilities.sigma_m
             assert device.capabilities.typed
             assert reading.raw * device.capabilities.resolution_m == pytest.approx(reading.value_m, abs=1e-15)
-            assert (await device.condition()).readiness is Readiness.READY
+            assert (await device.read_condition()).readiness is Readiness.READY
 
     @pytest.mark.parametrize(("unit", "metres"), [("m", 2.0), ("mm", 2e-3), ("um", 2e-6), ("in", 0.0508)])
     async def test_units_are_those_of_the_cell_file(self, unit: str, metres: float) -> None:
         async with gauge(unit=unit).open(ScriptedOperator({"reading:hand": "2"})) as device:
-            assert (await device.distance()).value_m == pytest.approx(metres)
+            assert (await device.read_distance()).value_m == pytest.approx(metres)
 
     @pytest.mark.parametrize("said", ["nan", "1.234,5", "twelve", "-3", "20001"])
     async def test_what_cannot_be_a_length_is_refused(self, said: str) -> None:
         async with gauge().open(ScriptedOperator({"reading:hand": said})) as device:
             with pytest.raises(RefusedError) as failure:
-                await device.distance()
+                await device.read_distance()
             assert failure.value.remedy
 
     async def test_nobody_to_ask_is_told(self) -> None:
         async with gauge().open() as device:
             with pytest.raises(RefusedError, match="nobody to ask"):
-                await device.distance()
+                await device.read_distance()
 
     async def test_poses_are_typed_in_a_named_convention(self, tmp_path: Path) -> None:
         config = points(tmp_path, source="typed", orientation="kuka_abc")
         async with config.open(ScriptedOperator({"reading:hand": "100 200 300 90 0 0"})) as device:
-            pose = (await device.pose()).station_probe
+            pose = (await device.measure_pose()).station_probe
         assert pose.position_m == pytest.approx((0.1, 0.2, 0.3))
-        assert pose.rotation() == pytest.approx(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12)
+        assert pose.rotation_matrix() == pytest.approx(
+            np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), abs=1e-12
+        )
 
 
 class TestGrowingFile:
@@ -142,7 +144,7 @@ class TestGrowingFile:
         append(path, "x;y;z\n1;2;3\n4;5;6")
         async with points(path, wait_s=0.2).open() as device:
             with pytest.raises(DeviceTimeoutError, match="half written") as failure:
-                await device.point()
+                await device.measure_point()
             assert "shoot after the question" in failure.value.remedy
 
     @pytest.mark.parametrize("now", ["x;y;z\n1;2;3\n", "x;y;z\n1;2;3\n4;5;7\n8;8;8\n", ""])
@@ -155,8 +157,8 @@ class TestGrowingFile:
             await reading
             path.write_text(now, encoding="utf-8")
             with pytest.raises(RefusedError, match=r"shorter|line 3 has changed"):
-                await device.point()
-            assert (await device.condition()).readiness is Readiness.NOT_READY
+                await device.measure_point()
+            assert (await device.read_condition()).readiness is Readiness.NOT_READY
 
     @pytest.mark.parametrize("row", ["1;2;nan\n", "1;2\n", "9;9;30000\n"])
     async def test_a_row_that_is_no_reading_is_refused(self, tmp_path: Path, row: str) -> None:
@@ -176,7 +178,7 @@ class TestGrowingFile:
         async with points(path).open() as device:
             reading = await asked(device)
             with pytest.raises(BusyError):
-                await device.point()
+                await device.measure_point()
             reading.cancel()
             await asyncio.wait({reading})
             append(path, "1;1;1\n")
@@ -189,19 +191,19 @@ class TestGrowingFile:
         path = tmp_path / "shots.csv"
         path.write_bytes(content)
         async with points(path).open() as device:
-            assert (await device.condition()).readiness is Readiness.NOT_READY
+            assert (await device.read_condition()).readiness is Readiness.NOT_READY
             with pytest.raises(RefusedError, match="UTF-8"):
-                await device.point()
+                await device.measure_point()
 
     async def test_what_is_no_plain_file_is_refused(self, tmp_path: Path) -> None:
         os.mkfifo(tmp_path / "pipe")
         async with points(tmp_path / "pipe").open() as device:
             with pytest.raises(RefusedError, match="plain file"):
-                await device.point()
+                await device.measure_point()
         async with points(tmp_path / "nowhere" / "shots.csv").open() as device:
-            assert (await device.condition()).readiness is Readiness.UNREACHABLE
+            assert (await device.read_condition()).readiness is Readiness.UNREACHABLE
             with pytest.raises(UnreachableError):
-                await device.point()
+                await device.measure_point()
 
 
 class TestWholeFile:
@@ -214,33 +216,33 @@ class TestWholeFile:
 
     async def test_row_after_row_belongs_to_capture_after_capture(self, tmp_path: Path) -> None:
         async with self.config(tmp_path).open(ScriptedOperator({"first_row:hand": "1"})) as device:
-            found = [(await device.point()).position_m[0] for _ in range(3)]
+            found = [(await device.measure_point()).position_m[0] for _ in range(3)]
             assert found == pytest.approx([0.001, 0.004, 0.007])
             with pytest.raises(RefusedError, match="row 4 is asked for, it has 3"):
-                await device.point()
+                await device.measure_point()
 
     async def test_a_resumed_run_says_where_it_goes_on(self, tmp_path: Path) -> None:
         async with self.config(tmp_path).open(ScriptedOperator({"first_row:hand": "3"})) as device:
-            assert (await device.point()).position_m[0] == pytest.approx(0.007)
+            assert (await device.measure_point()).position_m[0] == pytest.approx(0.007)
         async with self.config(tmp_path, first_row=2).open() as device:
-            assert (await device.point()).position_m[0] == pytest.approx(0.004)
+            assert (await device.measure_point()).position_m[0] == pytest.approx(0.004)
 
     @pytest.mark.parametrize("said", ["0", "4", "two", "-1"])
     async def test_no_row_is_guessed(self, tmp_path: Path, said: str) -> None:
         async with self.config(tmp_path).open(ScriptedOperator({"first_row:hand": said})) as device:
             with pytest.raises(RefusedError):
-                await device.point()
+                await device.measure_point()
         async with self.config(tmp_path).open() as device:
             with pytest.raises(RefusedError, match="first_row"):
-                await device.point()
+                await device.measure_point()
 
     async def test_a_file_that_changes_under_way_is_told(self, tmp_path: Path) -> None:
         config = self.config(tmp_path, first_row=1)
         async with config.open() as device:
-            await device.point()
+            await device.measure_point()
             (tmp_path / "all.csv").write_text(self.TEXT.replace("4;5;6", "4;5;6,1"), encoding="utf-8")
             with pytest.raises(RefusedError, match="line 3 has changed"):
-                await device.point()
+                await device.measure_point()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from cellcal.procedures.motion.active_frames import FramesChangedError
 from cellcal.procedures.motion.motion_gate import move_along
 from cellcal.procedures.steps.length import capture_length
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from tests.wire.cases import Fault, RobotCase
 
@@ -31,20 +31,22 @@ async def _refused(work: Any, name: str) -> None:
 
 
 async def test_a_foreign_tool_moves_nothing_until_the_old_one_is_selected_again(
-    robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door
+    robot: Any, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient
 ) -> None:
     await robot.close()
     aside = (robot_case.home_rad[0] + ASIDE_RAD, *robot_case.home_rad[1:])
     async with open_cell(cell, ScriptedOperator({}), robot_case.name) as lent:
         await move_along(lent, [robot_case.home_rad], 0.3)
         await capture_length(lent, "before", 2)
-        await door.fault("tool_switched", device=robot_case.name)
-        stood = (await door.truth())["robots"][robot_case.name]["joints_rad"]
+        await door.inject_fault("tool_switched", device=robot_case.name)
+        stood = (await door.read_truth())["robots"][robot_case.name]["joints_rad"]
         await _refused(move_along(lent, [aside], 0.3), robot_case.name)
         await _refused(capture_length(lent, "with a foreign tool", 2), robot_case.name)
-        assert (await door.truth())["robots"][robot_case.name]["joints_rad"] == pytest.approx(stood, abs=1e-9)
+        assert (await door.read_truth())["robots"][robot_case.name]["joints_rad"] == pytest.approx(
+            stood, abs=1e-9
+        )
         name, parameters = BACK[robot_case.name]
-        await door.fault(name, device=robot_case.name, **parameters)
+        await door.inject_fault(name, device=robot_case.name, **parameters)
         await move_along(lent, [aside], 0.3)
         await capture_length(lent, "after", 2)
-        assert (await lent.robot.joints()).joints_rad == pytest.approx(aside, abs=2e-3)
+        assert (await lent.robot.read_joints()).joints_rad == pytest.approx(aside, abs=2e-3)

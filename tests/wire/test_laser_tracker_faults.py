@@ -17,8 +17,8 @@ from cellcal.drivers.errors import (
 )
 from cellcal.drivers.interfaces import Readiness
 from cellcal.drivers.laser_tracker.tracker import LaserTracker
-from cellcal.fake_devices.clock import Clock
-from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.fake_devices.clock import WorldClock
+from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 from tests.wire.trackers import SERIAL, believed, config_for, fake_tracker, off_in_sigmas
 
@@ -36,21 +36,21 @@ async def tracker(fake: FakeTracker) -> AsyncIterator[LaserTracker]:
 
 
 async def heals(tracker: LaserTracker, fake: FakeTracker) -> None:
-    fake.clear()
+    fake.clear_faults()
     async with asyncio.timeout(stretched_s(30.0)):
-        while (await tracker.condition()).readiness is not Readiness.READY:
+        while (await tracker.read_condition()).readiness is not Readiness.READY:
             await asyncio.sleep(0.01)
-    assert off_in_sigmas(await tracker.point(), fake) < 5.0
+    assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
 
 async def under_way(fake: FakeTracker) -> None:
     """Wait until the fake measures."""
     async with asyncio.timeout(stretched_s(30.0)):
-        while not fake.controller.busy:
+        while not fake.controller.is_busy:
             await asyncio.sleep(0)
 
 
-def slow_world(fake: FakeTracker) -> Clock:
+def slow_world(fake: FakeTracker) -> WorldClock:
     """Let a measurement last until the clock is moved."""
     clock = fake.controller._clock
     clock.time_factor = 0.0
@@ -79,10 +79,12 @@ class TestTheLink:
     async def test_that_fails_is_an_error_with_a_remedy_and_heals(
         self, tracker: LaserTracker, fake: FakeTracker, fault: str, parameters: Any, error: type[DeviceError]
     ) -> None:
-        await tracker.point()
-        await fake.fault(fault, {k: stretched_s(v) if k == "delay_s" else v for k, v in parameters.items()})
+        await tracker.measure_point()
+        await fake.inject_fault(
+            fault, {k: stretched_s(v) if k == "delay_s" else v for k, v in parameters.items()}
+        )
         with pytest.raises(error) as failure:
-            await tracker.point()
+            await tracker.measure_point()
         assert str(failure.value).startswith("at: ")
         assert failure.value.remedy
         await heals(tracker, fake)
@@ -91,7 +93,7 @@ class TestTheLink:
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
         for turns in range(0, 60, 4):
-            measuring = asyncio.create_task(tracker.point())
+            measuring = asyncio.create_task(tracker.measure_point())
             for _ in range(turns):
                 await asyncio.sleep(0)
             fake.server.drop_clients()
@@ -105,28 +107,28 @@ class TestTheLink:
     async def test_with_events_and_half_packets_in_between_is_the_same(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await fake.fault("events", {"count_each": 4})
-        await fake.fault("half_packets", {"delay_s": 0.001})
+        await fake.inject_fault("events", {"count_each": 4})
+        await fake.inject_fault("half_packets", {"delay_s": 0.001})
         for _ in range(3):
-            assert off_in_sigmas(await tracker.point(), fake) < 5.0
+            assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     async def test_with_the_result_of_an_earlier_measurement_gives_this_one(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
-        await fake.fault("tripod_pushed", {"m": 0.1, "silently": True})
-        await fake.fault("foreign_result", {})
-        assert off_in_sigmas(await tracker.point(), fake) < 5.0
+        await tracker.measure_point()
+        await fake.inject_fault("tripod_pushed", {"m": 0.1, "silently": True})
+        await fake.inject_fault("foreign_result", {})
+        assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     async def test_late_by_more_than_the_deadline_never_answers_the_next_question(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
-        await fake.fault("slow", {"delay_s": stretched_s(1.2), "count": 1})
+        await tracker.measure_point()
+        await fake.inject_fault("slow", {"delay_s": stretched_s(1.2), "count": 1})
         with pytest.raises(DeviceTimeoutError):
-            await tracker.point()
-        await fake.fault("tripod_pushed", {"m": 0.1, "silently": True})
-        assert off_in_sigmas(await tracker.point(), fake) < 5.0
+            await tracker.measure_point()
+        await fake.inject_fault("tripod_pushed", {"m": 0.1, "silently": True})
+        assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     async def test_that_nobody_answers_is_said_with_the_address(self, fake: FakeTracker) -> None:
         config = config_for(fake)
@@ -139,9 +141,9 @@ class TestTheLink:
         before = asyncio.all_tasks()
         for _ in range(3):
             async with config_for(fake).open() as tracker:
-                await tracker.point()
+                await tracker.measure_point()
         async with asyncio.timeout(stretched_s(30.0)):
-            while asyncio.all_tasks() - before or fake.server.connections:
+            while asyncio.all_tasks() - before or fake.server.client_count:
                 await asyncio.sleep(0.001)
 
 
@@ -149,44 +151,44 @@ class TestTheBeam:
     async def test_broken_before_is_refused_with_the_trackers_name_for_it(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
-        await fake.fault("beam_break", {})
+        await tracker.measure_point()
+        await fake.inject_fault("beam_break", {})
         with pytest.raises(RefusedError, match="MeasurementStatusNotReady") as failure:
-            await tracker.point()
+            await tracker.measure_point()
         assert failure.value.vendor_code == 10004
-        assert (await tracker.condition()).readiness is Readiness.NOT_READY
-        await fake.fault("beam_return", {})
+        assert (await tracker.read_condition()).readiness is Readiness.NOT_READY
+        await fake.inject_fault("beam_return", {})
         await heals(tracker, fake)
 
     async def test_broken_during_a_measurement_gives_no_point(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
+        await tracker.measure_point()
         clock = slow_world(fake)
-        measuring = asyncio.create_task(tracker.point())
+        measuring = asyncio.create_task(tracker.measure_point())
         await under_way(fake)
-        await fake.fault("beam_break", {})
+        await fake.inject_fault("beam_break", {})
         with pytest.raises(RefusedError, match=r"NoStationaryResult|NotReady") as failure:
             await measuring
         assert "line of sight" in failure.value.remedy
         clock.time_factor = 300.0
-        await fake.fault("beam_return", {})
+        await fake.inject_fault("beam_return", {})
         await heals(tracker, fake)
 
     async def test_is_searched_where_the_cell_file_allows_it(self, fake: FakeTracker) -> None:
         async with config_for(fake, search_distance_m=3.0).open() as tracker:
-            await fake.fault("beam_break", {})
-            assert off_in_sigmas(await tracker.point(), fake) < 5.0
-            await fake.fault("beam_break", {"findable": False})
+            await fake.inject_fault("beam_break", {})
+            assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
+            await fake.inject_fault("beam_break", {"findable": False})
             with pytest.raises(RefusedError, match="MeasurementStatusNotReady"):
-                await tracker.point()
+                await tracker.measure_point()
 
     async def test_without_a_probe_in_it_gives_no_pose(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await fake.fault("refuse_command", {"command": 49, "status": 75})
+        await fake.inject_fault("refuse_command", {"command": 49, "status": 75})
         with pytest.raises(RefusedError, match="NoMeasurementProbe"):
-            await tracker.pose()
+            await tracker.measure_pose()
 
 
 class TestOtherPrograms:
@@ -204,10 +206,10 @@ class TestOtherPrograms:
     async def test_that_change_settings_between_measurements_are_set_right(
         self, tracker: LaserTracker, fake: FakeTracker, fault: str, value: Any, silently: bool
     ) -> None:
-        await tracker.point()
+        await tracker.measure_point()
         given = {} if value is None else {fault: value}
-        await fake.fault(fault, {**given, "silently": silently})
-        assert off_in_sigmas(await tracker.point(), fake) < 5.0
+        await fake.inject_fault(fault, {**given, "silently": silently})
+        assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     @pytest.mark.parametrize(
         ("fault", "value"), [("units", [1, 0, 0, 0, 0]), ("axes", 2), ("settings", None)]
@@ -215,11 +217,11 @@ class TestOtherPrograms:
     async def test_that_change_settings_during_a_measurement_cost_the_reading(
         self, tracker: LaserTracker, fake: FakeTracker, fault: str, value: Any
     ) -> None:
-        await tracker.point()
+        await tracker.measure_point()
         clock = slow_world(fake)
-        measuring = asyncio.create_task(tracker.point())
+        measuring = asyncio.create_task(tracker.measure_point())
         await under_way(fake)
-        await fake.fault(fault, {**({} if value is None else {fault: value}), "silently": True})
+        await fake.inject_fault(fault, {**({} if value is None else {fault: value}), "silently": True})
         clock.time_factor = 300.0
         clock.advance(0.0)
         with pytest.raises(RefusedError, match=r"another program|try mode"):
@@ -229,18 +231,18 @@ class TestOtherPrograms:
     async def test_that_choose_another_reflector_are_not_followed(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
-        await fake.fault("reflector", {"id": 5})
+        await tracker.measure_point()
+        await fake.inject_fault("reflector", {"id": 5})
         with pytest.raises(RefusedError, match="offsets differ"):
-            await tracker.point()
+            await tracker.measure_point()
         async with config_for(fake, reflector=2).open() as other:
             with pytest.raises(RefusedError, match="reflector 5"):
-                await other.point()
+                await other.measure_point()
 
     async def test_that_measure_are_waited_for(self, tracker: LaserTracker, fake: FakeTracker) -> None:
         async with config_for(fake).open() as other:
             for _ in range(4):
-                found = await asyncio.gather(tracker.point(), other.point())
+                found = await asyncio.gather(tracker.measure_point(), other.measure_point())
                 assert max(off_in_sigmas(reading, fake) for reading in found) < 5.0
 
 
@@ -259,26 +261,26 @@ class TestTheStation:
     async def test_that_has_changed_gives_no_reading_under_its_old_number(
         self, tracker: LaserTracker, fake: FakeTracker, fault: tuple[str, Any], why: str
     ) -> None:
-        await tracker.point()
-        await fake.fault(*fault)
+        await tracker.measure_point()
+        await fake.inject_fault(*fault)
         for _ in range(2):
             with pytest.raises(RefusedError, match=why) as failure:
-                await tracker.point()
+                await tracker.measure_point()
             assert "Raise `station`" in failure.value.remedy
-        assert (await tracker.condition()).readiness is Readiness.NOT_READY
+        assert (await tracker.read_condition()).readiness is Readiness.NOT_READY
         async with config_for(fake, station=4).open() as again:
-            reading = await again.point()
+            reading = await again.measure_point()
         assert reading.station == 4
         assert off_in_sigmas(reading, fake) < 5.0
 
     async def test_that_changes_during_a_measurement_costs_the_reading(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await tracker.point()
+        await tracker.measure_point()
         clock = slow_world(fake)
-        measuring = asyncio.create_task(tracker.point())
+        measuring = asyncio.create_task(tracker.measure_point())
         await under_way(fake)
-        await fake.fault("tripod_pushed", {})
+        await fake.inject_fault("tripod_pushed", {})
         clock.time_factor = 300.0
         clock.advance(0.0)
         with pytest.raises(RefusedError, match="station 3"):
@@ -288,45 +290,45 @@ class TestTheStation:
     async def test_that_changed_while_nobody_was_connected_is_noticed(
         self, tracker: LaserTracker, fake: FakeTracker, fault: str
     ) -> None:
-        await tracker.point()
+        await tracker.measure_point()
         fake.server.drop_clients()
-        await fake.fault(fault, {"silently": True})
+        await fake.inject_fault(fault, {"silently": True})
         with pytest.raises(DeviceError):
-            await tracker.point()
+            await tracker.measure_point()
         with pytest.raises(RefusedError, match="no longer stands in station 3"):
-            await tracker.point()
+            await tracker.measure_point()
 
     async def test_begins_with_its_first_reading(self, tracker: LaserTracker, fake: FakeTracker) -> None:
-        await fake.fault("tripod_pushed", {})
-        await fake.fault("station", {})
-        assert off_in_sigmas(await tracker.point(), fake) < 5.0
+        await fake.inject_fault("tripod_pushed", {})
+        await fake.inject_fault("station", {})
+        assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     async def test_does_not_survive_a_power_cycle(self, tracker: LaserTracker, fake: FakeTracker) -> None:
-        await tracker.point()
-        await fake.fault("power_cycle", {})
+        await tracker.measure_point()
+        await fake.inject_fault("power_cycle", {})
         with pytest.raises(DeviceError):
-            await tracker.point()
+            await tracker.measure_point()
         with pytest.raises(RefusedError, match="it was off"):
-            await tracker.point()
+            await tracker.measure_point()
 
 
 class TestInitialising:
     async def test_is_done_by_the_first_reading_and_not_by_looking(self, fake: FakeTracker) -> None:
-        await fake.fault("power_cycle", {})
+        await fake.inject_fault("power_cycle", {})
         async with config_for(fake).open() as tracker:
-            condition = await tracker.condition()
+            condition = await tracker.read_condition()
             assert condition.readiness is Readiness.READY
             assert "head turns" in condition.message
             assert not fake.controller.initialised
-            assert off_in_sigmas(await tracker.point(), fake) < 5.0
-            assert off_in_sigmas(await tracker.point(), fake) < 5.0
+            assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
+            assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
     async def test_is_left_alone_where_the_cell_file_says_so(self, fake: FakeTracker) -> None:
-        await fake.fault("not_initialised", {})
+        await fake.inject_fault("not_initialised", {})
         async with config_for(fake, initialise=False).open() as tracker:
-            assert (await tracker.condition()).readiness is Readiness.NOT_READY
+            assert (await tracker.read_condition()).readiness is Readiness.NOT_READY
             with pytest.raises(RefusedError, match="TrackerNotInitialized"):
-                await tracker.point()
+                await tracker.measure_point()
         assert not fake.controller.initialised
 
 
@@ -336,40 +338,42 @@ class TestResults:
     async def test_with_a_number_that_cannot_be_are_not_used(
         self, tracker: LaserTracker, fake: FakeTracker, value: int, to: float
     ) -> None:
-        await fake.fault("spoil", {"value": value, "to": to})
+        await fake.inject_fault("spoil", {"value": value, "to": to})
         with pytest.raises((RefusedError, WireProtocolError)) as failure:
-            await tracker.point()
+            await tracker.measure_point()
         assert failure.value.remedy
         await heals(tracker, fake)
 
     async def test_of_a_moving_target_are_refused(self, tracker: LaserTracker, fake: FakeTracker) -> None:
-        await fake.fault("spoil", {"value": 4, "to": 0.002})
+        await fake.inject_fault("spoil", {"value": 4, "to": 0.002})
         with pytest.raises(RefusedError, match=r"moved by 2\.00 mm"):
-            await tracker.point()
+            await tracker.measure_point()
 
     async def test_reckoned_with_impossible_air_are_refused(
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
-        await fake.fault("air", {"temperature_c": 24.0, "pressure_hpa": 990.0, "humidity_percent": 30.0})
-        air = (await tracker.point()).air
+        await fake.inject_fault(
+            "air", {"temperature_c": 24.0, "pressure_hpa": 990.0, "humidity_percent": 30.0}
+        )
+        air = (await tracker.measure_point()).air
         assert air is not None
         assert (air.temperature_c, air.pressure_pa, air.humidity_percent) == pytest.approx(
             (24.0, 99000.0, 30.0)
         )
-        await fake.fault("air", {"pressure_hpa": 0.0})
+        await fake.inject_fault("air", {"pressure_hpa": 0.0})
         with pytest.raises(RefusedError, match="impossible air"):
-            await tracker.point()
+            await tracker.measure_point()
 
     async def test_carry_the_covariance_of_the_beam(self, tracker: LaserTracker, fake: FakeTracker) -> None:
-        reading = await tracker.point()
-        truth = np.array(fake.truth()["covariance_m2"])
+        reading = await tracker.measure_point()
+        truth = np.array(fake.true_state()["covariance_m2"])
         assert reading.covariance_m2 == pytest.approx(truth[[0, 0, 1], [1, 2, 2]], rel=1e-3)
         assert reading.sigma_m == pytest.approx(np.sqrt(np.diag(truth)), rel=0.05)
 
     async def test_without_covariance_are_read_too(self, fake: FakeTracker) -> None:
-        await fake.fault("refuse_command", {"command": 80, "status": 2})
+        await fake.inject_fault("refuse_command", {"command": 80, "status": 2})
         async with config_for(fake).open() as tracker:
-            reading = await tracker.point()
+            reading = await tracker.measure_point()
         assert reading.covariance_m2 == (0.0, 0.0, 0.0)
         assert off_in_sigmas(reading, fake) < 5.0
 
@@ -377,18 +381,18 @@ class TestResults:
     async def test_of_probes_are_checked_too(
         self, tracker: LaserTracker, fake: FakeTracker, value: int
     ) -> None:
-        await fake.fault("spoil", {"value": value})
+        await fake.inject_fault("spoil", {"value": value})
         with pytest.raises(WireProtocolError):
-            await tracker.pose()
+            await tracker.measure_pose()
 
     async def test_of_probes_need_a_quaternion(self, tracker: LaserTracker, fake: FakeTracker) -> None:
-        await fake.fault("spoil", {"value": 17, "to": 3.0})
+        await fake.inject_fault("spoil", {"value": 17, "to": 3.0})
         with pytest.raises(WireProtocolError, match="quaternion"):
-            await tracker.pose()
+            await tracker.measure_pose()
 
     async def test_change_between_points_and_poses(self, tracker: LaserTracker, fake: FakeTracker) -> None:
         for _ in range(2):
-            point, pose = await tracker.point(), await tracker.pose()
+            point, pose = await tracker.measure_point(), await tracker.measure_pose()
             assert np.array(pose.station_probe.position_m) == pytest.approx(
                 np.array(point.position_m), abs=3e-4
             )
@@ -403,15 +407,15 @@ class TestWhoAnswers:
     async def test_that_measures_no_poses_says_so(self) -> None:
         async with fake_tracker(measures_poses=False) as fake, config_for(fake).open() as tracker:
             with pytest.raises(RefusedError, match="6DModeNotAllowed"):
-                await tracker.pose()
-            assert off_in_sigmas(await tracker.point(), fake) < 5.0
+                await tracker.measure_pose()
+            assert off_in_sigmas(await tracker.measure_point(), fake) < 5.0
 
 
 async def test_a_wrong_temperature_makes_lengths_wrong_by_a_part_in_a_million_each_kelvin() -> None:
     async with fake_tracker() as fake, config_for(fake).open() as tracker:
-        measure: Callable[[], Awaitable[Any]] = tracker.point
-        await fake.fault("air", {"temperature_c": 120.0 - 60.0})
-        await fake.fault("entered_temperature", {"temperature_c": -20.0})
+        measure: Callable[[], Awaitable[Any]] = tracker.measure_point
+        await fake.inject_fault("air", {"temperature_c": 120.0 - 60.0})
+        await fake.inject_fault("entered_temperature", {"temperature_c": -20.0})
         lengths = [np.linalg.norm((await measure()).position_m) for _ in range(60)]
         distance = float(np.linalg.norm(believed(fake)))
         assert np.mean(lengths) / distance - 1.0 == pytest.approx(-76e-6, abs=3e-6)

@@ -10,14 +10,14 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import inverse_transform, log_transform
 from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.limits import FrameLimits
-from cellcal.procedures.probed_frame import ENTRY, ProbedFrame, probed_frame
+from cellcal.procedures.probed_frame import DEFINITION, ProbedFrame, probed_frame
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.touch import NoContactError
 from cellcal.procedures.teaching.corner_plan import CornerRules
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from tests.procedures.corners import corner_below, off_by
 from tests.procedures.ledgers import MemoryLedger
@@ -35,11 +35,11 @@ SPEC = ProbedFrame(4, off_by(DRAWN, (4e-4, -3e-4, 2e-4), (2e-3, -1e-3, 2e-3)), Q
 
 
 @asynccontextmanager
-async def at_home(folder: Path) -> AsyncIterator[tuple[Cell, Door]]:
+async def at_home(folder: Path) -> AsyncIterator[tuple[Cell, FakeCellClient]]:
     """Open a cell whose probe stands above the corner."""
     with at_a_corner(folder, "fanuc", DRAWN, tip_sigma_mm=0.1) as (path, door):
         async with open_cell(read_cell_file(path), ScriptedOperator(YES)) as cell:
-            await door.ask("clear")
+            await door.send_command("clear")
             await cell.robot.move_joints(HOME, speed_rad_s=0.3)
             yield cell, door
 
@@ -47,20 +47,22 @@ async def at_home(folder: Path) -> AsyncIterator[tuple[Cell, Door]]:
 async def test_a_corner_is_felt_inside_its_uncertainty(tmp_path: Path) -> None:
     async with at_home(tmp_path) as (cell, door):
         setup = await probed_frame(Run(cell, MemoryLedger()), SPEC)
-        true = true_corner(await door.truth())
-        off = log_transform(inverse_transform(true) @ setup.found.base_frame.matrix())
-        origin_u, turn_u = setup.goal.u(setup.found.covariance_matrix())
+        true = true_corner(await door.read_truth())
+        off = log_transform(inverse_transform(true) @ setup.found.base_frame.to_matrix())
+        origin_u, turn_u = setup.goal.expanded_uncertainties(setup.found.covariance_matrix())
         assert np.abs(off[:3]).max() <= origin_u, (off, origin_u)
         assert np.abs(off[3:]).max() <= turn_u, (off, turn_u)
         assert origin_u < COARSE.origin_m  # stated, and not so large that anything would do
-        assert ENTRY.verdict is not None
-        assert ENTRY.verdict(SPEC, setup).word == "pass", ENTRY.verdict(SPEC, setup).characteristics
+        assert DEFINITION.verdict is not None
+        assert DEFINITION.verdict(SPEC, setup).overall_decision == "pass", DEFINITION.verdict(
+            SPEC, setup
+        ).characteristics
 
 
 async def test_a_face_that_is_missing_is_told_and_the_arm_stands(tmp_path: Path) -> None:
     async with at_home(tmp_path) as (cell, door):
-        await door.fault("stuck_open", device="probe")
+        await door.inject_fault("stuck_open", device="probe")
         with pytest.raises(NoContactError, match="touch the z face 1: no contact within"):
             await probed_frame(Run(cell, MemoryLedger()), SPEC)
-        before, after = await cell.robot.joints(), await cell.robot.joints()
+        before, after = await cell.robot.read_joints(), await cell.robot.read_joints()
         assert before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6)

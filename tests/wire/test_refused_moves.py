@@ -17,11 +17,11 @@ from cellcal.drivers.errors import DeviceError, UnreachableError
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.motion_gate import Jog, MotionRefusedError, jog_axis, move_along
+from cellcal.procedures.motion.motion_gate import JogMove, MotionRefusedError, jog_axis, move_along
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.surroundings import NOTHING_KNOWN
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from tests.wire.cases import ROBOTS, RobotCase, until, until_ready
 
@@ -44,7 +44,7 @@ class Scene:
     """A robot at home in a cell whose obstacles nobody has told, so that each move is asked for."""
 
     case: RobotCase
-    door: Door
+    door: FakeCellClient
     cell: Cell
     meanwhile: Event = nothing  # while a person is asked
     stood_rad: Joints = ()
@@ -54,7 +54,7 @@ class Scene:
         return self.cell.robot
 
     async def truth(self) -> dict[str, Any]:
-        return dict((await self.door.truth())["robots"][self.case.name])
+        return dict((await self.door.read_truth())["robots"][self.case.name])
 
     async def happen(self, event: Event) -> None:
         await event()
@@ -84,11 +84,11 @@ class Scene:
         await move_along(self.cell, [(home[0] + ASIDE_RAD, *home[1:])], 0.3)
 
     async def jog(self) -> None:
-        await jog_axis(self.cell, Jog(0, ASIDE_RAD, 0.3))
+        await jog_axis(self.cell, JogMove(0, ASIDE_RAD, 0.3))
 
     async def heals_and_moves(self, move: Event) -> None:
         """Take the fault away: what was refused must not come late, and moves when it is asked for again."""
-        await self.door.ask("clear")
+        await self.door.send_command("clear")
         await until_ready(self.robot, Readiness.READY)
         await self.stands()
         await move()
@@ -97,7 +97,7 @@ class Scene:
 
 
 @asynccontextmanager
-async def at_home(config: CellConfig, door: Door, case: RobotCase) -> AsyncIterator[Scene]:
+async def at_home(config: CellConfig, door: FakeCellClient, case: RobotCase) -> AsyncIterator[Scene]:
     async def approving() -> None:
         await scene.meanwhile()
 
@@ -109,7 +109,9 @@ async def at_home(config: CellConfig, door: Door, case: RobotCase) -> AsyncItera
 
 
 @pytest.fixture
-async def scene(robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door) -> AsyncIterator[Scene]:
+async def scene(
+    robot: Any, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient
+) -> AsyncIterator[Scene]:
     await robot.close()
     async with at_home(cell, door, robot_case) as made:
         yield made
@@ -119,7 +121,7 @@ async def scene(robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door)
 @asked_or_planned
 async def test_a_stale_state_moves_nothing(scene: Scene, fault: str, asked: bool) -> None:
     async def goes_stale() -> None:
-        await scene.door.fault(STALE[fault][scene.case.name], device=scene.case.name)
+        await scene.door.inject_fault(STALE[fault][scene.case.name], device=scene.case.name)
 
     await scene.refuses(goes_stale, scene.move, DeviceError, asked=asked)
     await scene.heals_and_moves(scene.move)
@@ -132,7 +134,7 @@ async def test_a_stale_state_jogs_nothing(
     scene: Scene, fault: str, error: type[DeviceError], asked: bool
 ) -> None:
     async def goes_stale() -> None:
-        await scene.door.fault(STALE[fault]["fanuc"], device="fanuc")
+        await scene.door.inject_fault(STALE[fault]["fanuc"], device="fanuc")
 
     await scene.refuses(goes_stale, scene.jog, error, asked=asked)
     await scene.heals_and_moves(scene.jog)
@@ -143,7 +145,7 @@ async def test_an_arm_that_was_moved_while_a_person_was_asked_is_not_moved(scene
 
     async def moved_by_hand() -> None:
         joints = [scene.case.home_rad[0] + 0.1, *scene.case.home_rad[1:]]
-        await scene.door.fault("hand_moves", device=scene.case.name, joints=joints)
+        await scene.door.inject_fault("hand_moves", device=scene.case.name, joints=joints)
 
     await scene.refuses(moved_by_hand, scene.move, MotionRefusedError, asked=True)
     await scene.move()
@@ -157,7 +159,7 @@ async def test_an_axis_that_was_turned_while_a_person_was_asked_is_not_jogged(sc
 
     async def turned_by_hand() -> None:
         joints = [*scene.case.home_rad[:2], scene.case.home_rad[2] + 0.1, *scene.case.home_rad[3:]]
-        await scene.door.fault("hand_moves", device=scene.case.name, joints=joints)
+        await scene.door.inject_fault("hand_moves", device=scene.case.name, joints=joints)
 
     await scene.refuses(turned_by_hand, scene.jog, MotionRefusedError, asked=True)
     await scene.jog()
@@ -166,7 +168,7 @@ async def test_an_axis_that_was_turned_while_a_person_was_asked_is_not_jogged(sc
 
 
 @pytest.fixture
-async def alone(fresh_fakes: tuple[Path, Door]) -> AsyncIterator[Scene]:
+async def alone(fresh_fakes: tuple[Path, FakeCellClient]) -> AsyncIterator[Scene]:
     """A robot whose place may be lost for good."""
     path, door = fresh_fakes
     async with at_home(read_cell_file(path), door, FANUC) as made:
@@ -183,17 +185,17 @@ async def mastered_anew(scene: Scene) -> None:
         await robot.jog_axis(axis, 1.05 * float(turn_rad), speed_rad_s=0.05)
     await robot.reset_position_alarms()
     await robot.write_mastering(tuple(at_zero))
-    assert (await robot.condition()).readiness is Readiness.READY
+    assert (await robot.read_condition()).readiness is Readiness.READY
 
 
 async def lost(scene: Scene) -> None:
     """Lose the encoders' battery and put in a new one: the robot does not know where it is, and may be jogged."""
     robot, door = scene.robot, scene.door
-    await door.fault("battery_loss", device="fanuc", drift_turns=0.0)
+    await door.inject_fault("battery_loss", device="fanuc", drift_turns=0.0)
     await until_ready(robot, Readiness.POSITION_LOST)
-    await door.fault("new_battery", device="fanuc")
+    await door.inject_fault("new_battery", device="fanuc")
     await robot.reset_position_alarms()
-    await door.fault("power_cycle", device="fanuc")
+    await door.inject_fault("power_cycle", device="fanuc")
 
     async def waits_for_its_index() -> bool:
         return {alarm.code for alarm in (await robot.condition()).alarms} == {"SRVO-075"}

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.registration import trilaterate
+from cellcal.calibration.registration import trilaterate_point
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.probe_line import probe_line
 from cellcal.procedures.steps.touch import (
     AlreadyInContactError,
-    Approach,
     BouncingContactError,
     ContactError,
     ContactLostError,
     NoContactError,
     OvertravelError,
+    ProbeApproach,
     StuckContactError,
-    touch,
+    touch_surface,
 )
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.cell_check import check_cell
 from cellcal.service.runs.open_cell import open_cell
 from tests.wire.probe_cell import (
@@ -50,24 +50,24 @@ REACH_M = (BALL_MM + TIP_RADIUS_MM - PRETRAVEL_MM) * 1e-3
 class Scene:
     """A robot at home above a ball."""
 
-    def __init__(self, robot: str, cell: Cell, door: Door, model: RobotModel) -> None:
+    def __init__(self, robot: str, cell: Cell, door: FakeCellClient, model: RobotModel) -> None:
         self.robot, self.cell, self.door, self.model = robot, cell, door, model
         self.ball_m = drawn_ball_m(robot, model)
 
-    async def back_off(self, approach: Approach) -> None:
+    async def back_off(self, approach: ProbeApproach) -> None:
         await self.cell.robot.move_joints(approach.start_rad, speed_rad_s=0.1)
 
     async def home(self) -> None:
         await self.cell.robot.move_joints(HOME_RAD[self.robot], speed_rad_s=0.3)
 
-    def approach(self, side: tuple[float, float, float] = SIDES[0], **how: Any) -> Approach:
+    def approach(self, side: tuple[float, float, float] = SIDES[0], **how: Any) -> ProbeApproach:
         return approach_from(self.cell, HOME_RAD[self.robot], self.ball_m, side, **how)
 
     async def truth(self) -> dict[str, Any]:
-        return dict((await self.door.truth())["probes"]["probe"])
+        return dict((await self.door.read_truth())["probes"]["probe"])
 
     async def stands(self) -> bool:
-        before, after = await self.cell.robot.joints(), await self.cell.robot.joints()
+        before, after = await self.cell.robot.read_joints(), await self.cell.robot.read_joints()
         return before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6) and not after.moving
 
 
@@ -80,17 +80,17 @@ async def scene(folder: Path, robot: str, **how: Any) -> AsyncIterator[Scene]:
 
 
 @asynccontextmanager
-async def opened(robot: str, played: tuple[Path, Door]) -> AsyncIterator[Scene]:
+async def opened(robot: str, played: tuple[Path, FakeCellClient]) -> AsyncIterator[Scene]:
     path, door = played
     async with open_cell(read_cell_file(path), ScriptedOperator({"approve_move": "yes"})) as cell:
-        await door.ask("clear")
+        await door.send_command("clear")
         made = Scene(robot, cell, door, load_model(MODELS[robot]))
         await made.home()
         yield made
 
 
 @pytest.fixture(scope="module")
-def as_drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Door]]:
+def as_drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
     """A cell without hidden effects, for tests that leave it as it was."""
     place_m = drawn_ball_m("fanuc", load_model(MODELS["fanuc"]))
     with probing(tmp_path_factory.mktemp("drawn"), "fanuc", place_m, hidden=False) as played:
@@ -105,14 +105,14 @@ async def test_touches_from_several_sides_find_the_ball(tmp_path: Path, robot: s
         points = []
         for number, side in enumerate(SIDES):
             approach = made.approach(side, clear_m=0.0008, measure_m_s=0.0015, repeats=1, retreat_m=0.0004)
-            points.append(await touch(made.cell, f"side {number}", approach))
+            points.append(await touch_surface(made.cell, f"side {number}", approach))
             latched = points[-1].touches[-1]
             true_joints = (await made.truth())["contact_joints_rad"]
             both = made.model.tip_positions(np.array([latched.joints_rad, true_joints]), tip_m)
             assert np.linalg.norm(both[0] - both[1]) <= 3 * latched.sigma_m
             await made.home()
         sigma_m = max(point.sigma_m for point in points)
-        fit = trilaterate(
+        fit = trilaterate_point(
             [point.tip_in_base_m for point in points],
             [REACH_M] * len(points),
             sigma_m=sigma_m,
@@ -128,7 +128,7 @@ async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(t
     """One robot in a world with every hidden effect on; a touch goes well between the faults."""
     async with scene(tmp_path, "fanuc", tip_sigma_mm=0.2) as made:
         wide = made.approach(clear_m=0.003, beyond_m=0.006, measure_m_s=0.002, repeats=1, retreat_m=0.0005)
-        found = await touch(made.cell, "well", wide)
+        found = await touch_surface(made.cell, "well", wide)
         setup = made.cell.probe_setup
         assert setup is not None
         line = probe_line(made.model, setup.tip_in_flange_m, wide.start_rad, wide.end_rad)
@@ -142,61 +142,61 @@ async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(t
         await _springs_for_ever(made, short)
         await _stale(made, short)
         await _cancelled(made, short)
-        again = await touch(made.cell, "well again", short)
+        again = await touch_surface(made.cell, "well again", short)
         tips = line.tips_m(np.array([found.joints_rad, again.joints_rad]))
         assert np.linalg.norm(tips[0] - tips[1]) < 2e-4  # the arm's own scatter
 
 
 async def _fails(
-    made: Scene, approach: Approach, error: type[Exception] | tuple[type[Exception], ...], words: str
+    made: Scene, approach: ProbeApproach, error: type[Exception] | tuple[type[Exception], ...], words: str
 ) -> None:
     with pytest.raises(error, match=words) as failure:
-        await touch(made.cell, "faulty", approach)
+        await touch_surface(made.cell, "faulty", approach)
     assert getattr(failure.value, "remedy", "")
     assert await made.stands()
-    await made.door.ask("clear")
+    await made.door.send_command("clear")
     await made.back_off(approach)
 
 
-async def _never_touches(made: Scene, approach: Approach) -> None:
-    await made.door.fault("stuck_open", device="probe")
+async def _never_touches(made: Scene, approach: ProbeApproach) -> None:
+    await made.door.inject_fault("stuck_open", device="probe")
     with pytest.raises(NoContactError, match="no contact within"):
-        await touch(made.cell, "faulty", approach)
+        await touch_surface(made.cell, "faulty", approach)
     assert await made.stands()
-    there = (await made.cell.robot.joints()).joints_rad
+    there = (await made.cell.robot.read_joints()).joints_rad
     assert there == pytest.approx(approach.end_rad, abs=2e-3)  # and no farther
-    await made.door.ask("clear")
+    await made.door.send_command("clear")
     await made.back_off(approach)
 
 
-async def _loses_contact(made: Scene, approach: Approach) -> None:
-    await made.door.fault("contact_lost", device="probe", after_s=0.05)
+async def _loses_contact(made: Scene, approach: ProbeApproach) -> None:
+    await made.door.inject_fault("contact_lost", device="probe", after_s=0.05)
     # seen before the contact counts as closed, it is a bounce that is too long
     both = (ContactLostError, BouncingContactError)
     await _fails(made, approach, both, "is open although|did not settle")
 
 
-async def _sticks(made: Scene, approach: Approach) -> None:
+async def _sticks(made: Scene, approach: ProbeApproach) -> None:
     async def stick_when_touched() -> None:
         while not (await made.truth())["signal"]:
             await asyncio.sleep(0.01)
-        await made.door.fault("stuck_closed", device="probe")
+        await made.door.inject_fault("stuck_closed", device="probe")
 
     sticking = asyncio.create_task(stick_when_touched())
     await _fails(made, approach, StuckContactError, "stays closed")
     await sticking
 
 
-async def _begins_in_contact(made: Scene, approach: Approach) -> None:
-    await made.door.fault("stuck_closed", device="probe")
-    before = (await made.cell.robot.joints()).joints_rad
+async def _begins_in_contact(made: Scene, approach: ProbeApproach) -> None:
+    await made.door.inject_fault("stuck_closed", device="probe")
+    before = (await made.cell.robot.read_joints()).joints_rad
     with pytest.raises(AlreadyInContactError):
-        await touch(made.cell, "faulty", approach)
-    assert (await made.cell.robot.joints()).joints_rad == pytest.approx(before, abs=1e-4)
-    await made.door.ask("clear")
+        await touch_surface(made.cell, "faulty", approach)
+    assert (await made.cell.robot.read_joints()).joints_rad == pytest.approx(before, abs=1e-4)
+    await made.door.send_command("clear")
 
 
-async def _springs_once(made: Scene, approach: Approach) -> None:
+async def _springs_once(made: Scene, approach: ProbeApproach) -> None:
     """The contact opens again, as where an arm comes to rest just at the surface: it is felt for once more."""
 
     before_s = (await made.truth())["touched_at_s"]
@@ -206,33 +206,35 @@ async def _springs_once(made: Scene, approach: Approach) -> None:
             await asyncio.sleep(0.01)
         while (await made.truth())["clearance_m"] < 0:
             await asyncio.sleep(0.01)
-        await made.door.ask("clear")
+        await made.door.send_command("clear")
 
-    await made.door.fault("bounce", device="probe", s=60.0, half_s=0.011)
+    await made.door.inject_fault("bounce", device="probe", s=60.0, half_s=0.011)
     mending = asyncio.create_task(mend_when_it_has_let_go())
-    await touch(made.cell, "swung", approach)
+    await touch_surface(made.cell, "swung", approach)
     await mending
 
 
-async def _springs_for_ever(made: Scene, approach: Approach) -> None:
-    await made.door.fault("bounce", device="probe", s=60.0, half_s=0.011)  # no multiple of a look's pause
+async def _springs_for_ever(made: Scene, approach: ProbeApproach) -> None:
+    await made.door.inject_fault(
+        "bounce", device="probe", s=60.0, half_s=0.011
+    )  # no multiple of a look's pause
     await _fails(made, approach, BouncingContactError, "did not settle")
 
 
-async def _stale(made: Scene, approach: Approach) -> None:
+async def _stale(made: Scene, approach: ProbeApproach) -> None:
     async def freeze_on_the_way() -> None:
-        while not (await made.cell.robot.joints()).moving:
+        while not (await made.cell.robot.read_joints()).moving:
             await asyncio.sleep(0.01)
-        await made.door.fault("image_frozen", device="probe")
+        await made.door.inject_fault("image_frozen", device="probe")
 
     freezing = asyncio.create_task(freeze_on_the_way())
     await _fails(made, approach, DeviceError, "stands still")
     await freezing
 
 
-async def _cancelled(made: Scene, approach: Approach) -> None:
-    touching = asyncio.create_task(touch(made.cell, "cancelled", approach))
-    while not (await made.cell.robot.joints()).moving:
+async def _cancelled(made: Scene, approach: ProbeApproach) -> None:
+    touching = asyncio.create_task(touch_surface(made.cell, "cancelled", approach))
+    while not (await made.cell.robot.read_joints()).moving:
         await asyncio.sleep(0.01)
     touching.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -241,10 +243,10 @@ async def _cancelled(made: Scene, approach: Approach) -> None:
     await made.back_off(approach)
 
 
-async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, Door]) -> None:
+async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, FakeCellClient]) -> None:
     async with opened("fanuc", as_drawn) as made:
         good = made.approach(repeats=1)
-        before = (await made.cell.robot.joints()).joints_rad
+        before = (await made.cell.robot.read_joints()).joints_rad
         can = made.cell.probe.capabilities  # type: ignore[union-attr]
         for approach, error in (
             (replace(good, search_m_s=0.003), ContactError),
@@ -257,13 +259,13 @@ async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, Door
             (replace(good, end_rad=(float("nan"),) * 6), ValueError),
         ):
             with pytest.raises(error):
-                await touch(made.cell, "impossible", approach)
+                await touch_surface(made.cell, "impossible", approach)
         assert can.overtravel_m > 0
         fragile = replace(made.cell, probe=_Fragile(made.cell.probe))  # type: ignore[arg-type]
         with pytest.raises(OvertravelError, match="or slower") as refused:
-            await touch(fragile, "fragile", good)
+            await touch_surface(fragile, "fragile", good)
         assert "mm/s" in refused.value.remedy
-        assert (await made.cell.robot.joints()).joints_rad == pytest.approx(before, abs=1e-5)
+        assert (await made.cell.robot.read_joints()).joints_rad == pytest.approx(before, abs=1e-5)
 
 
 class _Fragile:
@@ -277,30 +279,30 @@ class _Fragile:
         return await self._probe.contact()
 
 
-async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, Door]) -> None:
+async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, FakeCellClient]) -> None:
     path, door = as_drawn
-    await door.ask("clear")
-    await door.fault("bus_break", device="dial", terminal=2)
+    await door.send_command("clear")
+    await door.inject_fault("bus_break", device="dial", terminal=2)
     broken = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
-    await door.ask("clear")
+    await door.send_command("clear")
     well = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
     assert "terminal 2" in broken["dial"].message + broken["probe"].message
-    assert not broken["probe"].ready
-    assert well["probe"].ready
-    assert well["dial"].ready
+    assert not broken["probe"].is_ready
+    assert well["probe"].is_ready
+    assert well["dial"].is_ready
     assert well["probe"].serial == well["dial"].serial == "0030de0a0b0c"
 
 
-async def test_a_plunger_follows_the_arm_onto_a_surface(as_drawn: tuple[Path, Door]) -> None:
+async def test_a_plunger_follows_the_arm_onto_a_surface(as_drawn: tuple[Path, FakeCellClient]) -> None:
     """The dial gauge in the world: what it shows is how far the arm has pushed it in."""
     async with opened("fanuc", as_drawn) as made:
         dial = made.cell.dial
         assert dial is not None
         with pytest.raises(DeviceError, match="plunger is free"):
-            await dial.distance()
+            await dial.read_distance()
         approach = made.approach(clear_m=0.0005, beyond_m=0.004)
         await made.cell.robot.move_joints(approach.end_rad, speed_rad_s=0.1)
-        reading = await dial.distance()
-        true_m = (await made.door.truth())["probes"]["dial"]["reading_m"]
+        reading = await dial.read_distance()
+        true_m = (await made.door.read_truth())["probes"]["dial"]["reading_m"]
         assert reading.value_m == pytest.approx(true_m, abs=3 * reading.sigma_m)
         assert reading.value_m == pytest.approx(0.004, abs=1e-4)

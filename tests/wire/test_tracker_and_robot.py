@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.drivers.operator.scripted import ScriptedOperator
-from cellcal.procedures.steps.measure_point import PointCapture, hold_station, measure_point, measure_pose
+from cellcal.procedures.steps.measure_point import PointCapture, check_station, measure_point, measure_pose
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.runs.cell_check import check_cell
 from cellcal.service.runs.open_cell import open_cell
@@ -77,7 +77,7 @@ def fit_frames(
         off = Rotation.from_rotvec(x[:3]).apply(in_base) + x[3:6] - seen
         return np.concatenate([w @ r for w, r in zip(weights, off, strict=True)])
 
-    guess = [*Rotation.from_matrix(start.rotation()).as_rotvec(), *start.position_m, *target_m]
+    guess = [*Rotation.from_matrix(start.rotation_matrix()).as_rotvec(), *start.position_m, *target_m]
     found = least_squares(residuals, guess, x_scale="jac")
     return found.x[6:], found.fun.reshape(-1, 3)
 
@@ -93,13 +93,13 @@ async def test_twelve_poses_measured_from_one_station_agree_within_the_trackers_
             for k, joints in enumerate(poses()):
                 await cell.robot.move_joints(tuple(joints), speed_rad_s=1.0)
                 captures.append(await measure_point(cell, f"pose {k + 1}", station=2))
-                true_flanges.append((await door.truth())["robots"]["ur"]["base_flange"])
-                believed_flanges.append((await cell.robot.flange_pose()).matrix())
+                true_flanges.append((await door.read_truth())["robots"]["ur"]["base_flange"])
+                believed_flanges.append((await cell.robot.flange_pose()).to_matrix())
             pose = await measure_pose(cell, "the last pose again")
             await cell.robot.move_joints(tuple(poses()[0]), speed_rad_s=1.0)
             again = await measure_point(cell, "pose 1 again", station=2)
-            assert hold_station(captures[0], again, arm_sigma_m=5e-5) < 3e-4
-        truth = (await door.truth())["trackers"]["at"]
+            assert check_station(captures[0], again, arm_sigma_m=5e-5) < 3e-4
+        truth = (await door.read_truth())["trackers"]["at"]
     start = cell.tracker_setup.target_in_flange_m
     target, off = fit_frames(np.array(true_flanges), captures, start)
     freedom = 3 * POSES - 9

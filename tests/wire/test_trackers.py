@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
 from tests.wire.contract_tracker import TrackerContract
 from tests.wire.trackers import TRACKERS, TrackerCase, fake_tracker
 

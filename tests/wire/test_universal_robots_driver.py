@@ -23,7 +23,7 @@ from cellcal.drivers.interfaces import Readiness
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.universal_robots.robot import UniversalRobot
 from cellcal.drivers.universal_robots.state import StateClient
-from cellcal.fake_devices.universal_robots.device import UniversalRobot as FakeRobot
+from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot as FakeRobot
 from tests.machine_speed import stretched_s
 from tests.wire.cases import until_ready
 from tests.wire.fake_ur import fake_ur
@@ -75,7 +75,7 @@ async def moving(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asynci
     """A long move that is under way; it is over when the block is."""
     move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
     try:
-        await until(lambda: fake.truth()["moving"])
+        await until(lambda: fake.true_state()["moving"])
         yield move
     finally:
         move.cancel()
@@ -104,10 +104,13 @@ def child_of(robot: UniversalRobot) -> int:
 
 
 async def works_again(robot: UniversalRobot, fake: FakeRobot) -> None:
-    await until(lambda: not fake.truth()["moving"])
-    target = (fake.truth()["controller_joints_rad"][0] + 0.05, *fake.truth()["controller_joints_rad"][1:])
+    await until(lambda: not fake.true_state()["moving"])
+    target = (
+        fake.true_state()["controller_joints_rad"][0] + 0.05,
+        *fake.true_state()["controller_joints_rad"][1:],
+    )
     await robot.move_joints(target, speed_rad_s=FAST)
-    assert fake.truth()["controller_joints_rad"] == pytest.approx(target, abs=1e-3)
+    assert fake.true_state()["controller_joints_rad"] == pytest.approx(target, abs=1e-3)
 
 
 # reading
@@ -115,10 +118,10 @@ async def works_again(robot: UniversalRobot, fake: FakeRobot) -> None:
 
 async def test_reading_sends_no_program_to_the_controller(robot: UniversalRobot, fake: FakeRobot) -> None:
     await robot.identify()
-    await robot.condition()
-    await robot.joints()
+    await robot.read_condition()
+    await robot.read_joints()
     await robot.flange_pose()
-    truth = fake.truth()
+    truth = fake.true_state()
     assert truth["program"] is None
     assert truth["connections"]["30003"] == 0
 
@@ -126,7 +129,7 @@ async def test_reading_sends_no_program_to_the_controller(robot: UniversalRobot,
 async def test_the_active_tool_is_taken_off_the_flange_pose(robot: UniversalRobot, fake: FakeRobot) -> None:
     bare = await robot.flange_pose()
     fake.server.controller.set_tcp((0.1, -0.05, 0.2, 0.3, -0.8, 1.1))
-    await robot.joints()  # a state from before the change may still be on its way
+    await robot.read_joints()  # a state from before the change may still be on its way
     tooled = await robot.flange_pose()
     assert tooled.position_m == pytest.approx(bare.position_m, abs=1e-12)
     assert tooled.quaternion == pytest.approx(bare.quaternion, abs=1e-12)
@@ -136,10 +139,10 @@ async def test_the_factory_kinematics_give_the_pose_that_the_controller_reports(
     robot: UniversalRobot,
 ) -> None:
     found = await robot.factory_kinematics()
-    model = RobotModel.from_dh(found.table(), name="as the maker measured it")
-    reading, pose = await robot.joints(), await robot.flange_pose()
+    model = RobotModel.from_dh(found.to_table(), name="as the maker measured it")
+    reading, pose = await robot.read_joints(), await robot.flange_pose()
     base_flange = model.base_flange(np.array([reading.joints_rad]))[0]
-    assert pose.matrix() == pytest.approx(base_flange, abs=1e-9)
+    assert pose.to_matrix() == pytest.approx(base_flange, abs=1e-9)
 
 
 async def test_another_model_at_the_address_is_refused(fake: FakeRobot) -> None:
@@ -150,16 +153,16 @@ async def test_another_model_at_the_address_is_refused(fake: FakeRobot) -> None:
 
 async def test_a_robot_exchanged_at_its_address_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
     object.__setattr__(fake.server.controller.identity, "serial", "20990000001")
-    await fake.fault("link_loss_rtde", {})
+    await fake.inject_fault("link_loss_rtde", {})
     assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
-    failure = await failure_of(robot.joints())
+    failure = await failure_of(robot.read_joints())
     assert isinstance(failure, WrongDeviceError)
     assert "20990000001" in str(failure)
 
 
 async def _read_on(robot: UniversalRobot) -> None:
     while True:
-        await robot.joints()
+        await robot.read_joints()
 
 
 # what forbids a move
@@ -175,37 +178,37 @@ async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
     if fault == "slider":
         fake.server.controller.speed_fraction = 0.0
     elif fault == "program_pause":
-        await fake.fault("other_client_moves", {"axis": "J1", "rad": 0.5})
-        await fake.fault("program_pause", {})
+        await fake.inject_fault("other_client_moves", {"axis": "J1", "rad": 0.5})
+        await fake.inject_fault("program_pause", {})
     else:
-        await fake.fault(fault, {})
+        await fake.inject_fault(fault, {})
     condition = await until_ready(robot, Readiness.NOT_READY)  # the slider comes with the next state
-    before = fake.truth()
+    before = fake.true_state()
     assert says in condition.message
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, RefusedError)
     assert says in str(failure)
-    assert fake.truth()["program"] == before["program"]
-    assert fake.truth()["controller_joints_rad"] == pytest.approx(before["controller_joints_rad"])
+    assert fake.true_state()["program"] == before["program"]
+    assert fake.true_state()["controller_joints_rad"] == pytest.approx(before["controller_joints_rad"])
 
 
 async def test_a_running_program_of_others_is_not_ended(robot: UniversalRobot, fake: FakeRobot) -> None:
-    await fake.fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
+    await fake.inject_fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert "somebody else" in str(failure)
-    assert fake.truth()["program"] == "other_client"
-    assert fake.truth()["moving"]
+    assert fake.true_state()["program"] == "other_client"
+    assert fake.true_state()["moving"]
 
 
 async def test_registers_in_use_by_another_client_are_said_in_our_words(
     robot: UniversalRobot, fake: FakeRobot
 ) -> None:
-    await fake.fault("in_use", {})
+    await fake.inject_fault("in_use", {})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, RefusedError)
     assert "another program already commands this robot" in str(failure)
     assert failure.vendor_text
-    fake.clear()
+    fake.clear_faults()
     await works_again(robot, fake)
 
 
@@ -220,12 +223,12 @@ async def test_registers_in_use_by_another_client_are_said_in_our_words(
 async def test_a_port_that_accepts_and_is_silent_costs_a_child_at_most(
     robot: UniversalRobot, fake: FakeRobot, port: int, error: type[DeviceError], says: str
 ) -> None:
-    await fake.fault("silent_accept", {"port": port})
+    await fake.inject_fault("silent_accept", {"port": port})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, error)
     assert says in str(failure)
-    fake.clear()
-    assert (await robot.joints()).joints_rad
+    fake.clear_faults()
+    assert (await robot.read_joints()).joints_rad
     await works_again(robot, fake)
 
 
@@ -235,7 +238,7 @@ async def test_a_port_that_accepts_and_is_silent_costs_a_child_at_most(
 async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> None:
     watcher = StateClient("watcher", fake.server.address, rate_hz=500.0, stale_s=stretched_s(10.0))
     async with config_of(fake, speed_limit_rad_s=0.3).open() as robot:
-        here = (await robot.joints()).joints_rad
+        here = (await robot.read_joints()).joints_rad
         await watcher.connect(deadline_s=stretched_s(10.0))
         await robot.move_joints((here[0] + 0.2, *here[1:]), speed_rad_s=FAST)
     watcher.close()
@@ -246,23 +249,23 @@ async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> N
 async def test_a_stop_asked_for_before_the_arm_moves_keeps_it_from_moving(
     robot: UniversalRobot, fake: FakeRobot
 ) -> None:
-    before = fake.truth()["controller_joints_rad"]
+    before = fake.true_state()["controller_joints_rad"]
     move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
     await asyncio.sleep(0)
     await robot.stop()
     failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
-    assert fake.truth()["controller_joints_rad"] == pytest.approx(before, abs=1e-9)
+    assert fake.true_state()["controller_joints_rad"] == pytest.approx(before, abs=1e-9)
     await works_again(robot, fake)
 
 
 async def test_a_program_that_starts_too_late_is_not_left_running(
     robot: UniversalRobot, fake: FakeRobot
 ) -> None:
-    await fake.fault("late_script", {"delay_s": 0.8 * DEADLINE_S})
+    await fake.inject_fault("late_script", {"delay_s": 0.8 * DEADLINE_S})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, DeviceTimeoutError)
-    fake.clear()
+    fake.clear_faults()
     await robot.stop()
     await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
@@ -280,9 +283,9 @@ async def test_a_dead_or_hung_child_during_a_move_is_an_error_and_the_service_go
         failure = await failure_of(move)
         if number != signal.SIGSTOP:
             assert f"signal {number.value}" in str(failure)
-        await until(lambda: not fake.truth()["moving"])
-        assert fake.truth()["controller_joints_rad"][0] < AWAY[0] - 0.05, "the arm went on without us"
-        assert fake.truth()["runtime"] == "STOPPED"
+        await until(lambda: not fake.true_state()["moving"])
+        assert fake.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05, "the arm went on without us"
+        assert fake.true_state()["runtime"] == "STOPPED"
     await works_again(robot, fake)
 
 
@@ -290,8 +293,8 @@ async def test_a_child_that_dies_between_moves_is_replaced(robot: UniversalRobot
     await works_again(robot, fake)
     first = child_of(robot)
     os.kill(first, signal.SIGSEGV)
-    await until(lambda: robot._session is not None and not robot._session.usable)
-    await until(lambda: fake.truth()["runtime"] == "STOPPED")  # by the robot's own watchdog
+    await until(lambda: robot._session is not None and not robot._session.is_usable)
+    await until(lambda: fake.true_state()["runtime"] == "STOPPED")  # by the robot's own watchdog
     await works_again(robot, fake)
     assert child_of(robot) != first
 
@@ -301,8 +304,8 @@ async def test_stop_reaches_the_arm_while_the_child_hangs(robot: UniversalRobot,
         os.kill(child_of(robot), signal.SIGSTOP)
         async with asyncio.timeout(PROMISE_S):
             await robot.stop()
-        assert not fake.truth()["moving"]
-        assert fake.truth()["runtime"] == "STOPPED"
+        assert not fake.true_state()["moving"]
+        assert fake.true_state()["runtime"] == "STOPPED"
         await failure_of(move)
 
 
@@ -315,20 +318,20 @@ async def test_a_cancelled_move_with_a_hung_child_stops_the_arm_all_the_same(
         async with asyncio.timeout(PROMISE_S):
             with pytest.raises(asyncio.CancelledError):
                 await move
-        assert not fake.truth()["moving"]
+        assert not fake.true_state()["moving"]
 
 
 async def test_a_cancelled_move_says_so_when_standstill_cannot_be_confirmed(
     robot: UniversalRobot, fake: FakeRobot
 ) -> None:
     async with moving(robot, fake) as move:
-        await fake.fault("link_loss_all", {})
+        await fake.inject_fault("link_loss_all", {})
         move.cancel()
         async with asyncio.timeout(PROMISE_S):
             with pytest.raises(asyncio.CancelledError) as caught:
                 await move
         assert any("Look at the robot" in note for note in caught.value.__notes__)
-        await until(lambda: not fake.truth()["moving"])  # the robot's own watchdog
+        await until(lambda: not fake.true_state()["moving"])  # the robot's own watchdog
 
 
 async def test_the_robot_stops_by_itself_when_everything_of_ours_falls_silent(
@@ -336,8 +339,8 @@ async def test_the_robot_stops_by_itself_when_everything_of_ours_falls_silent(
 ) -> None:
     async with moving(robot, fake):
         os.kill(child_of(robot), signal.SIGSTOP)
-        await until(lambda: not fake.truth()["moving"])
-        assert fake.truth()["controller_joints_rad"][0] < AWAY[0] - 0.05
+        await until(lambda: not fake.true_state()["moving"])
+        assert fake.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05
 
 
 # the link
@@ -348,12 +351,12 @@ async def test_a_cut_link_during_a_move_tells_where_to_look_and_is_found_again(
     robot: UniversalRobot, fake: FakeRobot, fault: str
 ) -> None:
     async with moving(robot, fake) as move:
-        await fake.fault(fault, {})
+        await fake.inject_fault(fault, {})
         failure = await failure_of(move)
         assert isinstance(failure, UnreachableError)
         assert failure.remedy.startswith("Look at the robot first")
-    fake.clear()
-    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    fake.clear_faults()
+    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
     await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
 
@@ -364,13 +367,13 @@ async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
 ) -> None:
     await works_again(robot, fake)
     child = child_of(robot)
-    await fake.fault(fault, {})
+    await fake.inject_fault(fault, {})
     assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
     session = robot._session
     assert session is not None
-    await until(lambda: not session.usable)
-    fake.clear()
-    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    await until(lambda: not session.is_usable)
+    fake.clear_faults()
+    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
     await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
     assert child_of(robot) != child
@@ -392,23 +395,23 @@ async def test_whoever_stops_the_arm_the_move_ends_and_cannot_be_resumed(
     robot: UniversalRobot, fake: FakeRobot, fault: str, says: str
 ) -> None:
     async with moving(robot, fake) as move:
-        await fake.fault(fault, {})
+        await fake.inject_fault(fault, {})
         failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
     assert says in str(failure)
-    stood_at = fake.truth()["controller_joints_rad"]
-    await fake.fault("unlock_protective_stop", {})
-    await fake.fault("release_emergency_stop", {})
+    stood_at = fake.true_state()["controller_joints_rad"]
+    await fake.inject_fault("unlock_protective_stop", {})
+    await fake.inject_fault("release_emergency_stop", {})
     fake.server.controller.resume_program()  # somebody presses play
     await until_ready(robot, Readiness.READY)
-    assert fake.truth()["program"] is None
-    assert fake.truth()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
+    assert fake.true_state()["program"] is None
+    assert fake.true_state()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
     await works_again(robot, fake)
 
 
 async def test_a_client_that_takes_the_arm_over_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
     async with moving(robot, fake) as move:
-        await fake.fault("other_client_moves", {"axis": "J3", "rad": 0.6, "speed": 1.0})
+        await fake.inject_fault("other_client_moves", {"axis": "J3", "rad": 0.6, "speed": 1.0})
         failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
     assert "another client" in str(failure)
@@ -417,8 +420,8 @@ async def test_a_client_that_takes_the_arm_over_is_noticed(robot: UniversalRobot
 async def test_the_robot_is_given_back_after_a_while_and_taken_again(fake: FakeRobot) -> None:
     async with config_of(fake, release_after_s=0.1).open() as robot:
         await works_again(robot, fake)
-        await until(lambda: fake.truth()["runtime"] == "STOPPED")
-        assert (await robot.condition()).readiness is Readiness.READY
+        await until(lambda: fake.true_state()["runtime"] == "STOPPED")
+        assert (await robot.read_condition()).readiness is Readiness.READY
         await works_again(robot, fake)
 
 
@@ -426,7 +429,7 @@ async def test_closing_ends_our_program_and_our_process(fake: FakeRobot) -> None
     async with config_of(fake).open() as robot:
         await works_again(robot, fake)
         child = child_of(robot)
-    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
     with pytest.raises(ProcessLookupError):
         os.kill(child, 0)
 
@@ -437,7 +440,7 @@ async def test_an_arm_that_is_blocked_short_of_its_target_is_an_error(
     async with moving(robot, fake) as move:
         controller: Any = fake.server.controller
         controller.program.background = None  # the program forgets the move, and plays on
-        controller.point.go(controller.point.joints_rad)
+        controller.point.move_to(controller.point.joints_rad)
         failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
     assert "deg from its target" in str(failure)

@@ -32,7 +32,7 @@ async def client(controller: Controller) -> AsyncIterator[StateClient]:
 
 async def until_newest(client: StateClient, timestamp_s: float) -> None:
     while client.samples[-1].timestamp_s != timestamp_s:
-        await client.fresh()
+        await client.read_fresh()
 
 
 async def test_the_handshake_is_the_one_of_the_document(controller: Controller, client: StateClient) -> None:
@@ -79,7 +79,7 @@ async def test_fresh_waits_for_a_state_that_is_sent_after_the_call(
     controller: Controller, client: StateClient
 ) -> None:
     await client.connect(deadline_s=LONG_S)
-    reading = asyncio.create_task(client.fresh())
+    reading = asyncio.create_task(client.read_fresh())
     await asyncio.sleep(0)
     assert not reading.done()
     controller.send(state(2.0))
@@ -90,8 +90,8 @@ async def test_a_silent_controller_is_unreachable_and_says_what_to_check(control
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=SHORT_S)
     await client.connect(deadline_s=LONG_S)
     with pytest.raises(UnreachableError, match=r"arm: .*no new state for 0\.2 s.*cable"):
-        await client.fresh()
-    assert not client.alive
+        await client.read_fresh()
+    assert not client.is_alive
 
 
 async def test_a_clock_that_stands_still_brings_no_news(controller: Controller) -> None:
@@ -105,7 +105,7 @@ async def test_a_clock_that_stands_still_brings_no_news(controller: Controller) 
 
     repeating = asyncio.create_task(repeat())
     with pytest.raises(UnreachableError, match="no new state"):
-        await client.fresh()
+        await client.read_fresh()
     repeating.cancel()
     await asyncio.wait({repeating})
 
@@ -115,7 +115,7 @@ async def test_a_busy_event_loop_is_not_a_silent_robot(controller: Controller) -
 
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=SHORT_S)
     await client.connect(deadline_s=LONG_S)
-    reading = asyncio.create_task(client.fresh())
+    reading = asyncio.create_task(client.read_fresh())
     await asyncio.sleep(0)
     controller.send(state(2.0))
     time.sleep(2 * SHORT_S)  # noqa: ASYNC251 - somebody blocks the loop
@@ -127,7 +127,7 @@ async def test_a_lost_link_is_told_to_everybody_who_waits(
     controller: Controller, client: StateClient
 ) -> None:
     await client.connect(deadline_s=LONG_S)
-    readings = [asyncio.create_task(client.fresh()) for _ in range(3)]
+    readings = [asyncio.create_task(client.read_fresh()) for _ in range(3)]
     await asyncio.sleep(0)
     controller.drop()
     results = await asyncio.gather(*readings, return_exceptions=True)
@@ -140,11 +140,11 @@ async def test_a_lost_link_that_nobody_noticed_is_told_once(
     await client.connect(deadline_s=LONG_S)
     controller.drop()
     async with asyncio.timeout(LONG_S):
-        while client.alive:
+        while client.is_alive:
             await asyncio.sleep(0.001)
     with pytest.raises(UnreachableError, match="closed the connection"):
-        client.tell_loss()
-    client.tell_loss()
+        client.report_loss()
+    client.report_loss()
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ async def test_a_malformed_state_never_becomes_a_reading(
     await client.connect(deadline_s=LONG_S)
     controller.send(data)
     with pytest.raises((WireProtocolError, UnreachableError), match=says):
-        await client.fresh()
+        await client.read_fresh()
     assert [sample.timestamp_s for sample in client.samples] == [1.0]
 
 
@@ -188,7 +188,7 @@ async def test_a_handshake_that_goes_wrong_says_how(
     with pytest.raises(error, match=says) as caught:
         await client.connect(deadline_s=SHORT_S if answer is None else LONG_S)
     assert caught.value.remedy
-    assert not client.alive
+    assert not client.is_alive
 
 
 async def test_an_address_where_nobody_listens_is_unreachable() -> None:

@@ -8,21 +8,21 @@ import pytest
 
 from cellcal.drivers.interfaces import AlarmKind
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
 from cellcal.service.watching.loss_response import PreparedAnswer, prepare_answer
-from cellcal.service.watching.watch import PositionLoss, Watch
+from cellcal.service.watching.watch import PositionLoss, RobotWatch
 
 NOTHING = None
 DRIFT, RECOVERY = "drift_check", "mastering_recovery"
 
 
 @pytest.fixture
-async def spoilt(door: Door) -> AsyncIterator[Door]:
+async def spoilt(door: FakeCellClient) -> AsyncIterator[FakeCellClient]:
     """The control door; the controller is switched off and on after the test, which ends every alarm raised here."""
     yield door
-    await door.fault("power_off", device="fanuc")
-    await door.fault("power_on", device="fanuc")
+    await door.inject_fault("power_off", device="fanuc")
+    await door.inject_fault("power_on", device="fanuc")
 
 
 async def seen_of(
@@ -33,8 +33,8 @@ async def seen_of(
 
     async def on_loss(_: PositionLoss) -> None: ...
 
-    watch = Watch(fanuc, LastHealthyCounts(folder), on_loss, period_s=0.01, warn=warned.append)
-    loss = await watch.look()
+    watch = RobotWatch(fanuc, LastHealthyCounts(folder), on_loss, period_s=0.01, warn=warned.append)
+    loss = await watch.look_once()
     return loss, None if loss is None else prepare_answer(config, loss), warned
 
 
@@ -55,11 +55,16 @@ async def seen_of(
     ],
 )
 async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
-    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path, alarm: tuple[str, AlarmKind], offered: Any
+    fanuc: Any,
+    spoilt: FakeCellClient,
+    cell: CellConfig,
+    tmp_path: Path,
+    alarm: tuple[str, AlarmKind],
+    offered: Any,
 ) -> None:
     code, kind = alarm
     await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
-    await spoilt.fault("alarm", device="fanuc", code=code, axis="J3")
+    await spoilt.inject_fault("alarm", device="fanuc", code=code, axis="J3")
     assert [(one.code, one.kind) for one in (await fanuc.condition()).alarms] == [alarm]
     loss, answer, warned = await seen_of(fanuc, cell, tmp_path)
     assert bool(warned) == (kind is AlarmKind.BATTERY_LOW)
@@ -68,15 +73,15 @@ async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
         return
     assert loss is not None
     assert answer is not None
-    assert (loss.suspicion.what, loss.suspicion.mode, answer.procedure) == offered
+    assert (loss.suspicion.loss_kind, loss.suspicion.mode, answer.procedure) == offered
     assert loss.suspicion.axes == (3,)
-    assert not answer.starts_alone
+    assert not answer.starts_unattended
     judged = [reason for reason in answer.reasons if "judgement" in reason]
     assert bool(judged) == (loss.suspicion.mode != "M1")
 
 
 async def test_a_loss_after_a_failing_encoder_is_told_too_and_asks_for_the_exchanged_one(
-    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path
+    fanuc: Any, spoilt: FakeCellClient, cell: CellConfig, tmp_path: Path
 ) -> None:
     told: list[PositionLoss] = []
 
@@ -85,26 +90,26 @@ async def test_a_loss_after_a_failing_encoder_is_told_too_and_asks_for_the_excha
 
     memory = LastHealthyCounts(tmp_path)
     await remember_healthy("fanuc", fanuc, memory)
-    watch = Watch(fanuc, memory, on_loss, period_s=0.01)
-    await spoilt.fault("alarm", device="fanuc", code="SRVO-074", axis="J5")
-    await watch.look()
-    await spoilt.fault("power_off", device="fanuc")
-    await spoilt.fault("power_on", device="fanuc")
-    await spoilt.fault("alarm", device="fanuc", code="SRVO-038", axis="J5")
-    await watch.look()
+    watch = RobotWatch(fanuc, memory, on_loss, period_s=0.01)
+    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-074", axis="J5")
+    await watch.look_once()
+    await spoilt.inject_fault("power_off", device="fanuc")
+    await spoilt.inject_fault("power_on", device="fanuc")
+    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-038", axis="J5")
+    await watch.look_once()
     failing, lost = (prepare_answer(cell, loss) for loss in told)
     assert (failing.procedure, failing.settings) == (DRIFT, {})
     assert (lost.procedure, lost.settings) == (RECOVERY, {"exchanged_axes": (5,)})
-    assert not lost.starts_alone
+    assert not lost.starts_unattended
 
 
 async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alone(
-    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path
+    fanuc: Any, spoilt: FakeCellClient, cell: CellConfig, tmp_path: Path
 ) -> None:
     await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
-    await spoilt.fault("alarm", device="fanuc", code="SRVO-062", axis="J3")
+    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-062", axis="J3")
     _, known, _ = await seen_of(fanuc, cell, tmp_path)
-    await spoilt.fault("alarm", device="fanuc", code="MOTN-017", axis="J1")
+    await spoilt.inject_fault("alarm", device="fanuc", code="MOTN-017", axis="J1")
     _, strange, _ = await seen_of(fanuc, cell, tmp_path)
     assert known is not None
     assert strange is not None

@@ -12,7 +12,7 @@ from cellcal.drivers.file_import.config import FileTrackerConfig
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
 from cellcal.fake_devices.cell import FakeCell
-from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 
 SERIAL = 390793
@@ -55,7 +55,7 @@ def config_for(fake: FakeTracker, **changes: Any) -> LaserTrackerConfig:
 
 def believed(fake: FakeTracker) -> np.ndarray:
     """Return where the target is in the tracker's frame."""
-    return np.array(fake.truth()["target_m"])
+    return np.array(fake.true_state()["target_m"])
 
 
 def off_in_sigmas(reading: Any, fake: FakeTracker) -> float:
@@ -73,7 +73,7 @@ class Reader:
     async def confirm(self, instruction: Instruction) -> Answer:
         return Answer("anna", instruction.key)
 
-    async def enter(self, question: Question) -> Answer:
+    async def ask_question(self, question: Question) -> Answer:
         self.asked.append(question.text)
         for _ in range(5):
             await asyncio.sleep(0)  # others go on while a person types

@@ -30,8 +30,8 @@ def model_fields(name: str) -> dict[str, Any]:
     """Return the numbers of one model in SI: DH ``rows`` (n, 4) and the fields of `RobotModel`."""
     if name not in model_names():
         near = get_close_matches(name, model_names(), n=1)
-        known = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(model_names())}."
-        raise CalibrationError(f"there is no robot model {name!r}.", remedy=known, code="usage")
+        suggestion = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(model_names())}."
+        raise CalibrationError(f"there is no robot model {name!r}.", remedy=suggestion, code="usage")
     return parse_model(name, files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
 
 
@@ -47,7 +47,9 @@ def parse_model(name: str, text: str) -> dict[str, Any]:
             f"robot model {name}: missing {sorted(missing)}, unknown {sorted(data.keys() - _KEYS)} keys"
         )
     n = len(data["joints"])
-    columns = {key: _column(name, data, key, n) for key in _KEYS if key.endswith(("_deg", "_mm", "_deg_s"))}
+    columns = {
+        key: _read_column(name, data, key, n) for key in _KEYS if key.endswith(("_deg", "_mm", "_deg_s"))
+    }
     return {
         "title": data["title"],
         "rows": np.stack(
@@ -59,7 +61,7 @@ def parse_model(name: str, text: str) -> dict[str, Any]:
             ],
             axis=1,
         ),
-        "joint_coupling": _coupling(name, data, n),
+        "joint_coupling": _read_coupling(name, data, n),
         "lower_rad": np.deg2rad(columns["lower_deg"]),
         "upper_rad": np.deg2rad(columns["upper_deg"]),
         "max_speed_rad_s": np.deg2rad(columns["speed_deg_s"]),
@@ -68,14 +70,14 @@ def parse_model(name: str, text: str) -> dict[str, Any]:
     }
 
 
-def _column(name: str, data: dict[str, Any], key: str, n: int) -> Any:
+def _read_column(name: str, data: dict[str, Any], key: str, n: int) -> Any:
     values = np.array(data[key], dtype=float)
     if values.shape != (n,) or not np.isfinite(values).all():
         raise CalibrationError(f"robot model {name}: {key} needs {n} finite numbers")
     return values
 
 
-def _coupling(name: str, data: dict[str, Any], n: int) -> Any:
+def _read_coupling(name: str, data: dict[str, Any], n: int) -> Any:
     """DH angle = sign * joint; ``interaction = [[3, 2, 1.0]]``: DH angle 3 also turns with joint 2."""
     signs = np.array(data.get("sign", [1] * n), dtype=float)
     if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():

@@ -38,7 +38,7 @@ _OWN += " pose pos orient speeddata zonedata"
 _OWN_WORDS = frozenset(_OWN.split())  # instructions of the language that go to no target
 
 
-class Move(NamedTuple):
+class TargetMove(NamedTuple):
     """A move to a target: its name, or the row of one that is written into the move."""
 
     place: int
@@ -48,7 +48,7 @@ class Move(NamedTuple):
     frame: str | None
 
 
-class Event(NamedTuple):
+class DisplacementEvent(NamedTuple):
     """An instruction that sets or ends a displacement."""
 
     place: int
@@ -59,11 +59,11 @@ class Event(NamedTuple):
     quaternion: Quaternion | None
 
 
-class Held(NamedTuple):
+class ActiveDisplacement(NamedTuple):
     """A displacement, the moves that are done while it holds, and whether others may be, too."""
 
-    event: Event
-    moves: tuple[Move, ...]
+    event: DisplacementEvent
+    moves: tuple[TargetMove, ...]
     others: bool
 
 
@@ -72,38 +72,38 @@ class Displacements:
     """What a module displaces, while it is read."""
 
     text: str
-    events: list[Event] = field(default_factory=list)
-    moves: list[Move] = field(default_factory=list)
+    events: list[DisplacementEvent] = field(default_factory=list)
+    moves: list[TargetMove] = field(default_factory=list)
     routines: dict[str, tuple[int, int]] = field(default_factory=dict)  # by scope: from, to
 
-    def take(self, word: str, spelled: str, end: int, scope: str) -> None:
+    def take_instruction(self, word: str, spelled: str, end: int, scope: str) -> None:
         """Note an instruction whose arguments begin at a place."""
         stop = self.text.find(";", end)
         stop = len(self.text) if stop < 0 else stop
         translation, quaternion = UNREADABLE, None
         if word == "pdispset":
-            translation, quaternion = self._pose(end)
+            translation, quaternion = self._parse_pose(end)
         elif word == "pdispon" and _ROT.search(self.text, end, stop) is None:
             quaternion = NO_TURN
-        self.events.append(Event(end, word, spelled, scope, translation, quaternion))
+        self.events.append(DisplacementEvent(end, word, spelled, scope, translation, quaternion))
 
-    def held(self) -> Iterator[Held]:
+    def active_displacements(self) -> Iterator[ActiveDisplacement]:
         """Yield every displacement with the moves that it counts for."""
         for event in self.events:
             if not event.word.endswith("off"):
-                yield self._held(event)
+                yield self._displacement_of(event)
 
-    def _pose(self, place: int) -> tuple[Triple, Quaternion | None]:
+    def _parse_pose(self, place: int) -> tuple[Triple, Quaternion | None]:
         found = _POSE_VALUE.match(self.text, place)
         if found is not None:
-            return _numbers(found, 1)
+            return _pose_numbers(found, 1)
         named = _ARGUMENT.match(self.text, place)
         constants = [
             one for one in _CONSTANT.finditer(self.text) if named and one[1].lower() == named[1].lower()
         ]
-        return _numbers(constants[0], 2) if len(constants) == 1 else (UNREADABLE, None)
+        return _pose_numbers(constants[0], 2) if len(constants) == 1 else (UNREADABLE, None)
 
-    def _held(self, event: Event) -> Held:
+    def _displacement_of(self, event: DisplacementEvent) -> ActiveDisplacement:
         begin, end = self.routines.get(event.scope, (0, len(self.text)))
         off = next(
             (
@@ -113,27 +113,27 @@ class Displacements:
             None,
         )  # fmt: skip
         if off is None:
-            return Held(event, tuple(self.moves), others=True)
-        words = [word for word, _ in self._words(event.place, off)]
-        whole = _unbalanced(words)
+            return ActiveDisplacement(event, tuple(self.moves), others=True)
+        words = [word for word, _ in self._iterate_words(event.place, off)]
+        whole = _is_branching(words)
         span = (begin, end) if whole else (event.place, off)
-        scopes, others = self._called(*span)
-        moves = [move for move in self._between(*span) if move.scope == event.scope]
+        scopes, others = self._called_scopes(*span)
+        moves = [move for move in self._moves_between(*span) if move.scope == event.scope]
         moves += [move for move in self.moves if move.scope in scopes]
-        return Held(event, tuple(dict.fromkeys(moves)), others)
+        return ActiveDisplacement(event, tuple(dict.fromkeys(moves)), others)
 
-    def _between(self, begin: int, end: int) -> Sequence[Move]:
+    def _moves_between(self, begin: int, end: int) -> Sequence[TargetMove]:
         places = [move.place for move in self.moves]
         return self.moves[bisect_right(places, begin) : bisect_right(places, end)]
 
-    def _called(self, begin: int, end: int) -> tuple[set[str], bool]:
+    def _called_scopes(self, begin: int, end: int) -> tuple[set[str], bool]:
         """Return the scopes that are called from a part of the text, and whether others may be."""
         waiting, scopes, others = [(begin, end)], set[str](), False
         by_name: dict[str, list[str]] = {}
         for scope in self.routines:
             by_name.setdefault(scope.partition("/")[2], []).append(scope)
         while waiting:
-            for word, leads in self._words(*waiting.pop()):
+            for word, leads in self._iterate_words(*waiting.pop()):
                 some = by_name.get(word, ())
                 others |= leads and not some and word not in _OWN_WORDS
                 new = [scope for scope in some if scope not in scopes]
@@ -141,7 +141,7 @@ class Displacements:
                 waiting += [self.routines[scope] for scope in new]
         return scopes, others
 
-    def _words(self, begin: int, end: int) -> Iterator[tuple[str, bool]]:
+    def _iterate_words(self, begin: int, end: int) -> Iterator[tuple[str, bool]]:
         """Yield the words of a part of the text, and whether each begins a statement."""
         leads = False
         for found in _CODE.finditer(self.text, begin, end):
@@ -154,7 +154,7 @@ class Displacements:
             leads = False
 
 
-def _unbalanced(words: Sequence[str]) -> bool:
+def _is_branching(words: Sequence[str]) -> bool:
     """Tell whether the way between two instructions is not the only one."""
     depth = 0
     for word in words:
@@ -164,7 +164,7 @@ def _unbalanced(words: Sequence[str]) -> bool:
     return depth != 0 or (words.count("if") != words.count("then") - words.count("elseif"))
 
 
-def _numbers(found: re.Match[str], first: int) -> tuple[Triple, Quaternion | None]:
+def _pose_numbers(found: re.Match[str], first: int) -> tuple[Triple, Quaternion | None]:
     values = [float(found[first + k]) for k in range(7)]
     norm = sum(value * value for value in values[3:]) ** 0.5
     if not abs(norm - 1.0) < 1e-2:

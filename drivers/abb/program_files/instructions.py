@@ -7,13 +7,13 @@ from math import nan
 from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
-    LiteralError,
+    AggregateError,
     W,
     after_blanks,
-    spelled,
+    decode_name,
 )
 from cellcal.drivers.programs.shifts import UNREADABLE
-from cellcal.drivers.programs.spans import Source
+from cellcal.drivers.programs.spans import ProgramText
 
 # Where the tool stands, from the end of the arguments that are not optional.
 _LAST = "movel movej movec moveabsj triggl triggj triggc triggabsj arcl arcc arclstart arclend arcl1 arcl2 arccstart"
@@ -46,7 +46,7 @@ STAR = ("computed", "The target of this move is '*': its coordinates are not in 
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class MoveTarget:
     """What a move goes to: a name, numbers, or something that is only known while the program runs."""
 
     place: int
@@ -58,18 +58,18 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Instruction:
+class MoveInstruction:
     """A move; tool and frame are None where they are not a plain name."""
 
     word: str
-    targets: tuple[Target, ...]
+    targets: tuple[MoveTarget, ...]
     tool: str | None
     frame: str | None
     end: int  # after its semicolon
 
 
 @dataclass(frozen=True, slots=True)
-class Argument:
+class MoveArgument:
     """One argument, and the numbers that it is where it is a target."""
 
     start: int
@@ -77,7 +77,7 @@ class Argument:
     literal: re.Match[str] | None = None
 
 
-def read_instruction(source: Source, word: str, place: int) -> Instruction:
+def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruction:
     """Read a move whose arguments begin at a place.
 
     Raises
@@ -85,45 +85,45 @@ def read_instruction(source: Source, word: str, place: int) -> Instruction:
     ProgramFileError
         A target is not understood, or the instruction does not end.
     """
-    arguments, end = _arguments(source, place, axes=_of_axes(word))
+    arguments, end = _split_arguments(source, place, axes=_is_axis_move(word))
     plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
-    held = [argument for argument in plain if argument.literal is None]
+    plain_names = [argument for argument in plain if argument.literal is None]
     frame, named_at = _work_object(source.text, place, end)
-    with_frame = [argument for argument in held if argument.start <= named_at < argument.end]
-    of_tool = with_frame or held[MOVES[word] :][:1] if len(held) >= -MOVES[word] else []
+    with_frame = [argument for argument in plain_names if argument.start <= named_at < argument.end]
+    of_tool = with_frame or plain_names[MOVES[word] :][:1] if len(plain_names) >= -MOVES[word] else []
     tool = _plain_name(source.text, of_tool[0]) if of_tool else None
     named = len(plain) if word.startswith("search") else 2 if _CIRCLE.match(word) else 1
     targets = tuple(
         target
         for k, argument in enumerate(plain)
         if (k < named or argument.literal is not None)
-        and (target := _target(source, word, k, argument)) is not None
+        and (target := _target_of(source, word, k, argument)) is not None
     )
-    return Instruction(word, targets, tool, frame, end)
+    return MoveInstruction(word, targets, tool, frame, end)
 
 
-def _of_axes(word: str) -> bool:
+def _is_axis_move(word: str) -> bool:
     return word in ("moveabsj", "triggabsj")
 
 
-def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument], int]:
+def _split_arguments(source: ProgramText, place: int, *, axes: bool) -> tuple[list[MoveArgument], int]:
     """Cut the text up to the semicolon at its outer commas; targets in numbers are matched whole."""
     text, begin, depth = source.text, place, 0
     end = text.find(";", place)
     if end >= 0 and _MANY_SIGNS.search(text, place, end) is None:
         return _plain_arguments(source, place, end), end + 1
-    arguments: list[Argument] = []
+    arguments: list[MoveArgument] = []
     place = start = after_blanks(text, place)
-    literal = _literal(source, place, axes=axes)
+    literal = _match_literal(source, place, axes=axes)
     while True:
         place = literal.end() if literal is not None and place == start else place
         token = _ARGUMENT.match(text, place)
         if token is None or (depth <= 0 and token[0] in ",;"):
-            arguments.append(Argument(start, place, literal))
+            arguments.append(MoveArgument(start, place, literal))
             if token is None or token[0] == ";":
                 break
             place = start = after_blanks(text, token.end())
-            literal = _literal(source, place, axes=axes)
+            literal = _match_literal(source, place, axes=axes)
             if len(arguments) > _MOST_ARGUMENTS:
                 break
             continue
@@ -132,25 +132,25 @@ def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument
     end = place + (token is not None)
     missing = _NEXT_STATEMENT.search(text, begin, end)
     if token is None or missing is not None or len(arguments) > _MOST_ARGUMENTS:
-        raise source.error(begin, "this instruction does not end with ';'.")
+        raise source.error_at(begin, "this instruction does not end with ';'.")
     return arguments, end
 
 
-def _plain_arguments(source: Source, place: int, end: int) -> list[Argument]:
+def _plain_arguments(source: ProgramText, place: int, end: int) -> list[MoveArgument]:
     """Cut arguments without brackets, strings and comments at their commas."""
     text = source.text
     if text.count(",", place, end) >= _MOST_ARGUMENTS or _NEXT_STATEMENT.search(text, place, end):
-        raise source.error(place, "this instruction does not end with ';'.")
-    arguments: list[Argument] = []
+        raise source.error_at(place, "this instruction does not end with ';'.")
+    arguments: list[MoveArgument] = []
     while place <= end:
         comma = text.find(",", place, end)
         stop = end if comma < 0 else comma
-        arguments.append(Argument(after_blanks(text, place), stop))
+        arguments.append(MoveArgument(after_blanks(text, place), stop))
         place = stop + 1
     return arguments
 
 
-def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
+def _match_literal(source: ProgramText, place: int, *, axes: bool) -> re.Match[str] | None:
     """Return the target in numbers that an argument is, or None.
 
     Raises
@@ -162,12 +162,12 @@ def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
         return None
     kind = "jointtarget" if axes else "robtarget"
     try:
-        return AGGREGATES[kind].match(source.text, place)
-    except LiteralError as error:
+        return AGGREGATES[kind].match_at(source.text, place)
+    except AggregateError as error:
         second = after_blanks(source.text, place + 1)
         if error.computed or source.text[second : second + 1] != "[":
             return None  # a speed or zone in numbers, or a target that is computed
-        raise source.error(error.place, str(error), remedy="Correct it on the controller.") from None
+        raise source.error_at(error.place, str(error), remedy="Correct it on the controller.") from None
 
 
 def _work_object(text: str, place: int, end: int) -> tuple[str | None, int]:
@@ -177,35 +177,39 @@ def _work_object(text: str, place: int, end: int) -> tuple[str | None, int]:
     depth = 0
     for found in _OPTION.finditer(text, place, end):
         if found["work_object"] and not depth:
-            return spelled(found["named"]) if found["named"] else None, found.start()
+            return decode_name(found["named"]) if found["named"] else None, found.start()
         depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
     return "wobj0", -1
 
 
-def _plain_name(text: str, argument: Argument) -> str | None:
+def _plain_name(text: str, argument: MoveArgument) -> str | None:
     """Return the name that an argument is, its own options left out; None for an element, a component, a call."""
     found = _PLAIN.match(text, argument.start, argument.end)
-    return spelled(found[1]) if found else None
+    return decode_name(found[1]) if found else None
 
 
-def _target(source: Source, word: str, k: int, argument: Argument) -> Target | None:
+def _target_of(source: ProgramText, word: str, k: int, argument: MoveArgument) -> MoveTarget | None:
     """Return what an argument moves to; None for a speed, a zone, a tool."""
     if argument.literal is not None:
-        return Target(argument.start, literal=argument.literal, axes=_of_axes(word))
+        return MoveTarget(argument.start, literal=argument.literal, axes=_is_axis_move(word))
     head = _HEAD.match(source.text, argument.start, argument.end)
     first = k == 0 and not word.startswith("search")
     if head is None:
         sign = source.text[argument.start : argument.start + 1]
         star = STAR if sign == "*" else COMPUTED
-        return Target(argument.start, remark=star) if first or sign == "*" else None
+        return MoveTarget(argument.start, remark=star) if first or sign == "*" else None
     if head[3]:
-        return _called(source, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
+        return (
+            _function_target(source, head, argument)
+            if first or head[1].lower() in ("offs", "reltool")
+            else None
+        )
     index = "".join((head[2] or "").split())
-    name = spelled(head[1])
-    return Target(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
+    name = decode_name(head[1])
+    return MoveTarget(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
 
 
-def _called(source: Source, head: re.Match[str], argument: Argument) -> Target:
+def _function_target(source: ProgramText, head: re.Match[str], argument: MoveArgument) -> MoveTarget:
     """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
     text, opened = source.text, head.end()
     inner: re.Match[str] | None = head
@@ -217,14 +221,14 @@ def _called(source: Source, head: re.Match[str], argument: Argument) -> Target:
         opened = inner.end()
         inner, shifted = _HEAD.match(text, opened, argument.end), True
     if not shifted:
-        return Target(argument.start, remark=COMPUTED)
+        return MoveTarget(argument.start, remark=COMPUTED)
     named = inner is not None and not inner[3]
     index = "".join((inner[2] or "").split()) if inner else ""
-    name = spelled(inner[1]) if inner and named else ""
+    name = decode_name(inner[1]) if inner and named else ""
     name += f"{{{index}}}" if name and _INDEX.fullmatch(index) else ""
-    literal = None if inner is not None else _literal(source, after_blanks(text, opened), axes=False)
+    literal = None if inner is not None else _match_literal(source, after_blanks(text, opened), axes=False)
     place = argument.start if literal is None else literal.start()
-    return Target(place, name=name, literal=literal, remark=_SHIFTED, offset_m=offset)
+    return MoveTarget(place, name=name, literal=literal, remark=_SHIFTED, offset_m=offset)
 
 
 def offset_of(text: str, place: int, end: int) -> tuple[float, float, float]:

@@ -21,7 +21,7 @@ TOOLDATA = f"[b[{POSE}][n[nnn][nnnn]nnn]]"
 WOBJDATA = f"[bbs[{POSE}][{POSE}]]"
 
 
-class LiteralError(ValueError):
+class AggregateError(ValueError):
     """What stands there is not the aggregate; ``computed`` where only the controller knows a value."""
 
     def __init__(self, place: int, message: str, *, computed: bool) -> None:
@@ -41,20 +41,20 @@ def tokens_of(shape: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Aggregate:
+class RapidAggregate:
     """One shape of aggregate."""
 
     tokens: list[str]
     pattern: re.Pattern[str]
 
     @classmethod
-    def of(cls, shape: str) -> "Aggregate":
+    def from_shape(cls, shape: str) -> "RapidAggregate":
         """Build from a shape such as ``[[nnn][nnnn]]``."""
         tokens = tokens_of(shape)
         parts = (f"({_TOKENS[token]})" if token in _TOKENS else re.escape(token) for token in tokens)
         return cls(tokens, re.compile(W.join(parts), re.ASCII | re.IGNORECASE))
 
-    def match(self, text: str, place: int) -> re.Match[str]:
+    def match_at(self, text: str, place: int) -> re.Match[str]:
         """Return the aggregate that stands at a place; its groups are the values.
 
         Raises
@@ -64,10 +64,10 @@ class Aggregate:
         """
         found = self.pattern.match(text, place)
         if found is None:
-            raise self.error(text, place)
+            raise self.error_at(text, place)
         return found
 
-    def error(self, text: str, place: int) -> LiteralError:
+    def error_at(self, text: str, place: int) -> AggregateError:
         """Return what is wrong with an aggregate that does not stand at a place."""
         for token in self.tokens:
             blank = _BLANK.match(text, place)
@@ -75,18 +75,18 @@ class Aggregate:
             pattern = _TOKENS.get(token)
             fitting = re.compile(pattern or re.escape(token), re.ASCII | re.IGNORECASE).match(text, place)
             if fitting is None:
-                wanted = _NAMES.get(token, f"'{token}'")
+                expected = _NAMES.get(token, f"'{token}'")
                 computed = _COMPUTED.match(text, place) is not None
-                return LiteralError(place, f"here should be {wanted} of the position.", computed=computed)
+                return AggregateError(place, f"here should be {expected} of the position.", computed=computed)
             place = fitting.end()
-        return LiteralError(place, "this position is not understood.", computed=False)
+        return AggregateError(place, "this position is not understood.", computed=False)
 
 
 AGGREGATES = {
-    "robtarget": Aggregate.of(ROBTARGET),
-    "jointtarget": Aggregate.of(JOINTTARGET),
-    "tooldata": Aggregate.of(TOOLDATA),
-    "wobjdata": Aggregate.of(WOBJDATA),
+    "robtarget": RapidAggregate.from_shape(ROBTARGET),
+    "jointtarget": RapidAggregate.from_shape(JOINTTARGET),
+    "tooldata": RapidAggregate.from_shape(TOOLDATA),
+    "wobjdata": RapidAggregate.from_shape(WOBJDATA),
 }
 TARGETS = ("robtarget", "jointtarget")
 
@@ -97,7 +97,7 @@ def after_blanks(text: str, place: int) -> int:
     return blank.end() if blank else place
 
 
-def spelled(name: str) -> str:
+def decode_name(name: str) -> str:
     """Return a name as people write it: newer controllers save UTF-8, older ones ISO 8859-1."""
     if name.isascii():
         return name

@@ -11,22 +11,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
-from cellcal.drivers.abb.program_files.collected import LEAST_ANGLE_DECIMALS
+from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DECIMALS
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
-from cellcal.drivers.abb.program_files.module import read_module
-from cellcal.drivers.abb.program_files.written import (
+from cellcal.drivers.abb.program_files.rapid_module import read_module
+from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
     LEAST_QUATERNION_DECIMALS,
-    Written,
+    WrittenTargets,
 )
-from cellcal.drivers.programs.across import Abroad, Said, settled
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
+from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations, settle_positions
 from cellcal.drivers.programs.declared_poses import with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
-from cellcal.drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
+from cellcal.drivers.programs.positions import (
+    CARTESIAN,
+    JOINTS,
+    PositionChange,
+    Positions,
+    ProgramFrames,
+    Remark,
+)
+from cellcal.drivers.programs.spans import (
+    Edit,
+    ProgramText,
+    RequestedChange,
+    checked_rows,
+    finest_decimals,
+    write_number,
+)
 
 _MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
 _LOOKED_AT = 1 << 16  # bytes in which a module names itself
@@ -36,15 +50,15 @@ _LOOKED_AT = 1 << 16  # bytes in which a module names itself
 class AbbFile:
     """One .mod, .prg or .sys file."""
 
-    source: Source
+    source: ProgramText
     name: str
     positions: Positions
     remarks: tuple[Remark, ...]
-    frames: Frames
+    frames: ProgramFrames
     starts: NDArray[np.int64]  # (N,) where each target's numbers open
-    written: Written
+    written: WrittenTargets
     fixed: dict[int, str]  # targets that take no change, and why
-    said: Said  # what counts for other files
+    declarations: FileDeclarations  # what counts for other files
     keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
     used: frozenset[int]  # rows that moves of this file go to
     declared: frozenset[str]  # its own tools and work objects, in small letters
@@ -54,40 +68,43 @@ class AbbFile:
         """Return the file as it stands."""
         return self.source.data
 
-    def changed(self, change: Change) -> Self:
+    def with_changes(self, change: PositionChange) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
         in_columns = gets_only_a_pose(rows, change, self.positions) & (self.written.widths[rows, 0] > 0)
         edits: list[Edit] = []
         if change.frame_tip is not None:
             some = rows[in_columns]
-            edits += self.written.edits(some, self.starts[some], change.frame_tip[in_columns])
+            edits += self.written.make_edits(some, self.starts[some], change.frame_tip[in_columns])
         if not in_columns.all():
-            edits += self._edits(rows[~in_columns], part_of(change, ~in_columns))
-        return type(self).read(self.source.name, self.source.edited(edits))
+            edits += self._make_edits(rows[~in_columns], part_of(change, ~in_columns))
+        return type(self).from_bytes(self.source.name, self.source.apply_edits(edits))
 
-    def _edits(self, rows: NDArray[np.int64], change: Change) -> Iterator[Edit]:
-        wanted = Wanted.of(self.positions, rows, change)
-        turns = _quaternions(len(rows), change.frame_tip).tolist()
+    def _make_edits(self, rows: NDArray[np.int64], change: PositionChange) -> Iterator[Edit]:
+        requested = RequestedChange.from_change(self.positions, rows, change)
+        turns = _pose_quaternions(len(rows), change.frame_tip).tolist()
         for k, row in enumerate(rows.tolist()):
-            configuration = _new(change.configurations, k, self.positions.configurations[row])
-            frame = _new(change.user_frames, k, self.positions.user_frames[row] or "")
+            configuration = _changed_text(change.configurations, k, self.positions.configurations[row])
+            frame = _changed_text(change.user_frames, k, self.positions.user_frames[row] or "")
             if not (
-                wanted.has_pose[k] or wanted.has_joints[k] or configuration is not None or frame is not None
+                requested.has_pose[k]
+                or requested.has_joints[k]
+                or configuration is not None
+                or frame is not None
             ):
                 continue
-            self._refuse_unfit(row, pose=wanted.has_pose[k], joints=wanted.has_joints[k], frame=frame)
+            self._refuse_unfit(row, pose=requested.has_pose[k], joints=requested.has_joints[k], frame=frame)
             shape = "jointtarget" if self.positions.kinds[row] == JOINTS else "robtarget"
-            found = AGGREGATES[shape].match(self.source.text, int(self.starts[row]))
-            if wanted.has_pose[k]:
-                yield from self._pose_edits(row, found, wanted.place_mm[k], turns[k])
-            if wanted.has_joints[k]:
-                yield from self._joint_edits(row, found, wanted.joints_deg[k])
+            found = AGGREGATES[shape].match_at(self.source.text, int(self.starts[row]))
+            if requested.has_pose[k]:
+                yield from self._pose_edits(row, found, requested.place_mm[k], turns[k])
+            if requested.has_joints[k]:
+                yield from self._joint_edits(row, found, requested.joints_deg[k])
             if configuration is not None:
                 yield from self._configuration_edits(row, found, configuration)
 
     @classmethod
-    def read(cls, name: str, data: bytes) -> Self:
+    def from_bytes(cls, name: str, data: bytes) -> Self:
         """Read a file.
 
         Raises
@@ -95,7 +112,7 @@ class AbbFile:
         ProgramFileError
             A target is not understood, or the file is none of these.
         """
-        source = Source(name, data)
+        source = ProgramText(name, data)
         if b"\n" not in data and b"\r" in data:
             raise ProgramFileError(name, "its lines do not end as ABB's do.", remedy="Save it with CR LF.")
         module = read_module(source)
@@ -106,52 +123,56 @@ class AbbFile:
         uses = module.uses
         return cls(
             source=source,
-            said=Said(
+            declarations=FileDeclarations(
                 (module.name or PurePath(name).stem).lower(),
                 declares=uses.shown,
-                uses={name: frozenset(held) for name, held in uses.abroad.items()},
-                doubtful=uses.doubtful(),
-                tools=module.frames.shown(module.frames.tools),
-                bases=module.frames.shown(module.frames.bases),
+                uses={
+                    name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
+                },
+                doubtful=uses.doubtful_frames(),
+                tools=module.frames.public_poses(module.frames.tools),
+                bases=module.frames.public_poses(module.frames.bases),
             ),
             keys=tuple(found.names[row].lower() for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
-            positions=found.positions(
-                order, user_frames, tools, module.uses.barred, module.shifts.shifts(found, module.uses)
+            positions=found.to_positions(
+                order, user_frames, tools, module.uses.barred, module.shifts.to_shifts(found, module.uses)
             ),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
-            frames=module.frames.frames(),
+            frames=module.frames.to_frames(),
             starts=np.array(found.starts, dtype=np.int64)[order],
-            written=module.written.ordered(order, found.fixed),
+            written=module.written.reorder_rows(order, found.fixed),
             fixed={k: found.fixed[row] for k, row in enumerate(order.tolist()) if row in found.fixed},
         )
 
-    def with_abroad(self, abroad: Abroad) -> Self:
+    def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what other modules say of its targets."""
-        positions, remarks = settled(
-            self.positions, abroad, self.keys, used=self.used, taught=frozenset(), routines={}
+        positions, remarks = settle_positions(
+            self.positions, external_uses, self.keys, used=self.used, taught=frozenset(), routines={}
         )
-        frames = with_declared(self.frames, positions, abroad.tools, abroad.bases, own=self.declared)
+        frames = with_declared(
+            self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
+        )
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
         kind = self.positions.kinds[row]
         if row in self.fixed:
-            raise self._refusal(row, self.fixed[row])
+            raise self._change_error(row, self.fixed[row])
         if frame is not None:
-            raise self._refusal(row, "its work object stands in the moves, which are not rewritten")
+            raise self._change_error(row, "its work object stands in the moves, which are not rewritten")
         if (pose and kind != CARTESIAN) or (joints and kind != JOINTS):
-            raise self._refusal(row, f"it holds {kind} coordinates")
+            raise self._change_error(row, f"it holds {kind} coordinates")
 
     def _pose_edits(
         self, row: int, found: re.Match[str], place_mm: list[float], turn: list[float]
     ) -> Iterator[Edit]:
         texts = found.groups()[:7]
         length, digits = (
-            finest(texts[:3], LEAST_LENGTH_DECIMALS),
-            finest(texts[3:], LEAST_QUATERNION_DECIMALS),
+            finest_decimals(texts[:3], LEAST_LENGTH_DECIMALS),
+            finest_decimals(texts[3:], LEAST_QUATERNION_DECIMALS),
         )
         yield from self._number_edits(row, found, 0, place_mm, length)
         old = [float(text) for text in texts[3:]]
@@ -164,13 +185,13 @@ class AbbFile:
     def _joint_edits(self, row: int, found: re.Match[str], joints_deg: list[float]) -> Iterator[Edit]:
         unused = np.isnan(self.positions.joints[row]).tolist()
         if any(gone and not isnan(value) for gone, value in zip(unused, joints_deg, strict=True)):
-            raise self._refusal(row, "an axis that it leaves out is given a value")
+            raise self._change_error(row, "an axis that it leaves out is given a value")
         texts = [text for text, gone in zip(found.groups()[:6], unused, strict=True) if not gone]
-        yield from self._number_edits(row, found, 0, joints_deg, finest(texts, LEAST_ANGLE_DECIMALS))
+        yield from self._number_edits(row, found, 0, joints_deg, finest_decimals(texts, LEAST_ANGLE_DECIMALS))
 
     def _configuration_edits(self, row: int, found: re.Match[str], text: str) -> Iterator[Edit]:
         if numbers_of(text) is None:
-            raise self._refusal(row, f"{text!r} is no configuration such as [0,-1,0,1]")
+            raise self._change_error(row, f"{text!r} is no configuration such as [0,-1,0,1]")
         for k, part in enumerate(text.strip()[1:-1].split(",")):
             yield *found.span(8 + k), part.strip()
 
@@ -181,27 +202,27 @@ class AbbFile:
             if isnan(value):
                 continue
             if not abs(value) < BEYOND:
-                raise self._refusal(row, f"no robot has the coordinate {value:.0f}")
-            yield *found.span(first + k + 1), written(found[first + k + 1], value, decimals)
+                raise self._change_error(row, f"no robot has the coordinate {value:.0f}")
+            yield *found.span(first + k + 1), write_number(found[first + k + 1], value, decimals)
 
-    def _refusal(self, row: int, why: str) -> ProgramFileError:
-        return self.source.error(
+    def _change_error(self, row: int, why: str) -> ProgramFileError:
+        return self.source.error_at(
             int(self.starts[row]),
             f"{self.positions.names[row]} cannot be changed: {why}.",
             remedy="Leave it out, or teach it on the robot.",
         )
 
 
-def _quaternions(count: int, frame_tip: Array | None) -> Array:
+def _pose_quaternions(count: int, frame_tip: Array | None) -> Array:
     """Return (count, 4) quaternions of poses, NaN where there is none."""
     quaternions = np.full((count, 4), np.nan)
     if frame_tip is not None:
-        given = ~np.isnan(frame_tip).any(axis=(1, 2))
-        quaternions[given] = quaternion_from_rotation(frame_tip[given, :3, :3])
+        is_given = ~np.isnan(frame_tip).any(axis=(1, 2))
+        quaternions[is_given] = quaternion_from_rotation(frame_tip[is_given, :3, :3])
     return quaternions
 
 
-def _new(texts: Sequence[str] | None, k: int, old: str) -> str | None:
+def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
     return None if texts is None or texts[k] == old else texts[k]
 
 
@@ -213,7 +234,7 @@ def writes_program(data: bytes) -> bool:
 BRAND = ProgramBrand(
     brand="abb",
     suffixes=(".mod", ".prg", ".sys"),
-    read=AbbFile.read,
+    read=AbbFile.from_bytes,
     configurations=AbbConfigurations(),
     writes_program=writes_program,
     tells=True,

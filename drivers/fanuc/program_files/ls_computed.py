@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isnan, nan
 
-from cellcal.drivers.fanuc.program_files.ls_statements import Motion, Statement
+from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
 
 _ASSIGNED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+(?:, *+(\d) *+)?+\] *+= *+(.*)", re.DOTALL)
@@ -26,7 +26,7 @@ _LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
 
 @dataclass
-class Registers:
+class ComputedRegisters:
     """What a program does with registers, whatever the order of its statements."""
 
     origins: dict[int, set[int]] = field(default_factory=dict)  # positions whose numbers a register gets
@@ -45,7 +45,7 @@ class Registers:
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
 
     @property
-    def size(self) -> int:
+    def found_count(self) -> int:
         """Return how much is found so far."""
         return (
             sum(map(len, self.origins.values()))
@@ -56,11 +56,11 @@ class Registers:
         )
 
 
-def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
+def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRegisters:
     """Return what assignments do; each comes with the position that the program went to last above it."""
-    found = Registers()
+    found = ComputedRegisters()
     for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
-        before = found.size
+        before = found.found_count
         for statement, last in assigned:
             match = _ASSIGNED.search(statement.text)
             _take_chosen(found, statement, certain=match is not None)
@@ -68,12 +68,12 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
                 _assign_element(found, match, statement.line)
             elif match is not None:
                 _assign_whole(found, match, statement.line, last)
-        if found.size == before:
+        if found.found_count == before:
             break
     return found
 
 
-def computes(statement: Statement) -> bool:
+def is_computing(statement: Statement) -> bool:
     """Tell whether a statement that is no motion gives a value to a position register, or uses a position."""
     return any(
         pattern.search(statement.text)
@@ -81,7 +81,7 @@ def computes(statement: Statement) -> bool:
     )
 
 
-def _take_chosen(found: Registers, statement: Statement, *, certain: bool) -> None:
+def _take_chosen(found: ComputedRegisters, statement: Statement, *, certain: bool) -> None:
     """Take up what a number chooses, and positions in statements that are not understood."""
     if _CHOSEN_POSITION.search(statement.text):
         found.any_position = found.any_position or statement.line
@@ -91,7 +91,7 @@ def _take_chosen(found: Registers, statement: Statement, *, certain: bool) -> No
             found.any_altered = found.any_altered or statement.line
 
 
-def _assign_element(found: Registers, match: re.Match[bytes], line: int) -> None:
+def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int) -> None:
     number, element, value = int(match[1]), int(match[2]), match[3].strip()
     found.altered.setdefault(number, line)
     found.computed |= {int(each) for each in _POSITION.findall(value)}
@@ -100,7 +100,7 @@ def _assign_element(found: Registers, match: re.Match[bytes], line: int) -> None
         found.turned.add(number)
 
 
-def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int | None) -> None:
+def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, last: int | None) -> None:
     number, value = int(match[1]), match[3].strip()
     positions = {int(each) for each in _POSITION.findall(value)}
     registers = {int(each) for each in _REGISTER.findall(value)}
@@ -123,13 +123,13 @@ def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int
 
 
 @dataclass
-class Contents:
+class RegisterContents:
     """What registers hold while a program without branches and calls runs from its first line."""
 
     certain: bool = True
     elements: dict[tuple[int, int], float] = field(default_factory=dict)
 
-    def follow(self, statement: Statement) -> None:
+    def follow_statement(self, statement: Statement) -> None:
         """Take up a statement."""
         if _BRANCHES.search(statement.text) or _CHOSEN_REGISTER.search(statement.text):
             self.certain = False
@@ -145,7 +145,7 @@ class Contents:
         constant = _NUMBER.fullmatch(value)
         self.elements[number, int(element)] = float(constant[1]) if constant else nan
 
-    def shift(self, motion: Motion, turned: set[int]) -> tuple[Triple, Quaternion | None]:
+    def shift_of_motion(self, motion: MotionStatement, turned: set[int]) -> tuple[Triple, Quaternion | None]:
         """Return the shift of a motion; NaN and None where it is not certain."""
         quaternion = None if turned & set(motion.shifting) else NO_TURN
         if not self.certain or len(motion.shifting) != 1:

@@ -21,7 +21,7 @@ _TIE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Digits:
+class DigitFields:
     """What N fields say."""
 
     values: Array  # (N,) as a float of the text would be
@@ -31,7 +31,7 @@ class Digits:
     full: Flags  # (N,) a zero stands there, of a number that is not zero
 
 
-def read_digits(texts: Characters, point: int) -> Digits:
+def read_digits(texts: Characters, point: int) -> DigitFields:
     """Read fields (width, N) whose point is in row ``point``."""
     digits = texts - np.uint8(_ZERO)  # wraps: what is no digit becomes more than nine
     is_digit = digits <= 9
@@ -45,8 +45,8 @@ def read_digits(texts: Characters, point: int) -> Digits:
     plain &= (is_digit[:point] == (place >= blanks + signs)).all(axis=0)
     plain &= ((before == _BLANK) == (place < blanks)).all(axis=0) & is_digit[point + 1 :].all(axis=0)
     digits[~is_digit] = 0
-    sizes = (_weights(len(texts), point) @ digits) / 10.0 ** (len(texts) - point - 1)
-    return Digits(
+    sizes = (_digit_weights(len(texts), point) @ digits) / 10.0 ** (len(texts) - point - 1)
+    return DigitFields(
         values=np.where(signs > 0, -sizes, sizes),
         plain=plain,
         wide=blanks >= 2,
@@ -69,12 +69,12 @@ def written_digits(values: Array, shape: tuple[int, int], leading_zero: Flags) -
     """
     width, point = shape
     possible = np.abs(values) < LARGEST  # not of NaN
-    numbers = _scaled(np.where(possible, values, 0.0), width - point - 1)
+    numbers = _scale_values(np.where(possible, values, 0.0), width - point - 1)
     every = 10 ** np.arange(width - 2, -1, -1, dtype=np.int64)[:, None]
     whole = (numbers >= every[:point]).sum(axis=0)
     whole = np.maximum(whole, leading_zero | (numbers == 0))
     negative = (values < 0) & (numbers > 0)
-    room = possible & (whole + negative < point) & (numbers < 10 * every[0])
+    fits_width = possible & (whole + negative < point) & (numbers < 10 * every[0])
     texts = np.empty((width, len(values)), dtype=np.uint8)
     texts[point] = _POINT
     rest = numbers
@@ -83,18 +83,18 @@ def written_digits(values: Array, shape: tuple[int, int], leading_zero: Flags) -
             rest, digit = rest // 10, rest % 10
             texts[row] = digit + _ZERO
     texts[:point][np.arange(point)[:, None] < point - whole] = _BLANK
-    signed = np.flatnonzero(negative & room)
+    signed = np.flatnonzero(negative & fits_width)
     texts[point - whole[signed] - 1, signed] = _MINUS
-    return texts, room
+    return texts, fits_width
 
 
-def _weights(width: int, point: int) -> Array:
+def _digit_weights(width: int, point: int) -> Array:
     """Return what a digit in each column counts; the point counts nothing."""
     powers = 10.0 ** np.arange(width - 2, -1, -1)
     return np.insert(powers, point, 0.0)
 
 
-def _scaled(values: Array, decimals: int) -> NDArray[np.int64]:
+def _scale_values(values: Array, decimals: int) -> NDArray[np.int64]:
     """Return sizes in units of the last decimal, rounded as printing rounds."""
     scaled = np.abs(values) * 10.0**decimals
     numbers = np.rint(scaled).astype(np.int64)

@@ -15,30 +15,34 @@ from cellcal.drivers.fanuc.program_files.ls_grammar import (
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
 )
-from cellcal.drivers.fanuc.program_files.ls_numbers import LARGEST, NumberStyle, all_decimals, decimals
+from cellcal.drivers.fanuc.program_files.ls_numbers import LARGEST, NumberStyle, all_decimals, count_decimals
 from cellcal.drivers.fanuc.program_files.ls_orientation import new_coordinates
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
-from cellcal.drivers.fanuc.program_files.ls_records import Place
+from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN as CARTESIAN_KIND
 from cellcal.drivers.programs.positions import JOINTS as JOINTS_KIND
-from cellcal.drivers.programs.positions import Change, Positions
+from cellcal.drivers.programs.positions import PositionChange, Positions
 
 Edit = tuple[int, int, bytes]  # from, to, what stands there then
 _BLOCK = 5000  # positions whose new texts are in memory at once
 _PER_UNIT = {b"mm": 1e3, b"deg": 180.0 / np.pi}
 
 
-def edited(
-    place: Place, body: tuple[int, int], positions: Positions, offsets: NDArray[np.int64], change: Change
+def edit_listing(
+    place: ListingFile,
+    body: tuple[int, int],
+    positions: Positions,
+    offsets: NDArray[np.int64],
+    change: PositionChange,
 ) -> bytes:
     """Return the file with the change; `LsProgram.changed` says what it raises."""
     rows = _checked_rows(place, positions, change)
-    blocks = _Blocks(place, body, positions, offsets)
+    blocks = _RecordTexts(place, body, positions, offsets)
     in_order = np.argsort(offsets[rows], kind="stable")
     pieces, at = [], 0
     for first in range(0, len(rows), _BLOCK):
-        edits = sorted(_edits(blocks, _part(change, in_order[first : first + _BLOCK])))
+        edits = sorted(_make_edits(blocks, _select_changes(change, in_order[first : first + _BLOCK])))
         new = []
         for start, end, text in edits:
             new += [place.data[at:start], text]
@@ -47,8 +51,8 @@ def edited(
     return b"".join([*pieces, place.data[at:]])
 
 
-def _part(change: Change, chosen: NDArray[np.int64]) -> Change:
-    return Change(
+def _select_changes(change: PositionChange, chosen: NDArray[np.int64]) -> PositionChange:
+    return PositionChange(
         np.asarray(change.rows, dtype=np.int64)[chosen],
         None if change.frame_tip is None else np.asarray(change.frame_tip, dtype=float)[chosen],
         None if change.joints is None else np.asarray(change.joints, dtype=float)[chosen],
@@ -57,55 +61,55 @@ def _part(change: Change, chosen: NDArray[np.int64]) -> Change:
     )
 
 
-def _edits(blocks: "_Blocks", change: Change) -> Iterator[Edit]:
+def _make_edits(blocks: "_RecordTexts", change: PositionChange) -> Iterator[Edit]:
     if change.frame_tip is not None:
-        yield from _poses(blocks, change.rows, change.frame_tip)
+        yield from _pose_edits(blocks, change.rows, change.frame_tip)
     if change.joints is not None:
-        yield from _joints(blocks, change.rows, change.joints)
+        yield from _joint_edits(blocks, change.rows, change.joints)
     if change.configurations is not None:
-        yield from _configurations(blocks, change.rows, change.configurations)
+        yield from _configuration_edits(blocks, change.rows, change.configurations)
     if change.user_frames is not None:
         yield from _user_frames(blocks, change.rows, change.user_frames)
 
 
-class _Blocks:
+class _RecordTexts:
     """The text of each position again, to find the spans of its numbers."""
 
     def __init__(
-        self, place: Place, body: tuple[int, int], positions: Positions, offsets: NDArray[np.int64]
+        self, place: ListingFile, body: tuple[int, int], positions: Positions, offsets: NDArray[np.int64]
     ) -> None:
         self.place, self.body, self.positions, self.offsets = place, body, positions, offsets
-        self.style = NumberStyle.of(place.data, *body)
+        self.style = NumberStyle.from_listing(place.data, *body)
 
-    def cartesian(self, row: int) -> re.Match[bytes]:
+    def match_cartesian(self, row: int) -> re.Match[bytes]:
         """Return the text of a taught Cartesian position: groups 5 to 10 are its numbers."""
         at, end = int(self.offsets[row]), self.body[1]
         found = CARTESIAN.match(self.place.data, at, end) or UNTAUGHT_CARTESIAN.match(
             self.place.data, at, end
         )
         if found is None or self.positions.kinds[row] != CARTESIAN_KIND:
-            raise self.error(row, f"is {self.positions.kinds[row]}, and takes no pose.")
+            raise self.row_error(row, f"is {self.positions.kinds[row]}, and takes no pose.")
         return found
 
-    def joints(self, row: int) -> re.Match[bytes]:
+    def match_joints(self, row: int) -> re.Match[bytes]:
         """Return the text of a taught joint position: group 5 holds its joints."""
         at, end = int(self.offsets[row]), self.body[1]
         found = JOINTS.match(self.place.data, at, end) or UNTAUGHT_JOINTS.match(self.place.data, at, end)
         if found is None or self.positions.kinds[row] != JOINTS_KIND:
-            raise self.error(row, f"is {self.positions.kinds[row]}, and takes no joints.")
+            raise self.row_error(row, f"is {self.positions.kinds[row]}, and takes no joints.")
         return found
 
     def any_form(self, row: int) -> re.Match[bytes]:
         """Return the text of a position in whatever form: groups 1 to 4 are GP, UF, UT and CONFIG."""
         if self.positions.kinds[row] == REMOTE:
-            raise self.error(row, f"is {REMOTE}, and takes no pose.")
+            raise self.row_error(row, f"is {REMOTE}, and takes no pose.")
         at, end = int(self.offsets[row]), self.body[1]
         for pattern in (CARTESIAN, JOINTS, UNTAUGHT_CARTESIAN, UNTAUGHT_JOINTS):
             if found := pattern.match(self.place.data, at, end):
                 return found
-        raise self.error(row, "is not where it was.")
+        raise self.row_error(row, "is not where it was.")
 
-    def error(self, row: int, message: str, remedy: str = "") -> ProgramFileError:
+    def row_error(self, row: int, message: str, remedy: str = "") -> ProgramFileError:
         where = self.positions
         return ProgramFileError(
             self.place.file,
@@ -115,33 +119,33 @@ class _Blocks:
             remedy=remedy,
         )
 
-    def number(self, row: int, old: bytes, value: float) -> bytes:
+    def write_number(self, row: int, old: bytes, value: float) -> bytes:
         """Return a new number in the file's style."""
         if not abs(value) < LARGEST:
-            raise self.error(row, f"cannot hold the number {value:g}.", "Check the frame and the shift.")
-        return self.style.written(old, value)
+            raise self.row_error(row, f"cannot hold the number {value:g}.", "Check the frame and the shift.")
+        return self.style.write_value(old, value)
 
 
-def _checked_rows(place: Place, positions: Positions, change: Change) -> NDArray[np.int64]:
+def _checked_rows(place: ListingFile, positions: Positions, change: PositionChange) -> NDArray[np.int64]:
     rows = np.asarray(change.rows, dtype=np.int64)
     inside = (rows >= 0) & (rows < len(positions))
     if rows.ndim != 1 or not inside.all() or len(np.unique(rows)) < len(rows):
         raise ProgramFileError(place.file, "the rows of a change must be positions of this file, each once.")
-    given = (change.frame_tip, change.joints, change.configurations, change.user_frames)
-    if any(values is not None and len(values) != len(rows) for values in given):
+    columns = (change.frame_tip, change.joints, change.configurations, change.user_frames)
+    if any(values is not None and len(values) != len(rows) for values in columns):
         raise ProgramFileError(place.file, "a change must have one value for each of its rows.")
     return rows
 
 
-def _poses(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
+def _pose_edits(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
     if frame_tip.shape != (len(rows), 4, 4):
         raise ProgramFileError(blocks.place.file, f"poses must be 4 x 4 matrices, not {frame_tip.shape}.")
-    given = ~np.isnan(frame_tip).all(axis=(1, 2))
-    rows, frame_tip = rows[given], frame_tip[given]
+    is_given = ~np.isnan(frame_tip).all(axis=(1, 2))
+    rows, frame_tip = rows[is_given], frame_tip[is_given]
     if not len(rows):
         return
     _check_rigid(blocks, rows, frame_tip)
-    found = [blocks.cartesian(int(row)) for row in rows]
+    found = [blocks.match_cartesian(int(row)) for row in rows]
     texts = [text for block in found for text in block.groups()[4:10]]
     old = np.array(list(map(float, texts))).reshape(-1, 6)
     places = all_decimals(texts).reshape(-1, 6)
@@ -150,58 +154,58 @@ def _poses(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> Iterat
         for field in range(6):
             if others[field]:
                 start, end = block.span(5 + field)
-                yield start, end, blocks.number(row, block[5 + field], values[field])
+                yield start, end, blocks.write_number(row, block[5 + field], values[field])
 
 
-def _check_rigid(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> None:
+def _check_rigid(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> None:
     if is_rigid(frame_tip):
         return
     for row, pose in zip(rows, frame_tip, strict=True):
         if not is_rigid(pose):
-            raise blocks.error(int(row), "is given a pose that is no finite, rigid transform.")
+            raise blocks.row_error(int(row), "is given a pose that is no finite, rigid transform.")
 
 
-def _joints(blocks: _Blocks, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
+def _joint_edits(blocks: _RecordTexts, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
     if joints.ndim != 2:
         raise ProgramFileError(blocks.place.file, f"joints must be rows of numbers, not {joints.shape}.")
     for row, values in zip(rows.tolist(), joints, strict=True):
         if np.isnan(values).all():
             continue
-        block = blocks.joints(row)
+        block = blocks.match_joints(row)
         fields = list(FIELD.finditer(block[5]))
-        asked = values[: len(fields)]
+        requested = values[: len(fields)]
         if (
-            len(asked) < len(fields)
-            or not np.isfinite(asked).all()
+            len(requested) < len(fields)
+            or not np.isfinite(requested).all()
             or np.isfinite(values[len(fields) :]).any()
         ):
-            raise blocks.error(row, f"has {len(fields)} joints and wants as many finite numbers.")
-        for found, value in zip(fields, asked.tolist(), strict=True):
+            raise blocks.row_error(row, f"has {len(fields)} joints and wants as many finite numbers.")
+        for found, value in zip(fields, requested.tolist(), strict=True):
             new = value * _PER_UNIT[found[4]]
-            if abs(new - float(found[3])) > 0.5 * 10.0 ** -decimals(found[3]) * (1 - 1e-9):
+            if abs(new - float(found[3])) > 0.5 * 10.0 ** -count_decimals(found[3]) * (1 - 1e-9):
                 start = block.start(5)
-                yield start + found.start(3), start + found.end(3), blocks.number(row, found[3], new)
+                yield start + found.start(3), start + found.end(3), blocks.write_number(row, found[3], new)
 
 
-def _configurations(
-    blocks: _Blocks, rows: NDArray[np.int64], configurations: Sequence[str]
+def _configuration_edits(
+    blocks: _RecordTexts, rows: NDArray[np.int64], configurations: Sequence[str]
 ) -> Iterator[Edit]:
     for row, text in zip(rows.tolist(), configurations, strict=True):
         if text == blocks.positions.configurations[row]:
             continue
         start, end = blocks.any_form(row).span(4)
         if start < 0 or not text or CONFIGURATION.fullmatch(text) is None:
-            raise blocks.error(
+            raise blocks.row_error(
                 row, f"cannot take the configuration {text!r}.", "Write it as 'N U T, 0, 0, 0'."
             )
         yield start, end, text.encode()
 
 
-def _user_frames(blocks: _Blocks, rows: NDArray[np.int64], user_frames: Sequence[str]) -> Iterator[Edit]:
+def _user_frames(blocks: _RecordTexts, rows: NDArray[np.int64], user_frames: Sequence[str]) -> Iterator[Edit]:
     for row, text in zip(rows.tolist(), user_frames, strict=True):
         if text == blocks.positions.user_frames[row]:
             continue
         if re.fullmatch(r"[0-9]{1,3}", text) is None:
-            raise blocks.error(row, f"cannot take the user frame {text!r}.", "A user frame is a number.")
+            raise blocks.row_error(row, f"cannot take the user frame {text!r}.", "A user frame is a number.")
         start, end = blocks.any_form(row).span(2)
         yield start, end, text.encode()

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
-from cellcal.drivers.programs.across import Abroad, RoutineSaid
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
+from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _WORDS = {"frame": rb"(?:UFRAME_NUM|BENUTZER_NUM)", "tool": rb"(?:UTOOL_NUM|WKZ_NUM)"}
@@ -45,30 +45,34 @@ _STATEMENT = re.compile(
 )
 
 
-def chosen_and_called(data: bytes) -> RoutineSaid:
+def routine_effects_of(data: bytes) -> RoutineEffects:
     """Return which frames and tools a program chooses anywhere, and what it calls."""
     statements = statements_of(data)[1]
-    return RoutineSaid(
-        tools=frozenset(_numbers("tool", statements)),
-        frames=frozenset(_numbers("frame", statements)),
-        calls=frozenset(_calls(statements)),
+    return RoutineEffects(
+        tools=frozenset(_set_numbers("tool", statements)),
+        frames=frozenset(_set_numbers("frame", statements)),
+        calls=frozenset(_called_programs(statements)),
     )
 
 
-def with_chosen_frames(positions: Positions, data: bytes, name: str, abroad: Abroad) -> Positions:
+def with_chosen_frames(
+    positions: Positions, data: bytes, name: str, external_uses: ExternalUses
+) -> Positions:
     """Return positions with the numbers that their program chooses for certain before it moves to them.
 
     Where it chooses none, positions stay without; where it is not certain which, they are left, with the reason.
     """
-    open_ = open_rows(positions)
+    open_ = rows_without_frames(positions)
     statements = statements_of(data)[1]
     uses, indirect = _first_uses(statements), _INDIRECT.search(statements)
     first_of_any = indirect.start() if indirect else len(statements)
     columns = {"frame": list(positions.user_frames), "tool": list(positions.tools)}
     barred = dict(positions.barred)
     for which, column in columns.items():
-        number, place, why = _choice(which, statements)
-        why = why or abroad.reached(abroad.file, name, tool=which == "tool", frame=which == "frame")
+        number, place, why = _chosen_number(which, statements)
+        why = why or external_uses.reached(
+            external_uses.file, name, tool=which == "tool", frame=which == "frame"
+        )
         for row in open_:
             if column[row] is not None or not (number or why):
                 continue
@@ -91,14 +95,14 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
     if not any(word in data for word in _SETTABLE):  # as in nearly all
         return {}
     statements = statements_of(data)[1]
-    told = {
+    frame_reasons = {
         (which, found.partition(b":")[0].strip())
         for which in _SET
         for found in _SET[which].findall(statements)
     }
     return {
-        _key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
-        for which, number in told
+        _register_key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
+        for which, number in frame_reasons
     }
 
 
@@ -106,19 +110,19 @@ def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str
     """Return positions of which those are left whose frame or tool a program sets: the cell has another."""
     barred = dict(positions.barred)
     for which, column in (("frame", positions.user_frames), ("tool", positions.tools)):
-        any_ = set_by_whom.get(_key(file, which, _UNKNOWN), "")  # a register says which
-        whys = {name: set_by_whom.get(_key(file, which, name or ""), any_) for name in set(column)}
+        any_ = set_by_whom.get(_register_key(file, which, _UNKNOWN), "")  # a register says which
+        whys = {name: set_by_whom.get(_register_key(file, which, name or ""), any_) for name in set(column)}
         for row, name in enumerate(column) if any(whys.values()) else ():
             if positions.kinds[row] == CARTESIAN and whys[name]:
                 barred.setdefault(row, whys[name])
     return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
 
 
-def _key(file: str, which: str, number: str) -> str:
+def _register_key(file: str, which: str, number: str) -> str:
     return f"{PurePath(file).parent} {which} {number}"
 
 
-def open_rows(positions: Positions) -> list[int]:
+def rows_without_frames(positions: Positions) -> list[int]:
     """Return the rows whose frame or tool is not written beside them."""
     if None not in positions.user_frames and None not in positions.tools:  # as in nearly all
         return []
@@ -131,9 +135,9 @@ def open_rows(positions: Positions) -> list[int]:
     ]
 
 
-def _choice(which: str, statements: bytes) -> tuple[str, int, str]:
+def _chosen_number(which: str, statements: bytes) -> tuple[str, int, str]:
     """Return the one number that a program chooses, where for certain, and why there is no such."""
-    numbers = _numbers(which, statements)
+    numbers = _set_numbers(which, statements)
     if _UNKNOWN in numbers:
         return "", 0, COMPUTED
     if not numbers:
@@ -148,12 +152,12 @@ def _choice(which: str, statements: bytes) -> tuple[str, int, str]:
     return next(iter(numbers)), place, ""
 
 
-def _numbers(which: str, statements: bytes) -> set[str]:
+def _set_numbers(which: str, statements: bytes) -> set[str]:
     alone = [str(int(number)) for number in _ALONE[which].findall(statements)]
     return {*alone, *([_UNKNOWN] if len(alone) < len(_CHOSEN[which].findall(statements)) else ())}
 
 
-def _calls(statements: bytes) -> set[str]:
+def _called_programs(statements: bytes) -> set[str]:
     named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
     macros = {words for words in _WORDS_ALONE.findall(statements) if _STATEMENT.match(words) is None}
     return named | {f"macro {words.decode()}" for words in macros}

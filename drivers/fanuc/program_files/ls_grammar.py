@@ -27,49 +27,52 @@ _FRAME_PIECES = (
 )
 
 
-def _value(name: bytes, number: bytes, unit: bytes) -> bytes:
+def _value_pattern(name: bytes, number: bytes, unit: bytes) -> bytes:
     return name + _GAP + rb"=([ \t]*+(?:" + number + rb"))" + _GAP + unit + rb"\b" + _COMMA
 
 
-def _extended(number: bytes) -> bytes:
+def _extended_pattern(number: bytes) -> bytes:
     field = rb"E[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
     return rb"(?P<extended>(?:" + field + _GAP + rb")*+)"
 
 
-def _cartesian(number: bytes, prefix: str = "") -> tuple[tuple[str, bytes], ...]:
+def _cartesian_pieces(number: bytes, prefix: str = "") -> tuple[tuple[str, bytes], ...]:
     axes = [(prefix + name, b"mm") for name in "XYZ"] + [(prefix + name, b"deg") for name in "WPR"]
     fields = [
-        (f"{name} = number {unit.decode()}", _value(name.encode(), number, unit)) for name, unit in axes
+        (f"{name} = number {unit.decode()}", _value_pattern(name.encode(), number, unit))
+        for name, unit in axes
     ]
-    return (*_FRAME_PIECES, *fields, ("E1 = number", _extended(number)))
+    return (*_FRAME_PIECES, *fields, ("E1 = number", _extended_pattern(number)))
 
 
-def _joints(number: bytes) -> tuple[tuple[str, bytes], ...]:
+def _joint_pieces(number: bytes) -> tuple[tuple[str, bytes], ...]:
     field = rb"J[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
     return (
         *_FRAME_PIECES,
         ("J1= number deg", rb"((?:" + field + _GAP + rb")++)"),
-        ("E1 = number", _extended(number)),
+        ("E1 = number", _extended_pattern(number)),
     )
 
 
-def _joined(pieces: tuple[tuple[str, bytes], ...]) -> re.Pattern[bytes]:
+def _join_pieces(pieces: tuple[tuple[str, bytes], ...]) -> re.Pattern[bytes]:
     return re.compile(b"".join(_GAP + pattern for _, pattern in pieces))
 
 
 _EITHER = NUMBER + rb"|" + _STARS
-HEAD = _joined(_HEAD_PIECES)
+HEAD = _join_pieces(_HEAD_PIECES)
 HEAD_ALONE = re.compile(_GAP.join(pattern for _, pattern in _HEAD_PIECES))  # to be searched for
-CARTESIAN = _joined(_cartesian(NUMBER))  # groups: GP, UF, UT, CONFIG, X, Y, Z, W, P, R, extended axes
-JOINTS = _joined(_joints(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
-UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))
-UNTAUGHT_JOINTS = _joined(_joints(_EITHER))
-REMOTE = _joined(_cartesian(_EITHER, "R"))  # RX RY RZ RW RP RR: of a tool that stands in the cell
+CARTESIAN = _join_pieces(
+    _cartesian_pieces(NUMBER)
+)  # groups: GP, UF, UT, CONFIG, X, Y, Z, W, P, R, extended axes
+JOINTS = _join_pieces(_joint_pieces(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
+UNTAUGHT_CARTESIAN = _join_pieces(_cartesian_pieces(_EITHER))
+UNTAUGHT_JOINTS = _join_pieces(_joint_pieces(_EITHER))
+REMOTE = _join_pieces(_cartesian_pieces(_EITHER, "R"))  # RX RY RZ RW RP RR: of a tool that stands in the cell
 _CLOSE = _GAP + rb"\}" + _GAP + rb";?+"
 CLOSE = re.compile(_CLOSE)
 
 
-def _split() -> bytes:
+def _split_pattern() -> bytes:
     """Return the usual record in pieces: with a configuration, without extended axes."""
     inner = [_GAP + pattern for _, pattern in _FRAME_PIECES[:3]]
     before = b"".join(inner) + _GAP + rb"[A-Z]{3,12}+" + _GAP + rb":" + _GAP + rb"'"
@@ -88,7 +91,7 @@ def _split() -> bytes:
 
 
 # Groups: P[, number, name, frames (in it GP, UF, UT), CONFIG, then text and value in turn for X to R, and the rest.
-SPLIT = re.compile(_split())
+SPLIT = re.compile(_split_pattern())
 GAP = re.compile(_GAP)
 FIELD = re.compile(
     rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _EITHER + rb"))" + _GAP + rb"(mm|deg)"
@@ -98,14 +101,14 @@ CONFIGURATION = re.compile(r" *(?:[FNLRUDTB] *){0,4}(?:, *-?\d{0,3} *){0,9}")
 
 _SEARCHED = (
     _HEAD_PIECES,
-    _cartesian(_EITHER),
-    _joints(_EITHER),
-    _cartesian(_EITHER, "R"),
+    _cartesian_pieces(_EITHER),
+    _joint_pieces(_EITHER),
+    _cartesian_pieces(_EITHER, "R"),
     (("}; after the last number", rb"\}"),),
 )
 
 
-def furthest(data: bytes, start: int, end: int) -> tuple[int, str]:
+def furthest_match(data: bytes, start: int, end: int) -> tuple[int, str]:
     """Return where reading on from ``start`` stops, and what was expected there."""
     best = (start, "P[number]{")
     for pieces in _SEARCHED:

@@ -3,17 +3,22 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from cellcal.drivers.fanuc.program_files.ls_computed import Contents, Registers, computes, registers_of
+from cellcal.drivers.fanuc.program_files.ls_computed import (
+    ComputedRegisters,
+    RegisterContents,
+    is_computing,
+    registers_of,
+)
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_statements import (
-    Motion,
+    MotionStatement,
     Statement,
     condition_of,
     motion_of,
-    statements,
+    read_statements,
 )
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
-from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Shift
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
 _LED_MOTION = "another motion group leads the motion there ({} in line {})"
@@ -28,7 +33,7 @@ _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[")
 
 
 @dataclass
-class _Found:
+class _MotionFindings:
     """What was found so far."""
 
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
@@ -37,10 +42,10 @@ class _Found:
     goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
     shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
     amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
-    shifts: list[tuple[int, Shift]] = field(default_factory=list)  # by position
-    any_shift: list[Shift] = field(default_factory=list)  # of positions that a register chooses
+    shifts: list[tuple[int, ProgramShift]] = field(default_factory=list)  # by position
+    any_shift: list[ProgramShift] = field(default_factory=list)  # of positions that a register chooses
     conditions: set[int] = field(default_factory=set)  # registers that shift by OFFSET CONDITION
-    by_register: list[Motion] = field(default_factory=list)  # motions that registers shift or add to
+    by_register: list[MotionStatement] = field(default_factory=list)  # motions that registers shift or add to
     assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
 
 
@@ -49,7 +54,7 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     upper = data.upper()
     if not any(word in upper for word in _WORDS):  # as in nearly all
         return positions
-    found = _found(data)
+    found = _find_motions(data)
     registers = registers_of(found.assigned)
     found.amounts |= found.conditions
     for motion in found.by_register:
@@ -62,22 +67,30 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     for row, name in enumerate(positions.names):
         number = int(name[2:-1])
         rows.setdefault(number, []).append(row)
-        if why := found.increments.get(number) or found.any_increment or _amount(number, found, registers):
+        if (
+            why := found.increments.get(number)
+            or found.any_increment
+            or _amount_reason(number, found, registers)
+        ):
             barred.setdefault(row, why)
     if registers.any_position:  # whichever position it is, something may be computed from it
         found.any_shift.append(
-            Shift(registers.any_position, "PR[...]=P[R[...]]", Axes.USER_FRAME, quaternion=None)
+            ProgramShift(registers.any_position, "PR[...]=P[R[...]]", ShiftAxes.USER_FRAME, quaternion=None)
         )
     shifted_here = [
-        Shift(line, f"PR[{each}]", Axes.USER_FRAME, point=f"PR[{each}]")
+        ProgramShift(line, f"PR[{each}]", ShiftAxes.USER_FRAME, point=f"PR[{each}]")
         for each, line in found.goes_to.items()
         if each in registers.here and each in registers.altered
     ]
-    told = [*shifted_here, *_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
-    return replace(positions, barred=barred, shifts=(*positions.shifts, *told))
+    all_shifts = [
+        *shifted_here,
+        *_with_rows(shifts, rows, positions),
+        *_with_all_rows(found.any_shift, positions),
+    ]
+    return replace(positions, barred=barred, shifts=(*positions.shifts, *all_shifts))
 
 
-def without_standing_tools(positions: Positions) -> Positions:
+def bar_standing_tools(positions: Positions) -> Positions:
     """Return positions with those barred that are written for a tool that stands in the cell."""
     if REMOTE not in positions.kinds:
         return positions
@@ -85,25 +98,29 @@ def without_standing_tools(positions: Positions) -> Positions:
     return replace(positions, barred={**barred, **positions.barred})
 
 
-def _found(data: bytes) -> _Found:
-    found, contents, region = _Found(), Contents(), False
+def _find_motions(data: bytes) -> _MotionFindings:
+    found, contents, region = _MotionFindings(), RegisterContents(), False
     last: int | None = None
-    turned = _turned(data)
-    for statement in statements(data):
-        if not statement.moves:
-            contents.follow(statement)
+    turned = _turned_registers(data)
+    for statement in read_statements(data):
+        if not statement.is_motion:
+            contents.follow_statement(statement)
             region = _touch_offset(statement, region)
             found.conditions.update(condition_of(statement))
-            if computes(statement):
+            if is_computing(statement):
                 found.assigned.append((statement, last))
             continue
         motion = motion_of(statement)
-        contents.follow(statement)
+        contents.follow_statement(statement)
         _take_targets(found, motion)
         if motion.offset or region:
-            amount, quaternion = contents.shift(motion, turned) if not region else (UNREADABLE, None)
+            amount, quaternion = (
+                contents.shift_of_motion(motion, turned) if not region else (UNREADABLE, None)
+            )
             option = "Offset" if motion.offset else "Touch Offset"
-            shift = Shift(motion.line, option, Axes.USER_FRAME, translation_m=amount, quaternion=quaternion)
+            shift = ProgramShift(
+                motion.line, option, ShiftAxes.USER_FRAME, translation_m=amount, quaternion=quaternion
+            )
             found.shifts += [(number, shift) for number in motion.targets]
             found.any_shift += [shift] if motion.any_target else []
             found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
@@ -111,9 +128,9 @@ def _found(data: bytes) -> _Found:
     return found
 
 
-def _turned(data: bytes) -> set[int]:
+def _turned_registers(data: bytes) -> set[int]:
     """Return registers whose rotation the program sets."""
-    return registers_of([(each, None) for each in statements(data) if computes(each)]).turned
+    return registers_of([(each, None) for each in read_statements(data) if is_computing(each)]).turned
 
 
 def _touch_offset(statement: Statement, region: bool) -> bool:
@@ -123,7 +140,7 @@ def _touch_offset(statement: Statement, region: bool) -> bool:
     return region
 
 
-def _take_targets(found: _Found, motion: Motion) -> None:
+def _take_targets(found: _MotionFindings, motion: MotionStatement) -> None:
     why = _why_no_place(motion)
     for number in motion.targets:
         if why:
@@ -143,7 +160,7 @@ def _take_targets(found: _Found, motion: Motion) -> None:
             found.goes_to.setdefault(number, motion.line)
 
 
-def _why_no_place(motion: Motion) -> str:
+def _why_no_place(motion: MotionStatement) -> str:
     for word, text in (
         (motion.relative, _INCREMENT),
         (motion.led, _LED_MOTION),
@@ -155,7 +172,7 @@ def _why_no_place(motion: Motion) -> str:
     return ""
 
 
-def _amount(number: int, found: _Found, registers: Registers) -> str:
+def _amount_reason(number: int, found: _MotionFindings, registers: ComputedRegisters) -> str:
     """Return why a position is left that no motion goes to as it stands, and that the program uses otherwise."""
     if number in found.places:
         return ""
@@ -169,16 +186,20 @@ def _amount(number: int, found: _Found, registers: Registers) -> str:
     return ""
 
 
-def _shifts_by_registers(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
+def _shifts_by_registers(
+    found: _MotionFindings, registers: ComputedRegisters
+) -> Iterator[tuple[int, ProgramShift]]:
     """Yield shifts of positions whose copy in a register is computed before a motion goes to the register."""
     for register, line in {**found.goes_to, **found.shifted}.items():
         if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
             for number in sorted(registers.origins.get(register, ())):
-                yield number, Shift(line, f"PR[{register}]", Axes.USER_FRAME, quaternion=turn)
+                yield number, ProgramShift(line, f"PR[{register}]", ShiftAxes.USER_FRAME, quaternion=turn)
 
 
-def _shifts_by_places(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
+def _shifts_by_places(
+    found: _MotionFindings, registers: ComputedRegisters
+) -> Iterator[tuple[int, ProgramShift]]:
     """Yield what a motion adds or is shifted by where that is computed from positions, which themselves change."""
     for motion in found.by_register:
         added = () if motion.is_place or motion.offset else motion.register_targets
@@ -187,19 +208,22 @@ def _shifts_by_places(found: _Found, registers: Registers) -> Iterator[tuple[int
             targets = set(motion.targets)
             targets |= {n for each in motion.register_targets for n in registers.origins.get(each, ())}
             for number in sorted(targets | origins) if origins else ():
-                yield number, Shift(motion.line, f"PR[{register}]", Axes.USER_FRAME, quaternion=None)
+                yield (
+                    number,
+                    ProgramShift(motion.line, f"PR[{register}]", ShiftAxes.USER_FRAME, quaternion=None),
+                )
 
 
 def _with_rows(
-    shifts: Iterable[tuple[int, Shift]], rows: dict[int, list[int]], positions: Positions
-) -> Iterator[Shift]:
+    shifts: Iterable[tuple[int, ProgramShift]], rows: dict[int, list[int]], positions: Positions
+) -> Iterator[ProgramShift]:
     for number, shift in shifts:
         its = tuple(row for row in rows.get(number, ()) if _is_point(positions, row))
         if its:
             yield replace(shift, rows=its)
 
 
-def _of_any(shifts: Iterable[Shift], positions: Positions) -> Iterator[Shift]:
+def _with_all_rows(shifts: Iterable[ProgramShift], positions: Positions) -> Iterator[ProgramShift]:
     every = tuple(row for row in range(len(positions)) if _is_point(positions, row))
     return (replace(shift, rows=every) for shift in shifts if every)
 

@@ -15,7 +15,7 @@ _BARE_FRACTION = re.compile(rb"=[ \t]*+[+-]?+\.\d")
 _FULL_FRACTION = re.compile(rb"=[ \t]*+[+-]?+0\.0*+[1-9]")
 
 
-def decimals(text: bytes) -> int:
+def count_decimals(text: bytes) -> int:
     """Return how many digits stand behind the point."""
     point = text.find(b".")
     return len(text) - point - 1 if point >= 0 else 0
@@ -42,15 +42,15 @@ class NumberStyle:
     leading_zero: bool
 
     @classmethod
-    def of(cls, data: bytes, start: int, end: int) -> "NumberStyle":
+    def from_listing(cls, data: bytes, start: int, end: int) -> "NumberStyle":
         """Look at the positions of a file, between two offsets."""
         bare = _BARE_FRACTION.search(data, start, end) is not None
         full = not bare and _FULL_FRACTION.search(data, start, end) is not None
         return cls(padded=_PADDED.search(data, start, end) is not None, leading_zero=full)
 
-    def written(self, old: bytes, value: float) -> bytes:
+    def write_value(self, old: bytes, value: float) -> bytes:
         """Return a value (in the file's unit) with the decimals of ``old``, blanks before it included."""
-        digits = decimals(old)
+        digits = count_decimals(old)
         if (
             self.padded
             and digits
@@ -61,7 +61,7 @@ class NumberStyle:
             return b" %*.*f" % (len(old) - 1, digits, value)  # nearly all of a million numbers
         text = b"%.*f" % (digits, value)
         if -1.0 < value < 1.0:
-            text = self._small(text)
+            text = self._write_small(text)
         if old.endswith(b"."):
             text += b"."
         blanks = len(old) - len(old.lstrip(b" \t"))
@@ -69,7 +69,7 @@ class NumberStyle:
             return b" " + text.rjust(len(old) - 1)
         return old[:blanks] + text
 
-    def _small(self, text: bytes) -> bytes:
+    def _write_small(self, text: bytes) -> bytes:
         if not text.strip(b"-0."):
             return text.lstrip(b"-")  # zero has no sign
         return text if self.leading_zero else text.replace(b"0.", b".", 1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.orientation import elementary, values_from
+from cellcal.calibration.orientation import elementary_rotation, values_from
 
 _LEFT_OF_A_DIGIT = 0.1  # of the last decimal: by how much keeping R near the lock may bend the orientation
 
@@ -27,42 +27,42 @@ def wpr_deg(rotation: Array, old_deg: Array, decimals: Array) -> Array:
     A number that need not change is the old one exactly.
     """
     half = 0.5 * 10.0**-decimals * (1 - 1e-9)
-    exact = _nearest(np.degrees(values_from("fanuc_wpr", rotation)), old_deg)
+    exact = _nearest_wpr(np.degrees(values_from("fanuc_wpr", rotation)), old_deg)
     lock = np.abs(np.cos(np.radians(exact[:, 1])))
     slack = _LEFT_OF_A_DIGIT * np.radians(10.0 ** -decimals.max(axis=1))
-    turned = np.radians(np.abs(_wrapped(exact[:, 2] - old_deg[:, 2])))
+    turned = np.radians(np.abs(_wrap_angles(exact[:, 2] - old_deg[:, 2])))
     locked = lock * np.minimum(turned, 2.0) < slack
-    kept = np.abs(_wrapped(exact - old_deg)) <= half
-    kept[locked, 2] = True
-    kept[locked, 0] = False
-    r = np.where(kept[:, 2], old_deg[:, 2], _rounded(exact[:, 2], decimals[:, 2]))
-    p = np.where(kept[:, 1], old_deg[:, 1], _rounded(exact[:, 1], decimals[:, 1]))
-    w = np.where(kept[:, 0], old_deg[:, 0], _rest(rotation, p, r))
-    w = np.where(np.abs(_wrapped(w - old_deg[:, 0])) <= half[:, 0], old_deg[:, 0], w)
+    is_unchanged = np.abs(_wrap_angles(exact - old_deg)) <= half
+    is_unchanged[locked, 2] = True
+    is_unchanged[locked, 0] = False
+    r = np.where(is_unchanged[:, 2], old_deg[:, 2], _round_angles(exact[:, 2], decimals[:, 2]))
+    p = np.where(is_unchanged[:, 1], old_deg[:, 1], _round_angles(exact[:, 1], decimals[:, 1]))
+    w = np.where(is_unchanged[:, 0], old_deg[:, 0], _best_w(rotation, p, r))
+    w = np.where(np.abs(_wrap_angles(w - old_deg[:, 0])) <= half[:, 0], old_deg[:, 0], w)
     return np.stack([w, p, r], axis=1)
 
 
-def _rest(rotation: Array, p_deg: Array, r_deg: Array) -> Array:
+def _best_w(rotation: Array, p_deg: Array, r_deg: Array) -> Array:
     """Return the W that fits best beside rounded P and R, so that their rounding is made up for."""
-    outer = elementary("z", np.radians(r_deg)) @ elementary("y", np.radians(p_deg))
+    outer = elementary_rotation("z", np.radians(r_deg)) @ elementary_rotation("y", np.radians(p_deg))
     rest = np.swapaxes(outer, -1, -2) @ rotation
     return np.asarray(
         np.degrees(np.arctan2(rest[:, 2, 1] - rest[:, 1, 2], rest[:, 1, 1] + rest[:, 2, 2])), dtype=float
     )
 
 
-def _nearest(exact_deg: Array, old_deg: Array) -> Array:
+def _nearest_wpr(exact_deg: Array, old_deg: Array) -> Array:
     """Return the other way to write the same rotation where the old P lies beyond +-90 deg."""
-    beyond = np.abs(_wrapped(old_deg[:, 1])) > 90.0
-    other = _wrapped(np.array([180.0, 180.0, 180.0]) + exact_deg * np.array([1.0, -1.0, 1.0]))
+    beyond = np.abs(_wrap_angles(old_deg[:, 1])) > 90.0
+    other = _wrap_angles(np.array([180.0, 180.0, 180.0]) + exact_deg * np.array([1.0, -1.0, 1.0]))
     return np.where(beyond[:, None], other, exact_deg)
 
 
-def _wrapped(angle_deg: Array) -> Array:
+def _wrap_angles(angle_deg: Array) -> Array:
     """Return the angles in (-180, 180]."""
     return 180.0 - (180.0 - angle_deg) % 360.0
 
 
-def _rounded(angle_deg: Array, decimals: Array) -> Array:
+def _round_angles(angle_deg: Array, decimals: Array) -> Array:
     scale = 10.0**decimals
     return np.round(angle_deg * scale) / scale

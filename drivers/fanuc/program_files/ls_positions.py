@@ -7,27 +7,38 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
-from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, decimals
-from cellcal.drivers.fanuc.program_files.ls_records import Axis, Form, Place, Record, records
+from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, count_decimals
+from cellcal.drivers.fanuc.program_files.ls_records import (
+    AxisText,
+    CoordinateForm,
+    ListingFile,
+    PositionRecord,
+    read_records,
+)
 from cellcal.drivers.fanuc.program_files.ls_usual import usual_records
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions
 
 _BLOCK = 20_000
 _SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
 REMOTE = "remote"  # of a tool that stands in the cell: nobody moves it
-_KIND = {Form.CARTESIAN: CARTESIAN, Form.JOINTS: JOINTS, Form.UNTAUGHT: UNTAUGHT, Form.REMOTE: REMOTE}
+_KIND = {
+    CoordinateForm.CARTESIAN: CARTESIAN,
+    CoordinateForm.JOINTS: JOINTS,
+    CoordinateForm.UNTAUGHT: UNTAUGHT,
+    CoordinateForm.REMOTE: REMOTE,
+}
 _DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
 
 
-def in_si(axis: Axis) -> float:
+def axis_value_si(axis: AxisText) -> float:
     """Return an axis' value [rad or m], NaN where it is not taught."""
     return float("nan") if b"*" in axis.text else float(axis.text) * _SCALE[axis.unit]
 
 
 @dataclass
-class _Columns:
+class _RecordColumns:
     """What grows while the records are read, block by block, so that texts do not pile up."""
 
     numbers: list[int] = field(default_factory=list)
@@ -45,7 +56,7 @@ class _Columns:
 
 
 def positions_of(
-    place: Place, start: int, end: int
+    place: ListingFile, start: int, end: int
 ) -> tuple[Positions, np.ndarray[tuple[int], np.dtype[np.int64]]]:
     """Return the positions between two offsets, and for each the offset of its coordinates in the file.
 
@@ -54,36 +65,36 @@ def positions_of(
     ProgramFileError
         Something is not understood, or a position stands in the file twice.
     """
-    columns = _usual_columns(place, start, end) or _columns(place, records(place, start, end))
+    columns = _usual_columns(place, start, end) or _read_columns(place, read_records(place, start, end))
     _refuse_twice(place, columns)
-    return _assembled(columns), np.array(columns.offsets, dtype=np.int64)
+    return _assemble_positions(columns), np.array(columns.offsets, dtype=np.int64)
 
 
-def _usual_columns(place: Place, start: int, end: int) -> _Columns | None:
+def _usual_columns(place: ListingFile, start: int, end: int) -> _RecordColumns | None:
     """Return the columns of a file whose positions are all written as usual."""
-    columns, words = _Columns(), dict[bytes, str]()
+    columns, words = _RecordColumns(), dict[bytes, str]()
     breaks = np.flatnonzero(np.frombuffer(place.data, dtype=np.uint8) == ord("\n"))
     for block in usual_records(place, start, end):
         if block is None:
             return None
         columns.lines += (np.searchsorted(breaks, block.number_at) + 1).tolist()
-        columns.numbers += block.numbers
-        columns.groups += block.groups
+        columns.numbers += block.position_numbers
+        columns.groups += block.motion_groups
         columns.kinds += [CARTESIAN] * len(block)
-        columns.offsets += block.offsets.tolist()
-        columns.user_frames += [_frame(text, words) for text in block.user_frames]
-        columns.tools += [_frame(text, words) for text in block.tools]
-        columns.configurations += [_word(text, words) for text in block.configurations]
+        columns.offsets += block.coordinate_offsets.tolist()
+        columns.user_frames += [_frame_name(text, words) for text in block.user_frames]
+        columns.tools += [_frame_name(text, words) for text in block.tool_texts]
+        columns.configurations += [_decode_word(text, words) for text in block.configuration_texts]
         poses, digits = poses_of(*block.values_and_decimals())
         columns.poses.append(poses)
         columns.joints.append(np.zeros((len(block), 0)))
         columns.external.append(np.zeros((len(block), 0)))
-        columns.resolutions.append(resolutions(digits))
+        columns.resolutions.append(decimal_resolutions(digits))
     return columns
 
 
-def _columns(place: Place, found: Iterable[Record]) -> _Columns:
-    columns, rest, line, at = _Columns(), iter(found), 1, 0
+def _read_columns(place: ListingFile, found: Iterable[PositionRecord]) -> _RecordColumns:
+    columns, rest, line, at = _RecordColumns(), iter(found), 1, 0
     words: dict[bytes, str] = {}
     while block := list(islice(rest, _BLOCK)):
         for record in block:
@@ -94,81 +105,85 @@ def _columns(place: Place, found: Iterable[Record]) -> _Columns:
         columns.groups += [record.group for record in block]
         columns.kinds += [_KIND[record.form] for record in block]
         columns.offsets += [record.offset for record in block]
-        columns.user_frames += [_frame(record.user_frame, words) for record in block]
-        columns.tools += [_frame(record.tool, words) for record in block]
-        columns.configurations += [_word(record.configuration, words) for record in block]
+        columns.user_frames += [_frame_name(record.user_frame, words) for record in block]
+        columns.tools += [_frame_name(record.tool, words) for record in block]
+        columns.configurations += [_decode_word(record.configuration, words) for record in block]
         _add_numbers(columns, block)
     return columns
 
 
-def _word(text: bytes, words: dict[bytes, str]) -> str:
+def _decode_word(text: bytes, words: dict[bytes, str]) -> str:
     if text not in words:
         words[text] = text.decode("cp437")
     return words[text]
 
 
-def _frame(text: bytes, words: dict[bytes, str]) -> str | None:
-    return None if text == b"F" else _word(text, words)
+def _frame_name(text: bytes, words: dict[bytes, str]) -> str | None:
+    return None if text == b"F" else _decode_word(text, words)
 
 
-def _add_numbers(columns: _Columns, block: Sequence[Record]) -> None:
-    taught = np.array([record.form is Form.CARTESIAN for record in block])
-    texts = [text for record in block if record.form is Form.CARTESIAN for text in record.cartesian]
+def _add_numbers(columns: _RecordColumns, block: Sequence[PositionRecord]) -> None:
+    taught = np.array([record.form is CoordinateForm.CARTESIAN for record in block])
+    texts = [text for record in block if record.form is CoordinateForm.CARTESIAN for text in record.cartesian]
     values = np.array(list(map(float, texts))).reshape(-1, 6)
     poses = np.full((len(block), 4, 4), np.nan)
     digits = np.full((len(block), 2), _DIGITS_UNSAID)
     poses[taught], digits[taught] = poses_of(values, all_decimals(texts).reshape(-1, 6))
     columns.poses.append(poses)
-    columns.joints.append(_axes(block, b"J"))
-    columns.external.append(_axes(block, b"E"))
+    columns.joints.append(_axis_values(block, b"J"))
+    columns.external.append(_axis_values(block, b"E"))
     _axis_digits(block, digits)
-    columns.resolutions.append(resolutions(digits))
+    columns.resolutions.append(decimal_resolutions(digits))
 
 
 def poses_of(values: Array, places: Array) -> tuple[Array, Array]:
     """Return poses (N, 4, 4) and the decimals (N, 2) of lengths and angles, from (N, 6) in mm and deg."""
-    poses = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
+    poses = homogeneous_matrix(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
     return poses, np.column_stack([places[:, :3].min(axis=1), places[:, 3:].min(axis=1)])
 
 
-def resolutions(digits: NDArray[np.number]) -> Array:
+def decimal_resolutions(digits: NDArray[np.number]) -> Array:
     """Return one unit of the last decimal (N, 2) [m, rad]."""
     found: Array = 10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0]
     return found
 
 
-def _axes(block: Sequence[Record], letter: bytes) -> Array:
+def _axis_values(block: Sequence[PositionRecord], letter: bytes) -> Array:
     found = [(i, axis) for i, record in enumerate(block) for axis in record.axes if axis.letter == letter]
     values = np.full((len(block), max((axis.number for _, axis in found), default=0)), np.nan)
     for i, axis in found:
-        if block[i].form is not Form.UNTAUGHT:
-            values[i, axis.number - 1] = in_si(axis)
+        if block[i].form is not CoordinateForm.UNTAUGHT:
+            values[i, axis.number - 1] = axis_value_si(axis)
     return values
 
 
-def _axis_digits(block: Sequence[Record], digits: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> None:
+def _axis_digits(
+    block: Sequence[PositionRecord], digits: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+) -> None:
     for i, record in enumerate(block):
-        if record.form is Form.JOINTS:
+        if record.form is CoordinateForm.JOINTS:
             for column, unit in enumerate((b"mm", b"deg")):
-                said = [
-                    decimals(axis.text) for axis in record.axes if axis.unit == unit and axis.letter == b"J"
+                digit_texts = [
+                    count_decimals(axis.text)
+                    for axis in record.axes
+                    if axis.unit == unit and axis.letter == b"J"
                 ]
-                digits[i, column] = min(said, default=_DIGITS_UNSAID)
+                digits[i, column] = min(digit_texts, default=_DIGITS_UNSAID)
 
 
-def _refuse_twice(place: Place, columns: _Columns) -> None:
+def _refuse_twice(place: ListingFile, columns: _RecordColumns) -> None:
     keys = np.array(columns.numbers, dtype=np.int64) * 16 + np.array(columns.groups, dtype=np.int64)
     unique, first = np.unique(keys, return_index=True)
     if len(unique) < len(keys):
         row = int(np.setdiff1d(np.arange(len(keys)), first)[0])
-        raise place.error(
+        raise place.error_at(
             columns.offsets[row],
             f"P[{columns.numbers[row]}] stands here a second time, in group {columns.groups[row]}.",
             "Remove one of the two.",
         )
 
 
-def _assembled(columns: _Columns) -> Positions:
+def _assemble_positions(columns: _RecordColumns) -> Positions:
     count = len(columns.numbers)
     resolution = np.concatenate(columns.resolutions) if count else np.zeros((0, 2))
     return Positions(

@@ -13,30 +13,30 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.drivers.fanuc.program_files.ls_edit import edited
-from cellcal.drivers.fanuc.program_files.ls_fixed import Body
+from cellcal.drivers.fanuc.program_files.ls_batch import (
+    FixedRead,
+    RecordRewrite,
+    plan_rewrite,
+    read_fixed,
+    rewrite_listings,
+)
+from cellcal.drivers.fanuc.program_files.ls_edit import edit_listing
+from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
-    chosen_and_called,
     frames_set,
-    open_rows,
+    routine_effects_of,
+    rows_without_frames,
     with_chosen_frames,
     without_set_frames,
 )
-from cellcal.drivers.fanuc.program_files.ls_motions import with_motions, without_standing_tools
+from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, with_motions
 from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
-from cellcal.drivers.fanuc.program_files.ls_records import Place
+from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
 from cellcal.drivers.fanuc.program_files.ls_selection import with_selections
-from cellcal.drivers.fanuc.program_files.ls_together import (
-    FixedRead,
-    Rewriting,
-    read_fixed,
-    rewriting,
-    rewritten,
-)
-from cellcal.drivers.programs.across import Abroad, Across, Said
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations, ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, Frames, Positions, ProgramFile, Remark
+from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFile, ProgramFrames, Remark
 
 _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
 _INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
@@ -57,10 +57,10 @@ class LsProgram:
     brand = "fanuc"
 
     def __init__(self, file: str, data: bytes) -> None:
-        self._place = Place(file, data)
-        self._sections = _sections(self._place)
+        self._place = ListingFile(file, data)
+        self._sections = _find_sections(self._place)
         self._fixed: FixedRead | None = None
-        self.abroad: Abroad | None = (
+        self.external_uses: ExternalUses | None = (
             None  # what the controller's other programs choose; None: they are not known
         )
 
@@ -76,104 +76,108 @@ class LsProgram:
 
     @cached_property
     def positions(self) -> Positions:
-        found = self._read[0]
-        if self._track:
+        found = self._read_positions[0]
+        if self._conveyor_match:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
-        found = with_motions(without_standing_tools(found), self._place.data)
+        found = with_motions(bar_standing_tools(found), self._place.data)
         found = with_selections(found, self._place.data)
-        if open_rows(found):
+        if rows_without_frames(found):
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)
-        if self.abroad is not None and self.abroad.doubtful:
-            doubtful = {**self.abroad.doubtful, **doubtful}
+        if self.external_uses is not None and self.external_uses.doubtful:
+            doubtful = {**self.external_uses.doubtful, **doubtful}
         return without_set_frames(found, self.file, doubtful) if doubtful else found
 
     def _with_chosen(self, found: Positions) -> Positions:
-        abroad = self.abroad or Across({self.file: self.said}).of(self.file)
+        abroad = self.external_uses or BatchDeclarations({self.file: self.declarations}).uses_of_file(
+            self.file
+        )
         assert abroad is not None
         return with_chosen_frames(found, self._place.data, self.name.upper(), abroad)
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:
         found = remarks_of(self._place.data, self._sections["MN"], self._sections["POS"], self.positions)
-        if self._track is None:
+        if self._conveyor_match is None:
             return found
-        line = self._place.data.count(b"\n", 0, self._track.start()) + 1
+        line = self._place.data.count(b"\n", 0, self._conveyor_match.start()) + 1
         return (Remark(line, "relative", _TRACK), *found)
 
     @property
-    def frames(self) -> Frames:
+    def frames(self) -> ProgramFrames:
         """Return nothing: a listing names its frames by number, the controller keeps them."""
-        return Frames()
+        return ProgramFrames()
 
     @property
-    def said(self) -> Said:
+    def declarations(self) -> FileDeclarations:
         """Return what counts for other programs of the controller."""
-        return said_by(self.file, self._place.data)
+        return declarations_of(self.file, self._place.data)
 
-    def with_abroad(self, abroad: Abroad | None) -> "LsProgram":
+    def with_external_uses(self, external_uses: ExternalUses | None) -> "LsProgram":
         """Return the listing with what the controller's other programs choose."""
-        tells = abroad is not None and (abroad.doubtful or open_rows(self._read[0]))
-        if abroad is self.abroad or not tells:
+        tells = external_uses is not None and (
+            external_uses.doubtful or rows_without_frames(self._read_positions[0])
+        )
+        if external_uses is self.external_uses or not tells:
             return self
         other = LsProgram(self.file, self._place.data)
-        other._fixed, other.abroad = self._fixed, abroad
+        other._fixed, other.external_uses = self._fixed, external_uses
         return other
 
     def to_bytes(self) -> bytes:
         return self._place.data
 
-    def changed(self, change: Change) -> "LsProgram":
-        return _changed([self], [change])[0]
+    def with_changes(self, change: PositionChange) -> "LsProgram":
+        return _change_programs([self], [change])[0]
 
-    def edited(self, change: Change) -> bytes:
+    def edit_bytes(self, change: PositionChange) -> bytes:
         """Return the file with a change of any kind; `changed` says what it raises."""
-        positions, offsets = self._read
-        return edited(self._place, self._body, positions, offsets, change)
+        positions, offsets = self._read_positions
+        return edit_listing(self._place, self._record_range, positions, offsets, change)
 
-    def rewriting(self, change: Change) -> Rewriting | None:
+    def plan_rewrite(self, change: PositionChange) -> RecordRewrite | None:
         """Return what a change writes into fields of fixed width; None where it takes more than that."""
-        return rewriting(self._place.data, self._fixed, change)
+        return plan_rewrite(self._place.data, self._fixed, change)
 
     @property
-    def body(self) -> Body:
+    def listing_body(self) -> ListingBody:
         """Return the records, between the line /POS and the line /END."""
-        return Body(self._place, *self._body)
+        return ListingBody(self._place, *self._record_range)
 
-    def take(self, fixed: FixedRead | None) -> None:
+    def take_fixed(self, fixed: FixedRead | None) -> None:
         """Take what was read of fixed width; without it the records are read one by one."""
         self._fixed = fixed
 
     @property
-    def _body(self) -> tuple[int, int]:
+    def _record_range(self) -> tuple[int, int]:
         """Return where the records begin, after the line /POS, and where they end."""
         return self._sections["RECORDS"], self._sections["END"]
 
     @cached_property
-    def _track(self) -> re.Match[bytes] | None:
+    def _conveyor_match(self) -> re.Match[bytes] | None:
         """Return where the head says that the program follows a conveyor; a schedule of 0 is none."""
         return _SCHEDULE.search(self._place.data, 0, self._sections["MN"])
 
     @cached_property
-    def _read(self) -> tuple[Positions, NDArray[np.int64]]:
-        return positions_of(self._place, *self._body) if self._fixed is None else self._fixed[:2]
+    def _read_positions(self) -> tuple[Positions, NDArray[np.int64]]:
+        return positions_of(self._place, *self._record_range) if self._fixed is None else self._fixed[:2]
 
 
-def said_by(file: str, data: bytes) -> Said:
+def declarations_of(file: str, data: bytes) -> FileDeclarations:
     """Return what a listing says that counts for others; it need not be a sound one."""
     found = _PROGRAM.search(data)
     name = found[1].decode("cp437").upper() if found else ""
-    routines, doubtful = {name: chosen_and_called(data)}, frames_set(file, name, data)
-    return Said(PurePath(file).stem, routines=routines, doubtful=doubtful, flat=True)
+    routines, doubtful = {name: routine_effects_of(data)}, frames_set(file, name, data)
+    return FileDeclarations(PurePath(file).stem, routines=routines, doubtful=doubtful, flat=True)
 
 
 def read_listings(files: Sequence[tuple[str, bytes]]) -> list[LsProgram | ProgramFileError]:
     """Read listings by their names and bytes, together; what is wrong with one stands at its place."""
-    found = [_opened(file, data) for file, data in files]
+    found = [_open_program(file, data) for file, data in files]
     programs = [one for one in found if isinstance(one, LsProgram)]
-    for program, fixed in zip(programs, read_fixed([one.body for one in programs]), strict=True):
-        program.take(fixed)
-    return [_understood(one) for one in found]
+    for program, fixed in zip(programs, read_fixed([one.listing_body for one in programs]), strict=True):
+        program.take_fixed(fixed)
+    return [_check_positions(one) for one in found]
 
 
 def read_ls(file: str, data: bytes) -> LsProgram:
@@ -184,10 +188,10 @@ def read_ls(file: str, data: bytes) -> LsProgram:
     ProgramFileError
         Not a program, damaged, or not understood in /POS: with line and column.
     """
-    return _or_raise(read_listings([(file, data)])[0])
+    return _raise_if_error(read_listings([(file, data)])[0])
 
 
-def change_listings(programs: Sequence[ProgramFile], changes: Sequence[Change]) -> list[ProgramFile]:
+def change_listings(programs: Sequence[ProgramFile], changes: Sequence[PositionChange]) -> list[ProgramFile]:
     """Return programs with their changes; listings go together.
 
     Raises
@@ -196,32 +200,32 @@ def change_listings(programs: Sequence[ProgramFile], changes: Sequence[Change]) 
         As `ProgramFile.changed`, of the first that cannot take its change.
     """
     listings = [i for i, program in enumerate(programs) if isinstance(program, LsProgram)]
-    found = {i: programs[i].changed(changes[i]) for i in set(range(len(programs))) - set(listings)}
+    found = {i: programs[i].with_changes(changes[i]) for i in set(range(len(programs))) - set(listings)}
     chosen = [program for program in programs if isinstance(program, LsProgram)]
-    found |= dict(zip(listings, _changed(chosen, [changes[i] for i in listings]), strict=True))
+    found |= dict(zip(listings, _change_programs(chosen, [changes[i] for i in listings]), strict=True))
     return [found[i] for i in range(len(programs))]
 
 
-def _changed(programs: Sequence[LsProgram], changes: Sequence[Change]) -> list[LsProgram]:
-    quick = [one.rewriting(change) for one, change in zip(programs, changes, strict=True)]
-    texts = iter(rewritten([one for one in quick if one is not None]))
+def _change_programs(programs: Sequence[LsProgram], changes: Sequence[PositionChange]) -> list[LsProgram]:
+    quick = [one.plan_rewrite(change) for one, change in zip(programs, changes, strict=True)]
+    texts = iter(rewrite_listings([one for one in quick if one is not None]))
     new = [None if one is None else next(texts) for one in quick]
     files = [
-        (program.file, program.edited(change) if text is None else text)
+        (program.file, program.edit_bytes(change) if text is None else text)
         for program, change, text in zip(programs, changes, new, strict=True)
     ]
-    changed = [_or_raise(one) for one in read_listings(files)]
-    return [new.with_abroad(old.abroad) for new, old in zip(changed, programs, strict=True)]
+    changed = [_raise_if_error(one) for one in read_listings(files)]
+    return [new.with_external_uses(old.external_uses) for new, old in zip(changed, programs, strict=True)]
 
 
-def _opened(file: str, data: bytes) -> LsProgram | ProgramFileError:
+def _open_program(file: str, data: bytes) -> LsProgram | ProgramFileError:
     try:
         return LsProgram(file, data)
     except ProgramFileError as error:
         return error
 
 
-def _understood(one: LsProgram | ProgramFileError) -> LsProgram | ProgramFileError:
+def _check_positions(one: LsProgram | ProgramFileError) -> LsProgram | ProgramFileError:
     try:
         if isinstance(one, LsProgram):
             _ = one.positions
@@ -230,13 +234,13 @@ def _understood(one: LsProgram | ProgramFileError) -> LsProgram | ProgramFileErr
     return one
 
 
-def _or_raise(one: LsProgram | ProgramFileError) -> LsProgram:
+def _raise_if_error(one: LsProgram | ProgramFileError) -> LsProgram:
     if isinstance(one, ProgramFileError):
         raise one
     return one
 
 
-def _sections(place: Place) -> dict[str, int]:
+def _find_sections(place: ListingFile) -> dict[str, int]:
     """Return the offset of each section's line; RECORDS is the first byte after the line /POS."""
     found: dict[str, int] = {}
     last = 0
@@ -246,15 +250,15 @@ def _sections(place: Place) -> dict[str, int]:
         rank = _ORDER.index(section[1])
         word = section[1].decode()
         if rank < last or (word in found and word != "APPL"):
-            raise place.error(
+            raise place.error_at(
                 section.start(), f"/{word} stands at a place where it does not belong.", _SAVE_AGAIN
             )
         last = rank
         found[word] = section.start()
         if word == "POS":
-            found["RECORDS"] = _after(place, section, b"/POS")
+            found["RECORDS"] = _offset_after(place, section, b"/POS")
         if word == "END":
-            _check_end(place, _after(place, section, b"/END"))
+            _check_end(place, _offset_after(place, section, b"/END"))
     for word in ("PROG", "MN", "POS", "END"):
         if word not in found:
             raise ProgramFileError(
@@ -263,7 +267,7 @@ def _sections(place: Place) -> dict[str, int]:
                 remedy=_SAVE_AGAIN,
             )
     if place.data[: found["PROG"]].strip() or not _PROGRAM.match(place.data, found["PROG"]):
-        raise place.error(0, "the file does not begin with /PROG and a name.", _SAVE_AGAIN)
+        raise place.error_at(0, "the file does not begin with /PROG and a name.", _SAVE_AGAIN)
     return found
 
 
@@ -271,15 +275,15 @@ def _begins_a_line(data: bytes, at: int) -> bool:
     return not data[max(0, at - _INDENT) : at].rpartition(b"\n")[2].strip(b" \t")
 
 
-def _after(place: Place, section: re.Match[bytes], word: bytes) -> int:
+def _offset_after(place: ListingFile, section: re.Match[bytes], word: bytes) -> int:
     """Return the offset after the word, which must stand alone on its line."""
     at = section.start() + section[0].index(word) + len(word)
     if place.data[at : section.end()].strip():
-        raise place.error(at, f"there is something behind {word.decode()}.", _SAVE_AGAIN)
+        raise place.error_at(at, f"there is something behind {word.decode()}.", _SAVE_AGAIN)
     return at
 
 
-def _check_end(place: Place, at: int) -> None:
+def _check_end(place: ListingFile, at: int) -> None:
     rest = _AFTER_END.match(place.data, at)
     if rest is None or rest.end() != len(place.data):
-        raise place.error(rest.end() if rest else at, "the file goes on behind /END.", _SAVE_AGAIN)
+        raise place.error_at(rest.end() if rest else at, "the file goes on behind /END.", _SAVE_AGAIN)

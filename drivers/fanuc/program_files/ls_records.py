@@ -17,12 +17,12 @@ from cellcal.drivers.fanuc.program_files.ls_grammar import (
     REMOTE,
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
-    furthest,
+    furthest_match,
 )
 from cellcal.drivers.programs.errors import ProgramFileError
 
 
-class Form(Enum):
+class CoordinateForm(Enum):
     """How a group's coordinates are written."""
 
     CARTESIAN = "cartesian"
@@ -31,7 +31,7 @@ class Form(Enum):
     REMOTE = "remote"
 
 
-class Axis(NamedTuple):
+class AxisText(NamedTuple):
     """One joint or extended axis as written: J2, its text with the blanks before it, mm or deg."""
 
     letter: bytes
@@ -40,36 +40,36 @@ class Axis(NamedTuple):
     unit: bytes
 
 
-class Record(NamedTuple):
+class PositionRecord(NamedTuple):
     """One group of one position."""
 
     number: int
     group: int
     start: int  # of P[…] in the file
     offset: int  # of this group's text in the file
-    form: Form
+    form: CoordinateForm
     user_frame: bytes
     tool: bytes
     configuration: bytes
     cartesian: tuple[bytes, ...]  # X Y Z W P R as written, blanks before them included
-    axes: tuple[Axis, ...]  # joints, then extended axes
+    axes: tuple[AxisText, ...]  # joints, then extended axes
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ListingFile:
     """A file's name and bytes, to say where something is wrong."""
 
     file: str
     data: bytes
 
-    def error(self, at: int, message: str, remedy: str = "") -> ProgramFileError:
+    def error_at(self, at: int, message: str, remedy: str = "") -> ProgramFileError:
         """Return the error for the byte at ``at``."""
         line = self.data.count(b"\n", 0, at) + 1
         column = at - (self.data.rfind(b"\n", 0, at) + 1) + 1
         return ProgramFileError(self.file, message, line=line, column=column, remedy=remedy)
 
 
-def records(place: Place, start: int, end: int) -> Iterator[Record]:
+def read_records(place: ListingFile, start: int, end: int) -> Iterator[PositionRecord]:
     """Yield the records between two offsets.
 
     Raises
@@ -78,24 +78,24 @@ def records(place: Place, start: int, end: int) -> Iterator[Record]:
         With the line and column at which something is not understood.
     """
     data, at = place.data, start
-    known: set[bytes] = set()
+    known_texts: set[bytes] = set()
     while head := HEAD.match(data, at, end):
         found, at = _any_record(place, head, end)
         for record in found:
-            if record.configuration not in known:
+            if record.configuration not in known_texts:
                 _check_configuration(place, record)
-                known.add(record.configuration)
+                known_texts.add(record.configuration)
         yield from found
     gap = GAP.match(data, at, end)
     if gap is None or gap.end() != end:
         raise _not_understood(place, at, end)
 
 
-def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Record], int]:
+def _any_record(place: ListingFile, head: re.Match[bytes], end: int) -> tuple[list[PositionRecord], int]:
     found, at = [], head.end()
-    while group := _group(place.data, at, end):
+    while group := _match_group(place.data, at, end):
         form, block = group
-        found.append(_record(place, int(head[1]), head.start(1) - 2, form, block))
+        found.append(_make_record(place, int(head[1]), head.start(1) - 2, form, block))
         at = block.end()
     close = CLOSE.match(place.data, at, end)
     if close is None or not found:
@@ -103,36 +103,38 @@ def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Rec
     return found, close.end()
 
 
-def _group(data: bytes, at: int, end: int) -> tuple[Form, re.Match[bytes]] | None:
+def _match_group(data: bytes, at: int, end: int) -> tuple[CoordinateForm, re.Match[bytes]] | None:
     if found := CARTESIAN.match(data, at, end):
-        return Form.CARTESIAN, found
+        return CoordinateForm.CARTESIAN, found
     if found := JOINTS.match(data, at, end):
-        return Form.JOINTS, found
+        return CoordinateForm.JOINTS, found
     if found := UNTAUGHT_CARTESIAN.match(data, at, end) or UNTAUGHT_JOINTS.match(data, at, end):
         # Stars in an extended axis only leave the arm's own coordinates what they are.
         main = found.groups()[4:-1]
         return (_form_of(main), found)
     found = REMOTE.match(data, at, end)
-    return (Form.REMOTE, found) if found else None
+    return (CoordinateForm.REMOTE, found) if found else None
 
 
-def _form_of(main: tuple[bytes, ...]) -> Form:
+def _form_of(main: tuple[bytes, ...]) -> CoordinateForm:
     if any(b"*" in text for text in main):
-        return Form.UNTAUGHT
-    return Form.CARTESIAN if len(main) == 6 else Form.JOINTS
+        return CoordinateForm.UNTAUGHT
+    return CoordinateForm.CARTESIAN if len(main) == 6 else CoordinateForm.JOINTS
 
 
-def _record(place: Place, number: int, first: int, form: Form, block: re.Match[bytes]) -> Record:
+def _make_record(
+    place: ListingFile, number: int, first: int, form: CoordinateForm, block: re.Match[bytes]
+) -> PositionRecord:
     group, user_frame, tool, configuration, *main, extended = block.groups(b"")
     cartesian = len(main) == 6
-    axes: tuple[Axis, ...] = ()
+    axes: tuple[AxisText, ...] = ()
     if extended or not cartesian:
-        axes = _axes(
+        axes = _read_axes(
             place,
             block.start("extended") if cartesian else block.start(5),
             (b"" if cartesian else main[0]) + extended,
         )
-    return Record(
+    return PositionRecord(
         number,
         int(group or 1),
         first,
@@ -146,31 +148,31 @@ def _record(place: Place, number: int, first: int, form: Form, block: re.Match[b
     )
 
 
-def _axes(place: Place, at: int, text: bytes) -> tuple[Axis, ...]:
-    axes = tuple(Axis(found[1], int(found[2]), found[3], found[4]) for found in FIELD.finditer(text))
+def _read_axes(place: ListingFile, at: int, text: bytes) -> tuple[AxisText, ...]:
+    axes = tuple(AxisText(found[1], int(found[2]), found[3], found[4]) for found in FIELD.finditer(text))
     for letter in (b"J", b"E"):
         numbers = [axis.number for axis in axes if axis.letter == letter]
         if numbers != list(range(1, len(numbers) + 1)):
-            raise place.error(
+            raise place.error_at(
                 at, f"the axes {letter.decode()} are not numbered 1, 2, 3 and so on.", "Save it again."
             )
     return axes
 
 
-def _check_configuration(place: Place, record: Record) -> None:
+def _check_configuration(place: ListingFile, record: PositionRecord) -> None:
     text = record.configuration.decode("cp437")
     if CONFIGURATION.fullmatch(text) is None:
         at = place.data.index(record.configuration, record.offset)
-        raise place.error(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
+        raise place.error_at(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
 
 
-def _not_understood(place: Place, at: int, end: int, next_is: str = "") -> ProgramFileError:
+def _not_understood(place: ListingFile, at: int, end: int, next_is: str = "") -> ProgramFileError:
     gap = GAP.match(place.data, at, end)
     start = gap.end() if gap else at
-    stop, expected = furthest(place.data, start, end)
+    stop, expected = furthest_match(place.data, start, end)
     expected = next_is if next_is and stop == start else expected
     text = place.data[stop : min(stop + 24, end)].decode("cp437").split("\n")[0].strip() or "the end"
-    return place.error(
+    return place.error_at(
         stop,
         f"this is not understood: {text!r}; expected is {expected}.",
         "Save the program again on the controller; a listing must not be shortened or edited in /POS.",

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
-from cellcal.drivers.fanuc.program_files.ls_statements import motion_of, statements
+from cellcal.drivers.fanuc.program_files.ls_statements import motion_of, read_statements
 
 UNSURE = "?"
 _NUMBERED = re.compile(rb"[ \t]*+\d*+[ \t]*+:?[ \t]*+")
@@ -34,7 +34,7 @@ def registers_used(data: bytes) -> tuple[RegisterUse, ...]:
     """
     first, statements = statements_of(data)
     surely = not _JUMPS.search(statements)
-    set_once = {word: _alone(statements, words) for word, words in _WORDS.items()}
+    set_once = {word: _sets_one_number(statements, words) for word, words in _WORDS.items()}
     no_places = _lines_of_no_places(data)
     now: dict[str, str | None] = {"frame": None, "tool": None}
     found = []
@@ -61,9 +61,11 @@ def registers_used(data: bytes) -> tuple[RegisterUse, ...]:
 
 def indirect_line(data: bytes) -> int:
     """Return a line in which a register chooses the PR that is used otherwise than gone to; 0 where none does."""
-    for statement in statements(data):
+    for statement in read_statements(data):
         if found := _CHOSEN.search(statement.text):
-            goes_there = statement.moves and _STARTS.match(statement.text) and motion_of(statement).is_place
+            goes_there = (
+                statement.is_motion and _STARTS.match(statement.text) and motion_of(statement).is_place
+            )
             if not goes_there or _CHOSEN.search(statement.text, found.end()):
                 return statement.line
     return 0
@@ -73,8 +75,8 @@ def _lines_of_no_places(data: bytes) -> set[int]:
     """Return the lines of motions whose target is an increment, is led or is shifted."""
     return {
         line
-        for statement in statements(data)
-        if statement.moves and not motion_of(statement).is_place
+        for statement in read_statements(data)
+        if statement.is_motion and not motion_of(statement).is_place
         for line in range(statement.line, statement.line + statement.text.count(b"\n") + 1)
     }
 
@@ -84,6 +86,6 @@ _STARTS = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-
 _WORDS = {"frame": _FRAME_WORDS, "tool": (b"UTOOL_NUM", b"WKZ_NUM")}
 
 
-def _alone(statements: bytes, words: tuple[bytes, ...]) -> bool:
+def _sets_one_number(statements: bytes, words: tuple[bytes, ...]) -> bool:
     """Tell whether a program sets one number, however often."""
     return len({found[2] for found in _SETS.finditer(statements) if found[1] in words}) == 1

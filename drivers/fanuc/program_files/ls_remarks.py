@@ -82,33 +82,37 @@ _OF_REMOTE_TOOL = (
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
+class _PatternSearch:
     """One expression, and the letters that each of its finds begins with: most programs hold few of them."""
 
     letters: bytes
     pattern: re.Pattern[bytes]
 
     @classmethod
-    def of(cls, pattern: bytes) -> "_Search":
+    def from_pattern(cls, pattern: bytes) -> "_PatternSearch":
         found = _LETTERS.match(pattern)
         return cls(found[0] if found else b"", re.compile(pattern))
 
 
-_PATTERNS = tuple((code, text, tuple(map(_Search.of, patterns))) for code, text, patterns in _KINDS)
+_PATTERNS = tuple(
+    (code, text, tuple(map(_PatternSearch.from_pattern, patterns))) for code, text, patterns in _KINDS
+)
 
 
 def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple[Remark, ...]:
     """Return what the statements between two offsets say about positions; line numbers are the file's."""
-    statements = _spoken(data[start:end])
+    statements = _active_statements(data[start:end])
     breaks = np.flatnonzero(np.frombuffer(statements, dtype=np.uint8) == ord("\n"))
     first_line = data.count(b"\n", 0, start) + 1
     remarks = [
         Remark(first_line + line, code, text.format(what=what))
         for code, text, searches in _PATTERNS
-        for line, what in _occurrences(searches, statements, breaks, once=code == "foreign")
+        for line, what in _find_occurrences(searches, statements, breaks, once=code == "foreign")
     ]
     remarks += _of_remote(positions)
-    remarks += _unused_and_missing(statements, first_line, positions, {remark.code for remark in remarks})
+    remarks += _unused_and_missing_remarks(
+        statements, first_line, positions, {remark.code for remark in remarks}
+    )
     return tuple(sorted(remarks, key=lambda remark: remark.line))
 
 
@@ -116,14 +120,16 @@ def statements_of(data: bytes) -> tuple[int, bytes]:
     """Return the line at which a listing's statements begin, and their text, comments and remarks blanked."""
     start, end = data.find(b"/MN"), data.rfind(b"/POS")
     start = max(start, 0)
-    return data.count(b"\n", 0, start) + 1, _spoken(data[start : end if end > start else len(data)])
+    return data.count(b"\n", 0, start) + 1, _active_statements(
+        data[start : end if end > start else len(data)]
+    )
 
 
-def _spoken(statements: bytes) -> bytes:
-    return _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blanked, statements))
+def _active_statements(statements: bytes) -> bytes:
+    return _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blank_match, statements))
 
 
-def _blanked(found: re.Match[bytes]) -> bytes:
+def _blank_match(found: re.Match[bytes]) -> bytes:
     return b" " * len(found[0])
 
 
@@ -132,11 +138,11 @@ def _blanked_comment(found: re.Match[bytes]) -> bytes:
     return number + b"]" + b" " * (len(found[0]) - len(number) - 1)
 
 
-def _occurrences(
-    searches: tuple[_Search, ...], statements: bytes, breaks: NDArray[np.int64], *, once: bool
+def _find_occurrences(
+    searches: tuple[_PatternSearch, ...], statements: bytes, breaks: NDArray[np.int64], *, once: bool
 ) -> Iterator[tuple[int, str]]:
     """Yield line (from 0) and text, one a line, or one a text with ``once``."""
-    said: set[object] = set()
+    yielded: set[object] = set()
     for search in searches:
         if search.letters not in statements:
             continue
@@ -146,8 +152,8 @@ def _occurrences(
         lines = np.searchsorted(breaks, [at for at, _ in found]).tolist()
         for line, (_, text) in zip(lines, found, strict=True):
             key = text if once else line
-            if key not in said:
-                said.add(key)
+            if key not in yielded:
+                yielded.add(key)
                 yield line, text.decode("cp437")
 
 
@@ -157,7 +163,7 @@ def _of_remote(positions: Positions) -> Iterator[Remark]:
         yield Remark(line, "relative", _OF_REMOTE_TOOL.format(count=positions.kinds.count(REMOTE)))
 
 
-def _unused_and_missing(
+def _unused_and_missing_remarks(
     statements: bytes, first_line: int, positions: Positions, codes: set[str]
 ) -> Iterator[Remark]:
     used = set(map(int, _USED.findall(statements)))

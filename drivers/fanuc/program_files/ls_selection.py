@@ -6,7 +6,7 @@ Where they differ for certain, the controller stops at the motion; the listing d
 import re
 from dataclasses import replace
 
-from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, statements
+from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the controller stops there"
@@ -41,12 +41,14 @@ def with_selections(positions: Positions, data: bytes) -> Positions:
 
 def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
     """Return the rows of group 1 whose position lacks another group that the program runs, and that group."""
-    asked = [group for group, word in enumerate(mask.split(b","), 1) if group > 1 and word.strip() == b"1"]
-    if not asked:
+    required_groups = [
+        group for group, word in enumerate(mask.split(b","), 1) if group > 1 and word.strip() == b"1"
+    ]
+    if not required_groups:
         return {}
-    held = set(zip(positions.names, positions.groups.tolist(), strict=True))
+    present_groups = set(zip(positions.names, positions.groups.tolist(), strict=True))
     missing = {
-        row: next((group for group in asked if (name, group) not in held), 0)
+        row: next((group for group in required_groups if (name, group) not in present_groups), 0)
         for row, name in enumerate(positions.names)
         if positions.groups[row] == 1
     }
@@ -56,12 +58,14 @@ def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
 def _may_differ(positions: Positions, data: bytes) -> bool:
     """Tell whether a program selects another number than all its positions hold: nearly none does."""
     selected = {(word in _FRAMES, number) for word, number in _NUMBERS.findall(data)}
-    held = {
+    taught_with = {
         (frames, str(int(name)).encode() if name and name.isdigit() else b"")
         for frames, column in ((True, positions.user_frames), (False, positions.tools))
         for name in set(column)
     }
-    return any(number != other for frame, number in selected for which, other in held if which is frame)
+    return any(
+        number != other for frame, number in selected for which, other in taught_with if which is frame
+    )
 
 
 _NUMBERS = re.compile(
@@ -75,16 +79,16 @@ def _bar_others(positions: Positions, data: bytes, barred: dict[int, str]) -> No
     for row, name in enumerate(positions.names):
         if positions.kinds[row] == CARTESIAN and positions.groups[row] == 1:
             rows.setdefault(int(name[2:-1]), []).append(row)
-    for statement in statements(data):
-        if statement.moves:
+    for statement in read_statements(data):
+        if statement.is_motion:
             motion = motion_of(statement)
             for row in (row for number in motion.targets for row in rows.get(number, ())):
-                if why := _other(positions, row, selected, motion.line):
+                if why := _other_selection(positions, row, selected, motion.line):
                     barred.setdefault(row, why)
-        _follow(statement, selected)
+        _follow_selection(statement, selected)
 
 
-def _other(positions: Positions, row: int, selected: dict[str, int | None], line: int) -> str:
+def _other_selection(positions: Positions, row: int, selected: dict[str, int | None], line: int) -> str:
     for what, name in (("user frame", positions.user_frames[row]), ("tool", positions.tools[row])):
         number = selected[what]
         if number is not None and name is not None and name.isdigit() and int(name) != number:
@@ -92,7 +96,7 @@ def _other(positions: Positions, row: int, selected: dict[str, int | None], line
     return ""
 
 
-def _follow(statement: Statement, selected: dict[str, int | None]) -> None:
+def _follow_selection(statement: Statement, selected: dict[str, int | None]) -> None:
     if found := _SELECTED.match(statement.text):
         whole = found[2] is not None and found.end() == len(statement.text)
         selected["user frame" if found[1] in _FRAMES else "tool"] = int(found[2]) if whole else None

@@ -37,13 +37,13 @@ class Statement:
     line: int  # of the file, from 1
 
     @property
-    def moves(self) -> bool:
+    def is_motion(self) -> bool:
         """Tell whether it is a motion."""
         return _MOTION.match(self.text) is not None
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MotionStatement:
     """What one motion goes to and what its options do to the target."""
 
     line: int
@@ -64,7 +64,7 @@ class Motion:
         return not (self.relative or self.led or self.standing_tool or self.camera or self.offset)
 
 
-def statements(data: bytes) -> Iterator[Statement]:
+def read_statements(data: bytes) -> Iterator[Statement]:
     """Yield the statements of a listing; comments, remarks and disabled lines are blank."""
     line, text = statements_of(data)
     for piece in text.split(b";"):
@@ -76,7 +76,7 @@ def statements(data: bytes) -> Iterator[Statement]:
         line += piece.count(b"\n")
 
 
-def motion_of(statement: Statement) -> Motion:
+def motion_of(statement: Statement) -> MotionStatement:
     """Return what a motion goes to."""
     text = _SKIP.sub(b" ", _CALLED.sub(b" ", statement.text))
     registers = [found[1] for found in _GOES_TO_REGISTER.finditer(text)]
@@ -86,15 +86,15 @@ def motion_of(statement: Statement) -> Motion:
     targets = [found[1] for found in _TARGET.finditer(text)]
     # another register on the line shifts the motion, in whatever language the option is printed
     offset = _OFFSET.search(rest) is not None or _REGISTER.search(rest) is not None
-    return Motion(
+    return MotionStatement(
         statement.line,
         targets=tuple(int(number) for number in targets if number),
         any_target=None in targets,
         register_targets=tuple(int(number) for number in registers if number.isdigit()),
-        relative=_word(_RELATIVE, rest),
-        led=_word(_LED, rest),
-        standing_tool=_word(_STANDING_TOOL, rest),
-        camera=_word(_CAMERA, rest),
+        relative=_match_word(_RELATIVE, rest),
+        led=_match_word(_LED, rest),
+        standing_tool=_match_word(_STANDING_TOOL, rest),
+        camera=_match_word(_CAMERA, rest),
         offset=offset,
         tool_offset=bool(along_tool),
         shifting=tuple(int(found[1]) for found in _REGISTER.finditer(rest + b" " + along_tool) if found[1]),
@@ -107,6 +107,6 @@ def condition_of(statement: Statement) -> tuple[int, ...]:
     return (int(found[1]),) if found else ()
 
 
-def _word(pattern: re.Pattern[bytes], text: bytes) -> str:
+def _match_word(pattern: re.Pattern[bytes], text: bytes) -> str:
     found = pattern.search(text)
     return found[0].rstrip(b"[").decode("cp437") if found else ""

@@ -4,10 +4,15 @@ import re
 from collections.abc import Sequence
 
 from cellcal.drivers.fanuc.program_files.configuration import FanucConfigurations
-from cellcal.drivers.fanuc.program_files.ls_program import change_listings, read_listings, read_ls, said_by
+from cellcal.drivers.fanuc.program_files.ls_program import (
+    change_listings,
+    declarations_of,
+    read_listings,
+    read_ls,
+)
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
 _PROGRAM = re.compile(rb"\s*+/PROG\b")
 
@@ -17,13 +22,15 @@ def _is_program(data: bytes) -> bool:
     return _PROGRAM.match(data) is not None
 
 
-class _Listings:
+class _ListingBatch:
     """`drivers.programs.brands.Together`."""
 
-    def read(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
+    def read_files(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
         return read_listings(files)
 
-    def change(self, programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+    def change_files(
+        self, programs: Sequence[ProgramFile], changes: Sequence[PositionChange]
+    ) -> Sequence[ProgramFile]:
         return change_listings(programs, changes)
 
 
@@ -34,6 +41,6 @@ BRAND = ProgramBrand(
     configurations=FanucConfigurations(),
     writes_program=_is_program,
     tells=True,
-    says=said_by,
-    together=_Listings(),
+    says=declarations_of,
+    together=_ListingBatch(),
 )

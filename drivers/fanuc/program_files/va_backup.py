@@ -8,13 +8,13 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
-from cellcal.drivers.fanuc.program_files.va_spots import damaged, integer
+from cellcal.drivers.fanuc.program_files.va_spots import damaged_file_error, parse_integer
 from cellcal.drivers.fanuc.program_files.va_text import MAX_FILE_BYTES, VaFile
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Frames
+from cellcal.drivers.programs.positions import ProgramFrames
 
 FRAMES, REGISTERS, MASTERING, DRIVES = "SYSFRAME.VA", "POSREG.VA", "SYSMAST.VA", "SYMOTN.VA"
-WANTED = (FRAMES, REGISTERS, MASTERING, DRIVES)
+BACKUP_FILES = (FRAMES, REGISTERS, MASTERING, DRIVES)
 _IDENTITY = Pose((0.0, 0.0, 0.0))
 
 
@@ -32,53 +32,56 @@ class FanucBackup:
     mastering: Mapping[int, GroupMastering] = field(default_factory=dict)
 
     @property
-    def missing(self) -> tuple[str, ...]:
+    def missing_files(self) -> tuple[str, ...]:
         """Return the files that would tell more and are not there."""
-        return tuple(name for name in WANTED if name not in self.files)
+        return tuple(name for name in BACKUP_FILES if name not in self.files)
 
     @property
     def user_frames(self) -> Mapping[tuple[int, int], Pose]:
         """Return ``world_frame`` of every user frame that was stored."""
-        return _poses(self.frame_positions)
+        return _stored_poses(self.frame_positions)
 
     @property
-    def tools(self) -> Mapping[tuple[int, int], Pose]:
+    def tool_poses(self) -> Mapping[tuple[int, int], Pose]:
         """Return ``flange_tip`` of every tool that was stored."""
-        return _poses(self.tool_positions)
+        return _stored_poses(self.tool_positions)
 
-    def frames(self, group: int = 1) -> Frames:
+    def group_frames(self, group: int = 1) -> ProgramFrames:
         """Return one group's frames and tools by the number that programs write; 0 is none."""
-        return Frames(
+        return ProgramFrames(
             base_frame={"0": _IDENTITY} | {str(n): p for (g, n), p in self.user_frames.items() if g == group},
-            flange_tip={"0": _IDENTITY} | {str(n): p for (g, n), p in self.tools.items() if g == group},
+            flange_tip={"0": _IDENTITY} | {str(n): p for (g, n), p in self.tool_poses.items() if g == group},
         )
 
-    def findings(self) -> tuple[str, ...]:
+    def list_findings(self) -> tuple[str, ...]:
         """Return what a person must know, as sentences."""
-        absent = tuple(f"{name} is not in the folder" for name in self.missing)
-        return (*absent, *(said for group in self.mastering.values() for said in group.findings))
+        absent = tuple(f"{name} is not in the folder" for name in self.missing_files)
+        return (*absent, *(finding for group in self.mastering.values() for finding in group.findings))
 
 
 def read_backup(folder: str | Path) -> FanucBackup:
     """Read the files of a controller's backup that hold frames, tools, registers and mastering.
 
-    A file that is not there leaves its part empty and is named in ``missing``.
+    A file that is not there leaves its part empty and is named in ``missing_files``.
 
     Raises
     ------
     ProgramFileError
         There is none of them, a file is damaged, or it cannot be read.
     """
-    files = {name: VaFile.read(path.name, _bytes_of(path)) for name, path in _found(Path(folder)).items()}
+    files = {
+        name: VaFile.from_bytes(path.name, _bytes_of(path))
+        for name, path in _find_files(Path(folder)).items()
+    }
     frames, registers, master = (files.get(name) for name in (FRAMES, REGISTERS, MASTERING))
     return FanucBackup(
         folder=str(folder),
         files=files,
-        frame_positions={} if frames is None else _numbered(frames, "$MNUFRAME"),
-        tool_positions={} if frames is None else _numbered(frames, "$MNUTOOL"),
-        selected_frames={} if frames is None else _selected(frames, "$MNUFRAMENUM"),
-        selected_tools={} if frames is None else _selected(frames, "$MNUTOOLNUM"),
-        registers={} if registers is None else _numbered(registers, "$POSREG"),
+        frame_positions={} if frames is None else _numbered_positions(frames, "$MNUFRAME"),
+        tool_positions={} if frames is None else _numbered_positions(frames, "$MNUTOOL"),
+        selected_frames={} if frames is None else _selected_numbers(frames, "$MNUFRAMENUM"),
+        selected_tools={} if frames is None else _selected_numbers(frames, "$MNUTOOLNUM"),
+        registers={} if registers is None else _numbered_positions(registers, "$POSREG"),
         mastering={} if master is None else read_mastering(master, files.get(DRIVES)),
     )
 
@@ -91,13 +94,15 @@ def with_registers(backup: FanucBackup, data: bytes) -> FanucBackup:
     ProgramFileError
         It is damaged.
     """
-    file = VaFile.read(REGISTERS, data)
-    return replace(backup, files={**backup.files, REGISTERS: file}, registers=_numbered(file, "$POSREG"))
+    file = VaFile.from_bytes(REGISTERS, data)
+    return replace(
+        backup, files={**backup.files, REGISTERS: file}, registers=_numbered_positions(file, "$POSREG")
+    )
 
 
-def _found(folder: Path) -> dict[str, Path]:
+def _find_files(folder: Path) -> dict[str, Path]:
     try:
-        entries = sorted(entry for entry in folder.iterdir() if entry.name.upper() in WANTED)
+        entries = sorted(entry for entry in folder.iterdir() if entry.name.upper() in BACKUP_FILES)
     except OSError as error:
         raise ProgramFileError(
             str(folder),
@@ -116,7 +121,7 @@ def _found(folder: Path) -> dict[str, Path]:
     if not found:
         raise ProgramFileError(
             str(folder),
-            f"none of {', '.join(WANTED)} is there.",
+            f"none of {', '.join(BACKUP_FILES)} is there.",
             remedy="Save the system variables as ASCII (.VA), or read MD: by FTP; .SV files cannot be read.",
         )
     return found
@@ -131,27 +136,29 @@ def _bytes_of(path: Path) -> bytes:
         ) from error
 
 
-def _numbered(file: VaFile, name: str) -> dict[tuple[int, int], VaPosition]:
+def _numbered_positions(file: VaFile, name: str) -> dict[tuple[int, int], VaPosition]:
     """Return the positions of a two-dimensional array by (group, number)."""
-    found, variable = {}, file.variable(name)
+    found, variable = {}, file.read_variable(name)
     if not variable.positions:
-        raise damaged(file.name, variable.line, f"{name} holds no positions.")
+        raise damaged_file_error(file.name, variable.line, f"{name} holds no positions.")
     for path, position in variable.positions.items():
         index = path[len(name) + 1 : -1].split(",")
         if len(index) != 2:
-            raise damaged(file.name, position.line, f"{name} is not numbered by group and number.")
+            raise damaged_file_error(file.name, position.line, f"{name} is not numbered by group and number.")
         found[int(index[0]), int(index[1])] = position
     return found
 
 
-def _selected(file: VaFile, name: str) -> dict[int, int]:
-    if not file.has(name):
+def _selected_numbers(file: VaFile, name: str) -> dict[int, int]:
+    if not file.has_variable(name):
         return {}
-    variable = file.variable(name)
-    spots = {path: spot for path, spot in variable.values.items() if spot.initialised}
-    return {int(path[len(name) + 1 : -1] or 1): integer(file.name, spot) for path, spot in spots.items()}
+    variable = file.read_variable(name)
+    spots = {path: spot for path, spot in variable.values.items() if spot.is_initialised}
+    return {
+        int(path[len(name) + 1 : -1] or 1): parse_integer(file.name, spot) for path, spot in spots.items()
+    }
 
 
-def _poses(positions: Mapping[tuple[int, int], VaPosition]) -> dict[tuple[int, int], Pose]:
-    pairs: Iterable[tuple[tuple[int, int], Pose | None]] = ((k, p.pose()) for k, p in positions.items())
+def _stored_poses(positions: Mapping[tuple[int, int], VaPosition]) -> dict[tuple[int, int], Pose]:
+    pairs: Iterable[tuple[tuple[int, int], Pose | None]] = ((k, p.to_pose()) for k, p in positions.items())
     return {key: pose for key, pose in pairs if pose is not None}

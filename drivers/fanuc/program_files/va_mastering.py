@@ -11,7 +11,13 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import DriveTrain
-from cellcal.drivers.fanuc.program_files.va_spots import Spot, damaged, integer, real, truth
+from cellcal.drivers.fanuc.program_files.va_spots import (
+    ValueSpot,
+    damaged_file_error,
+    parse_boolean,
+    parse_integer,
+    parse_real,
+)
 from cellcal.drivers.fanuc.program_files.va_text import VaFile, VaVariable
 
 COUNTS_PER_TURN = 2**19  # of every axis on 27 public backups
@@ -25,7 +31,7 @@ _SCALES = ("ENCSCALES", "GEAR_RATIO", "MASTER_POS")
 
 
 @dataclass(frozen=True, slots=True)
-class Drives:
+class GroupDrives:
     """What SYMOTN.VA says of the n axes of a group."""
 
     counts_per_degree: tuple[float, ...]  # $ENCSCALES
@@ -34,9 +40,9 @@ class Drives:
     reversed: tuple[bool, ...]  # $MOSIGN is FALSE
     radians_per_count: tuple[tuple[float, ...], ...]  # $INTERACTION
 
-    def of(self, axes: int) -> "Drives":
+    def first_axes(self, axes: int) -> "GroupDrives":
         """Return the first axes alone."""
-        return Drives(
+        return GroupDrives(
             self.counts_per_degree[:axes],
             self.gear_ratio[:axes],
             self.fixture_deg[:axes],
@@ -44,7 +50,7 @@ class Drives:
             tuple(row[:axes] for row in self.radians_per_count[:axes]),
         )
 
-    def train(self) -> DriveTrain:
+    def to_drive_train(self) -> DriveTrain:
         """Return the drive train; counts per motor turn as scale and ratio say.
 
         Raises
@@ -52,9 +58,9 @@ class Drives:
         CalibrationError
             The interaction matrix is singular.
         """
-        return DriveTrain(self.radians_per_count, tuple(round(turn) for turn in self.turns()))
+        return DriveTrain(self.radians_per_count, tuple(round(turn) for turn in self.counts_per_turn()))
 
-    def turns(self) -> tuple[float, ...]:
+    def counts_per_turn(self) -> tuple[float, ...]:
         """Return the counts of one motor turn, as $ENCSCALES * 360 * $GEAR_RATIO says."""
         pairs = zip(self.counts_per_degree, self.gear_ratio, strict=True)
         return tuple(scale * 360 * abs(ratio) for scale, ratio in pairs)
@@ -68,11 +74,11 @@ class GroupMastering:
     mastered: bool
     states: tuple[int, ...]  # $EACHMST_DON: 0 lost, 2 done
     counts_at_zero: tuple[int, ...]
-    spots: tuple[Spot, ...]  # where each count stands in SYSMAST.VA
+    spots: tuple[ValueSpot, ...]  # where each count stands in SYSMAST.VA
     reference_done: bool
     reference_rad: tuple[float, ...]
     reference_counts: tuple[int, ...]
-    drives: Drives | None  # None without SYMOTN.VA, and for groups of other than turning axes
+    drives: GroupDrives | None  # None without SYMOTN.VA, and for groups of other than turning axes
     findings: tuple[str, ...]  # what does not fit, as sentences; empty where all agrees
 
     @property
@@ -101,107 +107,111 @@ def read_mastering(master: VaFile, motion: VaFile | None) -> dict[int, GroupMast
     ProgramFileError
         A file is damaged.
     """
-    data = master.variable("$DMR_GRP")
-    groups = _groups(data)
-    drives = None if motion is None else motion.variable("$PARAM_GROUP")
+    data = master.read_variable("$DMR_GRP")
+    groups = _group_numbers(data)
+    drives = None if motion is None else motion.read_variable("$PARAM_GROUP")
     found = {}
     for group in groups:
-        axes, drive, why = _drives(drives, group) if drives is not None else (0, None, "")
-        mastering = _group(data, group, axes or _counted(data, group), drive)
+        axes, drive, why = _read_drives(drives, group) if drives is not None else (0, None, "")
+        mastering = _read_group(data, group, axes or _count_axes(data, group), drive)
         if mastering is not None:
             extra = (why,) if why else ()
             found[group] = _with_findings(mastering, extra)
     return found
 
 
-def _groups(data: VaVariable) -> range:
+def _group_numbers(data: VaVariable) -> range:
     numbers = {int(found[1]) for path in data.values if (found := re.match(r"\$DMR_GRP\[(\d+)\]\.", path))}
     if not numbers or numbers != set(range(1, len(numbers) + 1)):
-        raise damaged(data.file, data.line, "$DMR_GRP holds no groups, or some are missing.")
+        raise damaged_file_error(data.file, data.line, "$DMR_GRP holds no groups, or some are missing.")
     return range(1, len(numbers) + 1)
 
 
-def _counted(data: VaVariable, group: int) -> int:
+def _count_axes(data: VaVariable, group: int) -> int:
     """Return how many axes have a mastering state or count, where no drives tell it."""
-    spots = [data.value(f"$DMR_GRP[{group}].$MASTER_COUN[{axis}]") for axis in range(1, 10)]
-    live = [spot.initialised and integer(data.file, spot) != 0 for spot in spots]
+    spots = [data.find_value(f"$DMR_GRP[{group}].$MASTER_COUN[{axis}]") for axis in range(1, 10)]
+    live = [spot.is_initialised and parse_integer(data.file, spot) != 0 for spot in spots]
     return 1 + max((axis for axis, lives in enumerate(live) if lives), default=-1)
 
 
-def _group(data: VaVariable, group: int, axes: int, drives: Drives | None) -> GroupMastering | None:
+def _read_group(data: VaVariable, group: int, axes: int, drives: GroupDrives | None) -> GroupMastering | None:
     if axes == 0:
         return None
     head, file, numbers = f"$DMR_GRP[{group}].$", data.file, range(1, axes + 1)
 
-    def spots(name: str) -> tuple[Spot, ...]:
-        found = tuple(data.value(f"{head}{name}[{axis}]") for axis in numbers)
-        if not all(spot.initialised for spot in found):
-            raise damaged(
+    def read_spots(name: str) -> tuple[ValueSpot, ...]:
+        found = tuple(data.find_value(f"{head}{name}[{axis}]") for axis in numbers)
+        if not all(spot.is_initialised for spot in found):
+            raise damaged_file_error(
                 file, found[0].line, f"{head}{name} is not initialised on an axis that has a motor."
             )
         return found
 
-    counts = spots("MASTER_COUN")
+    counts = read_spots("MASTER_COUN")
     return GroupMastering(
         group=group,
-        mastered=truth(file, data.value(f"{head}MASTER_DONE")),
-        states=tuple(integer(file, spot) for spot in spots("EACHMST_DON")),
-        counts_at_zero=tuple(integer(file, spot) for spot in counts),
+        mastered=parse_boolean(file, data.find_value(f"{head}MASTER_DONE")),
+        states=tuple(parse_integer(file, spot) for spot in read_spots("EACHMST_DON")),
+        counts_at_zero=tuple(parse_integer(file, spot) for spot in counts),
         spots=counts,
-        reference_done=truth(file, data.value(f"{head}REF_DONE")),
-        reference_rad=tuple(real(file, spot) for spot in spots("REF_POS")),
-        reference_counts=tuple(integer(file, spot) for spot in spots("REF_COUNT")),
+        reference_done=parse_boolean(file, data.find_value(f"{head}REF_DONE")),
+        reference_rad=tuple(parse_real(file, spot) for spot in read_spots("REF_POS")),
+        reference_counts=tuple(parse_integer(file, spot) for spot in read_spots("REF_COUNT")),
         drives=drives,
         findings=(),
     )
 
 
-def _drives(data: VaVariable, group: int) -> tuple[int, Drives | None, str]:
+def _read_drives(data: VaVariable, group: int) -> tuple[int, GroupDrives | None, str]:
     """Return the axes of a group and its drives; none, and why, where its axes do not turn."""
     head, file = f"$PARAM_GROUP[{group}].$", data.file
 
-    def number(path: str) -> float:
-        spot = data.value(head + path)
-        return real(file, spot) if spot.initialised else 0.0
+    def read_number(path: str) -> float:
+        spot = data.find_value(head + path)
+        return parse_real(file, spot) if spot.is_initialised else 0.0
 
-    scales = [number(f"ENCSCALES[{axis}]") for axis in range(1, 10)]
+    scales = [read_number(f"ENCSCALES[{axis}]") for axis in range(1, 10)]
     axes = len(list(takewhile(lambda scale: scale != 0, scales)))
     if any(scales[axes:]):
-        raise damaged(file, data.line, f"{head}ENCSCALES has a gap: axis {axes + 1} has no scale.")
+        raise damaged_file_error(file, data.line, f"{head}ENCSCALES has a gap: axis {axes + 1} has no scale.")
     if axes == 0:
         return 0, None, ""
-    signs = tuple(not truth(file, data.value(f"{head}MOSIGN[{axis}]")) for axis in range(1, axes + 1))
-    table = {name: tuple(number(f"{name}[{axis}]") for axis in range(1, axes + 1)) for name in _SCALES}
+    signs = tuple(
+        not parse_boolean(file, data.find_value(f"{head}MOSIGN[{axis}]")) for axis in range(1, axes + 1)
+    )
+    table = {name: tuple(read_number(f"{name}[{axis}]") for axis in range(1, axes + 1)) for name in _SCALES}
     rows = tuple(
-        tuple(number(f"INTERACTION[{i}].$INTERACTION[{j}]") for j in range(1, axes + 1))
+        tuple(read_number(f"INTERACTION[{i}].$INTERACTION[{j}]") for j in range(1, axes + 1))
         for i in range(1, axes + 1)
     )
-    drives = Drives(table["ENCSCALES"], table["GEAR_RATIO"], table["MASTER_POS"], signs, rows)
-    return _believed(drives, group)
+    drives = GroupDrives(table["ENCSCALES"], table["GEAR_RATIO"], table["MASTER_POS"], signs, rows)
+    return _consistent_drives(drives, group)
 
 
-def _believed(drives: Drives, group: int) -> tuple[int, Drives | None, str]:
+def _consistent_drives(drives: GroupDrives, group: int) -> tuple[int, GroupDrives | None, str]:
     """Leave out extended axes that do not turn; believe the rest where scale, ratio and interaction agree."""
     axes = len(drives.gear_ratio)
-    why = _contradiction(drives)
-    if why and axes > _ARM_AXES and not _contradiction(drives.of(_ARM_AXES)):
-        said = f"group {group}: what follows axis {_ARM_AXES} is left out, it does not turn ({why})"
-        return _ARM_AXES, drives.of(_ARM_AXES), said
+    why = _find_contradiction(drives)
+    if why and axes > _ARM_AXES and not _find_contradiction(drives.first_axes(_ARM_AXES)):
+        remark = f"group {group}: what follows axis {_ARM_AXES} is left out, it does not turn ({why})"
+        return _ARM_AXES, drives.first_axes(_ARM_AXES), remark
     if why:
         return axes, None, f"group {group}: {why}; a drive of turning axes cannot be made of that"
     return axes, drives, ""
 
 
-def _contradiction(drives: Drives) -> str:
+def _find_contradiction(drives: GroupDrives) -> str:
     """Return why scale, ratio and interaction cannot all be right; "" where they agree."""
-    for axis, (turn, scale) in enumerate(zip(drives.turns(), drives.counts_per_degree, strict=True)):
+    for axis, (turn, scale) in enumerate(
+        zip(drives.counts_per_turn(), drives.counts_per_degree, strict=True)
+    ):
         if abs(turn - COUNTS_PER_TURN) > _TURN_TOLERANCE:
             return f"$ENCSCALES * 360 * $GEAR_RATIO of axis {axis + 1} is {turn:.1f} counts, not {COUNTS_PER_TURN}"
         product = abs(drives.radians_per_count[axis][axis]) * np.degrees(1.0) * scale
         if abs(product - 1) > _INTERACTION_TOLERANCE:
             return f"$ENCSCALES and $INTERACTION of axis {axis + 1} differ by {abs(product - 1):.1e} of their size"
     try:
-        drives.train()
+        drives.to_drive_train()
     except CalibrationError as refused:
         return refused.message
     return ""
@@ -209,18 +219,20 @@ def _contradiction(drives: Drives) -> str:
 
 def _with_findings(group: GroupMastering, extra: tuple[str, ...]) -> GroupMastering:
     """Add what a person must know before these data are trusted."""
-    said = list(extra)
+    findings = list(extra)
     if not group.mastered:
-        said.append(f"group {group.group} was not mastered when the backup was saved ($MASTER_DONE is FALSE)")
+        findings.append(
+            f"group {group.group} was not mastered when the backup was saved ($MASTER_DONE is FALSE)"
+        )
     for axis, state in enumerate(group.states, 1):
         if state != 2:
             word = _STATES.get(state, f"in a state {state} that is not known")
-            said.append(f"group {group.group}, axis {axis} was {word} ($EACHMST_DON is {state})")
+            findings.append(f"group {group.group}, axis {axis} was {word} ($EACHMST_DON is {state})")
     if not group.reference_done:
-        said.append(f"group {group.group} has no quick-master reference ($REF_DONE is FALSE)")
+        findings.append(f"group {group.group} has no quick-master reference ($REF_DONE is FALSE)")
     elif group.drives is not None and group.stale_axes():
         axes = ", ".join(map(str, group.stale_axes()))
-        said.append(
+        findings.append(
             f"group {group.group}: the quick-master reference of axis {axes} is from before the last mastering"
         )
-    return replace(group, findings=tuple(said))
+    return replace(group, findings=tuple(findings))

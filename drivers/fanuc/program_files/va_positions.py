@@ -14,9 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
-from cellcal.drivers.fanuc.program_files.va_spots import UNINITIALISED, Spot, damaged, real
+from cellcal.drivers.fanuc.program_files.va_spots import (
+    UNINITIALISED,
+    ValueSpot,
+    damaged_file_error,
+    parse_real,
+)
 
 CARTESIAN = ("X", "Y", "Z", "W", "P", "R")
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|\*+|Uninitialized"
@@ -37,45 +42,50 @@ class VaPosition:
     comment: str
     group: int | None
     configuration: str
-    numbers: Mapping[str, Spot]
+    numbers: Mapping[str, ValueSpot]
     units: Mapping[str, str]  # of joints and external axes: deg or mm
 
     @property
-    def initialised(self) -> bool:
+    def is_initialised(self) -> bool:
         """Tell whether a position was ever stored here, whole."""
-        return bool(self.numbers) and all(spot.initialised for spot in self.main.values())
+        return bool(self.numbers) and all(spot.is_initialised for spot in self.main_numbers.values())
 
     @property
-    def main(self) -> Mapping[str, Spot]:
+    def main_numbers(self) -> Mapping[str, ValueSpot]:
         """Return the numbers without external axes."""
         return {name: spot for name, spot in self.numbers.items() if not name.startswith("E")}
 
     @property
-    def cartesian(self) -> bool:
+    def is_cartesian(self) -> bool:
         """Tell whether it is stored as X, Y, Z, W, P, R."""
         return "X" in self.numbers
 
-    def pose(self) -> Pose | None:
+    def to_pose(self) -> Pose | None:
         """Return it [m]; None where it holds joints, or nothing."""
-        if not (self.cartesian and self.initialised):
+        if not (self.is_cartesian and self.is_initialised):
             return None
-        x, y, z, *angles = (real(self.file, self.numbers[name]) for name in CARTESIAN)
+        x, y, z, *angles = (parse_real(self.file, self.numbers[name]) for name in CARTESIAN)
         rotation = rotation_from("fanuc_wpr", np.radians(angles))
-        return Pose.from_matrix(homogeneous(rotation, np.array([x, y, z]) / 1e3))
+        return Pose.from_matrix(homogeneous_matrix(rotation, np.array([x, y, z]) / 1e3))
 
-    def axes(self) -> tuple[float, ...] | None:
+    def to_joints(self) -> tuple[float, ...] | None:
         """Return joints [rad or m]; None where it holds a pose, or nothing."""
-        return None if self.cartesian or not self.initialised else self._si(tuple(self.main))
+        return (
+            None
+            if self.is_cartesian or not self.is_initialised
+            else self._si_values(tuple(self.main_numbers))
+        )
 
-    def external(self) -> tuple[float, ...]:
+    def external_axes(self) -> tuple[float, ...]:
         """Return external axes [rad or m]; NaN where the controller shows stars."""
-        return self._si(tuple(name for name in self.numbers if name.startswith("E")))
+        return self._si_values(tuple(name for name in self.numbers if name.startswith("E")))
 
-    def _si(self, names: tuple[str, ...]) -> tuple[float, ...]:
+    def _si_values(self, names: tuple[str, ...]) -> tuple[float, ...]:
         return tuple(
             float("nan")
-            if not self.numbers[name].initialised
-            else real(self.file, self.numbers[name]) * (1e-3 if self.units[name] == "mm" else np.pi / 180)
+            if not self.numbers[name].is_initialised
+            else parse_real(self.file, self.numbers[name])
+            * (1e-3 if self.units[name] == "mm" else np.pi / 180)
             for name in names
         )
 
@@ -88,33 +98,33 @@ class PositionLines:
         self.comment, self.configuration = "", ""
         self.group: int | None = None
         self.empty = False
-        self.numbers: dict[str, Spot] = {}
+        self.numbers: dict[str, ValueSpot] = {}
         self.units: dict[str, str] = {}
 
-    def head(self, text: str) -> bool:
+    def take_head(self, text: str) -> bool:
         """Take what stands behind ``[1,3] =``; False where it is not understood."""
         found = _HEAD.match(text)
         if found is None:
             return False
         self.comment, self.empty = found[1] or "", found[2] is not None
-        return found[3] is None or self._group(found[3])
+        return found[3] is None or self._take_group(found[3])
 
-    def take(self, offset: int, text: str, line: int) -> bool:
+    def take_line(self, offset: int, text: str, line: int) -> bool:
         """Take one line; False where it is not understood."""
         if self.empty:
             return False
         if text.strip() == UNINITIALISED:
             self.empty = not self.numbers and self.group is None
             return self.empty
-        if self._group(text):
+        if self._take_group(text):
             return True
         for pattern in (_COORDINATE, _JOINT, _EXTERNAL):
             found = _whole_line(pattern, text)
             if found:
-                return all(self._number(match, offset, line) for match in found)
+                return all(self._take_number(match, offset, line) for match in found)
         return False
 
-    def position(self, path: str) -> VaPosition:
+    def to_position(self, path: str) -> VaPosition:
         """Return what was taken.
 
         Raises
@@ -125,27 +135,29 @@ class PositionLines:
         names = [name for name in self.numbers if not name.startswith("E")]
         joints = [f"J{i}" for i in range(1, len(names) + 1)]
         if (self.numbers or self.group is not None) and names not in (list(CARTESIAN), joints):
-            raise damaged(
+            raise damaged_file_error(
                 self.file, self.line, f"{path} is not whole: it holds {', '.join(names) or 'no number'}."
             )
         if not (self.empty or self.numbers):
-            raise damaged(self.file, self.line, f"{path} holds no position and does not say Uninitialized.")
+            raise damaged_file_error(
+                self.file, self.line, f"{path} holds no position and does not say Uninitialized."
+            )
         return VaPosition(
             self.file, path, self.line, self.comment, self.group, self.configuration, self.numbers, self.units
         )
 
-    def _group(self, text: str) -> bool:
+    def _take_group(self, text: str) -> bool:
         found = _GROUP.match(text)
         if found is None or self.group is not None or self.numbers:
             return False
         self.group, self.configuration = int(found[1]), found[2] or ""
         return True
 
-    def _number(self, found: re.Match[str], offset: int, line: int) -> bool:
+    def _take_number(self, found: re.Match[str], offset: int, line: int) -> bool:
         name = found[1]
         if name in self.numbers:
             return False
-        self.numbers[name] = Spot(found[2], offset + found.start(2), line)
+        self.numbers[name] = ValueSpot(found[2], offset + found.start(2), line)
         if found.re is not _COORDINATE:
             self.units[name] = found[3]
         return True

@@ -13,7 +13,7 @@ _REAL = re.compile(r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class ValueSpot:
     """A value as written, and where: the offset of its first byte and its line from 1."""
 
     text: str
@@ -21,17 +21,17 @@ class Spot:
     line: int
 
     @property
-    def initialised(self) -> bool:
+    def is_initialised(self) -> bool:
         """Tell whether the controller holds a value there."""
         return self.text != UNINITIALISED and not (self.text and set(self.text) == {"*"})
 
 
-def damaged(file: str, line: int, what: str) -> ProgramFileError:
+def damaged_file_error(file: str, line: int, what: str) -> ProgramFileError:
     """Return the refusal of a file that is not as a controller writes it."""
     return ProgramFileError(file, what, line=line, remedy=AGAIN)
 
 
-def integer(file: str, spot: Spot) -> int:
+def parse_integer(file: str, spot: ValueSpot) -> int:
     """Read a whole number of 32 bits.
 
     Raises
@@ -40,11 +40,11 @@ def integer(file: str, spot: Spot) -> int:
         It is none.
     """
     if not _INTEGER.match(spot.text) or not -(2**31) <= int(spot.text) < 2**31:
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits.")
+        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits.")
     return int(spot.text)
 
 
-def real(file: str, spot: Spot) -> float:
+def parse_real(file: str, spot: ValueSpot) -> float:
     """Read a finite number.
 
     Raises
@@ -53,11 +53,11 @@ def real(file: str, spot: Spot) -> float:
         It is none.
     """
     if not _REAL.match(spot.text) or not isfinite(float(spot.text)):
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no number.")
+        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is no number.")
     return float(spot.text)
 
 
-def truth(file: str, spot: Spot) -> bool:
+def parse_boolean(file: str, spot: ValueSpot) -> bool:
     """Read TRUE or FALSE.
 
     Raises
@@ -66,5 +66,5 @@ def truth(file: str, spot: Spot) -> bool:
         It is neither.
     """
     if spot.text not in ("TRUE", "FALSE"):
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE.")
+        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE.")
     return spot.text == "TRUE"

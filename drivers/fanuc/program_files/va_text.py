@@ -13,7 +13,7 @@ from functools import cached_property
 from math import prod
 
 from cellcal.drivers.fanuc.program_files.va_positions import PositionLines, VaPosition
-from cellcal.drivers.fanuc.program_files.va_spots import Spot, damaged
+from cellcal.drivers.fanuc.program_files.va_spots import ValueSpot, damaged_file_error
 from cellcal.drivers.programs.errors import ProgramFileError
 
 ENCODING = "cp437"  # one byte is one character, whatever the byte
@@ -40,10 +40,10 @@ class VaVariable:
     file: str
     name: str
     line: int
-    values: Mapping[str, Spot]
+    values: Mapping[str, ValueSpot]
     positions: Mapping[str, VaPosition]
 
-    def value(self, path: str) -> Spot:
+    def find_value(self, path: str) -> ValueSpot:
         """Return the value at a path such as ``$DMR_GRP[1].$MASTER_COUN[3]``.
 
         Raises
@@ -63,7 +63,7 @@ class VaVariable:
 
 
 @dataclass(frozen=True, slots=True)
-class _Array:
+class _OpenArray:
     path: str
     shape: tuple[int, ...]
     kind: str
@@ -78,7 +78,7 @@ class VaFile:
     data: bytes = field(repr=False)
 
     @classmethod
-    def read(cls, name: str, data: bytes) -> "VaFile":
+    def from_bytes(cls, name: str, data: bytes) -> "VaFile":
         """Take the bytes of a file.
 
         Raises
@@ -97,15 +97,15 @@ class VaFile:
         return file
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def variable_names(self) -> tuple[str, ...]:
         """Return the names of the variables, in the order of the file."""
-        return tuple(name for name, _, _ in self._headings)
+        return tuple(name for name, _, _ in self._variable_headings)
 
-    def has(self, variable: str) -> bool:
+    def has_variable(self, variable: str) -> bool:
         """Tell whether the file holds a variable."""
-        return variable in self.names
+        return variable in self.variable_names
 
-    def variable(self, name: str) -> VaVariable:
+    def read_variable(self, name: str) -> VaVariable:
         """Read one variable.
 
         Raises
@@ -113,17 +113,23 @@ class VaFile:
         ProgramFileError
             It is missing, stands there twice, or holds a line that is not understood.
         """
-        places = [i for i, (known, _, _) in enumerate(self._headings) if known == name]
+        places = [i for i, (heading_name, _, _) in enumerate(self._variable_headings) if heading_name == name]
         if not places:
             raise ProgramFileError(self.name, f"{name} is not in this file.", remedy="Save it again, whole.")
         if len(places) > 1:
-            line = self._line(self._headings[places[1]][1])
-            raise damaged(self.name, line, f"{name} is there a second time.")
-        _, start, kind = self._headings[places[0]]
-        end = self._headings[places[0] + 1][1] if places[0] + 1 < len(self._headings) else len(self._text)
-        return _Reader(self.name, name, kind, self._line(start)).read(self._lines(start, end))
+            line = self._line_of(self._variable_headings[places[1]][1])
+            raise damaged_file_error(self.name, line, f"{name} is there a second time.")
+        _, start, kind = self._variable_headings[places[0]]
+        end = (
+            self._variable_headings[places[0] + 1][1]
+            if places[0] + 1 < len(self._variable_headings)
+            else len(self._decoded_text)
+        )
+        return _VariableReader(self.name, name, kind, self._line_of(start)).read_lines(
+            self._iterate_lines(start, end)
+        )
 
-    def replaced(self, changes: Mapping[Spot, str]) -> bytes:
+    def replace_values(self, changes: Mapping[ValueSpot, str]) -> bytes:
         """Return the file with other text at some places; all else keeps every byte."""
         pieces, at = [], 0
         for spot, text in sorted(changes.items(), key=lambda change: change[0].start):
@@ -132,153 +138,157 @@ class VaFile:
         return b"".join([*pieces, self.data[at:]])
 
     @cached_property
-    def _text(self) -> str:
+    def _decoded_text(self) -> str:
         return self.data.decode(ENCODING)
 
     @cached_property
-    def _headings(self) -> tuple[tuple[str, int, str], ...]:
+    def _variable_headings(self) -> tuple[tuple[str, int, str], ...]:
         """Return name, offset and type of every variable."""
         found = []
-        for heading in _BEGINS_HEADING.finditer(self._text):
+        for heading in _BEGINS_HEADING.finditer(self._decoded_text):
             parts = _HEADING.match(heading[0].rstrip("\r"))
             if parts is None:
-                raise damaged(
-                    self.name, self._line(heading.start()), "this heading of a variable is not whole."
+                raise damaged_file_error(
+                    self.name, self._line_of(heading.start()), "this heading of a variable is not whole."
                 )
             found.append((parts[2], heading.start(), parts[5]))
         return tuple(found)
 
-    def _line(self, offset: int) -> int:
-        return self._text.count("\n", 0, offset) + 1
+    def _line_of(self, offset: int) -> int:
+        return self._decoded_text.count("\n", 0, offset) + 1
 
-    def _lines(self, start: int, end: int) -> Iterator[tuple[int, str]]:
+    def _iterate_lines(self, start: int, end: int) -> Iterator[tuple[int, str]]:
         """Yield the offset and text of each line after the heading."""
-        at = self._text.find("\n", start, end) + 1
+        at = self._decoded_text.find("\n", start, end) + 1
         while 0 < at < end:
-            stop = self._text.find("\n", at, end)
+            stop = self._decoded_text.find("\n", at, end)
             stop = end if stop < 0 else stop
-            yield at, self._text[at:stop].rstrip("\r")
+            yield at, self._decoded_text[at:stop].rstrip("\r")
             at = stop + 1
 
     def _refuse_damage(self) -> None:
-        odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._text)
+        odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._decoded_text)
         if odd is not None:
-            raise damaged(self.name, self._line(odd.start()), f"byte {ord(odd[0]):#04x} is no text.")
-        for number, line in enumerate(self._text.split("\n"), 1):
+            raise damaged_file_error(
+                self.name, self._line_of(odd.start()), f"byte {ord(odd[0]):#04x} is no text."
+            )
+        for number, line in enumerate(self._decoded_text.split("\n"), 1):
             if len(line) > MAX_LINE_BYTES:
-                raise damaged(self.name, number, f"the line has {len(line)} characters.")
-        if not self._headings:
+                raise damaged_file_error(self.name, number, f"the line has {len(line)} characters.")
+        if not self._variable_headings:
             raise ProgramFileError(
                 self.name,
                 "there is no variable in it, as in a controller's .VA file.",
                 remedy="Save the variables as ASCII (.VA): FILE, BACKUP, All of above, or read MD: by FTP.",
             )
-        for number, line in enumerate(self._text[: self._headings[0][1]].split("\n"), 1):
+        for number, line in enumerate(self._decoded_text[: self._variable_headings[0][1]].split("\n"), 1):
             if not _UNTOUCHED.match(line.rstrip("\r")):
-                raise damaged(self.name, number, "the beginning of the first variable is missing.")
+                raise damaged_file_error(self.name, number, "the beginning of the first variable is missing.")
 
 
-class _Reader:
+class _VariableReader:
     """Reads the lines of one variable."""
 
     def __init__(self, file: str, name: str, kind: str, line: int) -> None:
         self.file, self.name, self.line = file, name, line
-        self.values: dict[str, Spot] = {}
+        self.values: dict[str, ValueSpot] = {}
         self.positions: dict[str, VaPosition] = {}
         self.open: tuple[str, PositionLines] | None = None
-        self.arrays: list[_Array] = []
-        self.array: _Array | None = None
+        self.arrays: list[_OpenArray] = []
+        self.array: _OpenArray | None = None
         whole, _, value = kind.partition("=")
-        self._declare(name, whole.strip(), line)
+        self._declare_array(name, whole.strip(), line)
         if self.array is None and value.strip():
-            self.values[name] = Spot(value.strip(), -1, line)
+            self.values[name] = ValueSpot(value.strip(), -1, line)
         elif self.array is None and whole.strip() in _POSITIONS:
             self.open = name, PositionLines(file, line)
 
-    def read(self, lines: Iterator[tuple[int, str]]) -> VaVariable:
+    def read_lines(self, lines: Iterator[tuple[int, str]]) -> VaVariable:
         number = self.line
         for number, (offset, text) in enumerate(lines, self.line + 1):
             if not _UNTOUCHED.match(text):
-                self._take(offset, text, number)
-        self._close()
+                self._take_line(offset, text, number)
+        self._close_position()
         self._refuse_gaps(number)
         return VaVariable(self.file, self.name, self.line, self.values, self.positions)
 
-    def _take(self, offset: int, text: str, line: int) -> None:
+    def _take_line(self, offset: int, text: str, line: int) -> None:
         field_line, element = _FIELD.match(text), _ELEMENT.match(text)
         if field_line is not None:
-            self._close()
-            self._field(field_line, offset, line)
+            self._close_position()
+            self._take_field(field_line, offset, line)
         elif element is not None and self.array is not None:
-            self._close()
-            self._element(element, offset, line)
-        elif self.open is None or not self.open[1].take(offset, text, line):
-            raise damaged(
+            self._close_position()
+            self._take_element(element, offset, line)
+        elif self.open is None or not self.open[1].take_line(offset, text, line):
+            raise damaged_file_error(
                 self.file, line, f"this line of {self.name} is not understood: {text.strip()[:60]!r}."
             )
 
-    def _field(self, found: re.Match[str], offset: int, line: int) -> None:
+    def _take_field(self, found: re.Match[str], offset: int, line: int) -> None:
         path, rest = found[1], found[2]
         if not path.startswith((f"{self.name}.", f"{self.name}[")):
-            raise damaged(self.file, line, f"{path[:60]} stands among the fields of {self.name}.")
+            raise damaged_file_error(self.file, line, f"{path[:60]} stands among the fields of {self.name}.")
         scalar = _SCALAR.match(rest)
         self.array = None
         if scalar is None:
-            self._declare(path, rest.strip(), line)
+            self._declare_array(path, rest.strip(), line)
             if self.array is None:
-                raise damaged(self.file, line, f"the field {path[:60]} is not understood.")
+                raise damaged_file_error(self.file, line, f"the field {path[:60]} is not understood.")
         elif scalar[1] in _POSITIONS and not scalar[2].strip():
             self.open = path, PositionLines(self.file, line)
         else:
             value = scalar[2].rstrip()
-            self._keep(path, Spot(value, offset + found.start(2) + scalar.start(2), line))
+            self._store_value(path, ValueSpot(value, offset + found.start(2) + scalar.start(2), line))
 
-    def _declare(self, path: str, kind: str, line: int) -> None:
+    def _declare_array(self, path: str, kind: str, line: int) -> None:
         found = _ARRAY.match(kind)
         if found is None and kind.startswith("ARRAY"):
-            raise damaged(self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}.")
+            raise damaged_file_error(
+                self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}."
+            )
         if found is None:
             return
-        self.array = _Array(path, tuple(int(n) for n in found[1].split(",")), found[2].strip(), line)
+        self.array = _OpenArray(path, tuple(int(n) for n in found[1].split(",")), found[2].strip(), line)
         self.arrays.append(self.array)
 
-    def _element(self, found: re.Match[str], offset: int, line: int) -> None:
+    def _take_element(self, found: re.Match[str], offset: int, line: int) -> None:
         array = self.array
         assert array is not None
         index = tuple(int(n) for n in found[1].split(","))
         fits = len(index) == len(array.shape)
         if not fits or any(not 1 <= i <= n for i, n in zip(index, array.shape, strict=True)):
-            raise damaged(self.file, line, f"element [{found[1]}] is outside of {array.path}.")
+            raise damaged_file_error(self.file, line, f"element [{found[1]}] is outside of {array.path}.")
         path = f"{array.path}[{','.join(map(str, index))}]"
         if array.kind in _POSITIONS:
             self.open = path, PositionLines(self.file, line)
-            if found[2] and not self.open[1].head(found[2]):
-                raise damaged(self.file, line, f"{path} is not understood: {found[2][:60]!r}.")
+            if found[2] and not self.open[1].take_head(found[2]):
+                raise damaged_file_error(self.file, line, f"{path} is not understood: {found[2][:60]!r}.")
         else:
-            self._keep(path, Spot(found[2], offset + found.start(2), line))
+            self._store_value(path, ValueSpot(found[2], offset + found.start(2), line))
 
-    def _keep(self, path: str, spot: Spot) -> None:
+    def _store_value(self, path: str, spot: ValueSpot) -> None:
         if path in self.values or path in self.positions:
-            raise damaged(self.file, spot.line, f"{path} is there a second time.")
+            raise damaged_file_error(self.file, spot.line, f"{path} is there a second time.")
         self.values[path] = spot
 
-    def _close(self) -> None:
+    def _close_position(self) -> None:
         if self.open is None:
             return
         path, lines = self.open
         if path in self.positions or path in self.values:
-            raise damaged(self.file, lines.line, f"{path} is there a second time.")
-        self.positions[path] = lines.position(path)
+            raise damaged_file_error(self.file, lines.line, f"{path} is there a second time.")
+        self.positions[path] = lines.to_position(path)
         self.open = None
 
     def _refuse_gaps(self, last: int) -> None:
-        held: dict[str, int] = {}
+        counts: dict[str, int] = {}
         for path in (*self.values, *self.positions):
             if path.endswith("]"):
-                held[path.rpartition("[")[0]] = held.get(path.rpartition("[")[0], 0) + 1
+                counts[path.rpartition("[")[0]] = counts.get(path.rpartition("[")[0], 0) + 1
         for array in self.arrays:
-            whole, got = prod(array.shape), held.get(array.path, 0)
+            whole, got = prod(array.shape), counts.get(array.path, 0)
             if got not in (0, whole) or (got == 0 and not array.kind.endswith("_T")):
-                raise damaged(
+                raise damaged_file_error(
                     self.file, min(array.line + got, last), f"{array.path} has {got} of {whole} elements."
                 )

@@ -5,21 +5,21 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.kuka.program_files.collected import Collected
+from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.lines import (
     DECLARING,
-    Item,
-    Line,
-    declaration,
+    KrlLine,
+    NamedItem,
+    find_declaration,
+    find_item,
     first_word,
-    item,
     line_at,
     without_strings,
 )
-from cellcal.drivers.kuka.program_files.literals import AXIS_TYPES, Literal
+from cellcal.drivers.kuka.program_files.literals import AXIS_TYPES, KrlLiteral
 from cellcal.drivers.kuka.program_files.usual import DATA_LINE, DECLARATION
-from cellcal.drivers.programs.positions import Frames
-from cellcal.drivers.programs.spans import Source
+from cellcal.drivers.programs.positions import ProgramFrames
+from cellcal.drivers.programs.spans import ProgramText
 
 _FDAT = re.compile(r"\{[^{}]*\}[ \t\r]*")
 _MOST_DIGITS = 9  # of a tool's or a base's number, its sign counted
@@ -53,13 +53,15 @@ class FrameData:
 class DataList:
     """A data list while it is read."""
 
-    found: Collected
+    found: KrlPositions
     types: dict[str, str] = field(default_factory=dict)
     shown: dict[str, bool] = field(default_factory=dict)  # what is declared, and whether for all modules
     taught: set[int] = field(default_factory=set)  # rows with frame data
     frame_data: dict[str, FrameData] = field(default_factory=dict)
     known_data: dict[str, FrameData] = field(default_factory=dict)  # by text: most points have the same
-    undecided: list[tuple[str, Literal]] = field(default_factory=list)  # FRAMEs, which may have an FDAT below
+    undecided: list[tuple[str, KrlLiteral]] = field(
+        default_factory=list
+    )  # FRAMEs, which may have an FDAT below
     of_controller: bool = False  # $CONFIG.DAT and its like: frames there are the cell's, not the work's
     bases: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
     tools: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
@@ -72,44 +74,44 @@ class DataList:
             self.found.add_usual(found)
             return True
         if found.lastgroup == "a_frame_data":
-            upper, known = found["data_name"].upper(), self.known_data.get(found["data"])
-            if known is None:
+            upper, frame_data = found["data_name"].upper(), self.known_data.get(found["data"])
+            if frame_data is None:
                 return False
             self.types[upper], self.shown[upper] = "FDAT", False
-            if self.frame_data.setdefault(upper, known) is not known:
-                self._keep(upper, known)
+            if self.frame_data.setdefault(upper, frame_data) is not frame_data:
+                self._store_frame_data(upper, frame_data)
             return True
         return found.lastgroup == "a_motion_data" and not _holds_a_position(found["motion_data"])
 
-    def read(self, line: Line) -> None:
+    def read_line(self, line: KrlLine) -> None:
         """Take one line."""
         text = self.found.source.text
-        declared = declaration(text, line) if first_word(text, line) in DECLARING else None
+        declared = find_declaration(text, line) if first_word(text, line) in DECLARING else None
         if declared is not None:
-            self._declared(declared[0], declared[1], line)
+            self._take_declared(declared[0], declared[1], line)
         else:
-            assigned = item(text, line.start, line.end)
+            assigned = find_item(text, line.start, line.end)
             if (
                 assigned is not None
                 and assigned.value is not None
                 and text[assigned.value : line.end][:1] == "{"
             ):
-                self._assigned(assigned, line)
+                self._take_assigned(assigned, line)
             else:
                 remark_hidden_positions(self.found, line, line.start)
         remark_comment(self.found, line)
 
-    def frames(self) -> Frames:
+    def to_frames(self) -> ProgramFrames:
         """Return the tools and bases that stand here; number 0 is the null frame of the language."""
-        return Frames(base_frame=self.bases, flange_tip=self.tools)
+        return ProgramFrames(base_frame=self.bases, flange_tip=self.tools)
 
-    def finish(self) -> None:
+    def finish_reading(self) -> None:
         """Give points their tool and base, and drop declarations whose value came later."""
         for name, literal in self.undecided:
             if name_of_data(name) in self.frame_data:
-                self.found.add(name, literal)
+                self.found.add_position(name, literal)
             else:
-                self.found.remark(literal.start, "computed", _FRAME_TEXT.format(name))
+                self.found.add_remark(literal.start, "computed", _FRAME_TEXT.format(name))
                 if not self.of_controller:
                     self.found.add_unread(name, literal.start, FRAME_ALONE)
         for row, name in enumerate(self.found.names):
@@ -122,123 +124,129 @@ class DataList:
                 self._external_tool(row, name)
 
     def _external_tool(self, row: int, name: str) -> None:
-        self.found.forget(row, "it is moved with an external tool (IPO_FRAME #TCP)")
-        self.found.remark(self.found.starts[row], "foreign", _TCP_TEXT.format(name))
+        self.found.drop_coordinates(row, "it is moved with an external tool (IPO_FRAME #TCP)")
+        self.found.add_remark(self.found.starts[row], "foreign", _TCP_TEXT.format(name))
 
-    def _declared(self, kind: str, place: int, line: Line) -> None:
+    def _take_declared(self, kind: str, place: int, line: KrlLine) -> None:
         text = self.found.source.text
         shown = _GLOBAL.search(text, line.start, place) is not None
         while place < line.end:
-            name = item(text, place, line.end)
+            name = find_item(text, place, line.end)
             if name is None:
                 return
             self.types[name.name.upper()] = kind
             self.shown[name.name.upper()] = shown
             place = name.end
             if name.value is not None:
-                place = self._value(kind, name, line)
+                place = self._take_value(kind, name, line)
             elif name.index is None and kind not in ("FRAME", "FDAT"):
-                self.found.add_untaught(name.full, line.start)
+                self.found.add_untaught(name.full_name, line.start)
 
-    def _value(self, kind: str, name: Item, line: Line) -> int:
+    def _take_value(self, kind: str, name: NamedItem, line: KrlLine) -> int:
         """Take the value of a declared name; return where the next name begins."""
         text = self.found.source.text
         assert name.value is not None
         if text[name.value : line.end][:1] != "{":
-            raise self.found.source.error(name.value, "the value of a position opens with '{'.")
+            raise self.found.source.error_at(name.value, "the value of a position opens with '{'.")
         if kind == "FDAT":
             self._frame_data(name, line)
             return line.end
-        literal = self.found.literal(name.value, line.end)
+        literal = self.found.read_literal(name.value, line.end)
         if literal is None:
-            raise self.found.source.error(name.value, "a data list cannot compute a position.")
+            raise self.found.source.error_at(name.value, "a data list cannot compute a position.")
         if literal.axes != (kind in AXIS_TYPES):
-            raise self.found.source.error(name.value, f"{name.full} is declared as {kind}.")
-        self._take(kind, name, literal)
-        return self._after(literal, line)
+            raise self.found.source.error_at(name.value, f"{name.full_name} is declared as {kind}.")
+        self._take_literal(kind, name, literal)
+        return self._offset_after(literal, line)
 
-    def _after(self, literal: Literal, line: Line) -> int:
+    def _offset_after(self, literal: KrlLiteral, line: KrlLine) -> int:
         rest = self.found.source.text[literal.end : line.end]
         bare = rest.lstrip(" \t\r")
         if bare and bare[0] != ",":
             place = line.end - len(bare)
-            raise self.found.source.error(place, "after a position, the line should end.")
+            raise self.found.source.error_at(place, "after a position, the line should end.")
         return line.end if not bare else line.end - len(bare) + 1
 
-    def _assigned(self, name: Item, line: Line) -> None:
+    def _take_assigned(self, name: NamedItem, line: KrlLine) -> None:
         kind = self.types.get(name.name.upper(), "")
-        known = name.name.upper() in ("TOOL_DATA", "BASE_DATA")
+        is_frame_table = name.name.upper() in ("TOOL_DATA", "BASE_DATA")
         assert name.value is not None
         if kind == "FDAT":
             self._frame_data(name, line)
-        elif kind or known or _LOOKS_LIKE_A_POSITION.match(self.found.source.text, name.value, line.end):
-            if not kind and not known and self._nested(name.value, line):
-                self.found.remark(
-                    line.start, "computed", f"{name.full} holds a position inside; it is not read."
+        elif (
+            kind
+            or is_frame_table
+            or _LOOKS_LIKE_A_POSITION.match(self.found.source.text, name.value, line.end)
+        ):
+            if not kind and not is_frame_table and self._is_nested(name.value, line):
+                self.found.add_remark(
+                    line.start, "computed", f"{name.full_name} holds a position inside; it is not read."
                 )
                 add_hidden_positions(self.found, line, name.value)
                 return
-            literal = self.found.literal(name.value, line.end)
+            literal = self.found.read_literal(name.value, line.end)
             if literal is not None:
-                self._take(kind, name, literal)
-                self._after(literal, line)
+                self._take_literal(kind, name, literal)
+                self._offset_after(literal, line)
         else:
             remark_hidden_positions(self.found, line, name.value)
 
-    def _nested(self, place: int, line: Line) -> bool:
+    def _is_nested(self, place: int, line: KrlLine) -> bool:
         return "{" in without_strings(self.found.source.text[place + 1 : line.end])
 
-    def _take(self, kind: str, name: Item, literal: Literal) -> None:
+    def _take_literal(self, kind: str, name: NamedItem, literal: KrlLiteral) -> None:
         upper = name.name.upper()
         table = {"TOOL_DATA": self.tools, "BASE_DATA": self.bases}.get(upper)
         if table is not None:
-            pose = self.found.pose(literal)
+            pose = self.found.pose_of(literal)
             if pose is not None and name.index is not None:
                 table[name.index.strip()] = pose
         elif not literal.axes and (kind == "FRAME" or (not kind and not any(literal.state))):
-            self.undecided.append((name.full, literal))
+            self.undecided.append((name.full_name, literal))
         else:
-            self.found.add(name.full, literal)
+            self.found.add_position(name.full_name, literal)
 
-    def _frame_data(self, name: Item, line: Line) -> None:
+    def _frame_data(self, name: NamedItem, line: KrlLine) -> None:
         source, place = self.found.source, name.value or line.start
         written = source.text[place : line.end]
-        if (known := self.known_data.get(written)) is not None:
-            self._keep(name.full.upper(), known)
+        if (known_frames := self.known_data.get(written)) is not None:
+            self._store_frame_data(name.full_name.upper(), known_frames)
             return
         code = without_strings(written)
         if _FDAT.fullmatch(code) is None:
-            raise source.error(
-                place, f"{name.full} is not understood.", remedy="It says tool and base of a point."
+            raise source.error_at(
+                place, f"{name.full_name} is not understood.", remedy="It says tool and base of a point."
             )
-        said = {which.upper(): number for which, number in _NUMBER_OF.findall(code)}
-        if any(len(number) > _MOST_DIGITS for number in said.values()):
-            raise source.error(
+        frame_numbers = {which.upper(): number for which, number in _NUMBER_OF.findall(code)}
+        if any(len(number) > _MOST_DIGITS for number in frame_numbers.values()):
+            raise source.error_at(
                 place, "no controller has a tool or base of this number.", remedy="Correct the number."
             )
-        numbers = {which: int(number) for which, number in said.items()}
+        numbers = {which: int(number) for which, number in frame_numbers.items()}
         ipo_frame = _IPO_FRAME.search(code)
         mode = ipo_frame[1].upper() if ipo_frame else "BASE"
         if mode not in ("BASE", "TCP"):
-            raise source.error(place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP.")
-        data = FrameData(_numbered(numbers.get("TOOL")), _numbered(numbers.get("BASE")), mode == "TCP")
+            raise source.error_at(
+                place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP."
+            )
+        data = FrameData(_number_text(numbers.get("TOOL")), _number_text(numbers.get("BASE")), mode == "TCP")
         self.known_data[written] = data
-        self._keep(name.full.upper(), data)
+        self._store_frame_data(name.full_name.upper(), data)
 
-    def _keep(self, upper: str, data: FrameData) -> None:
+    def _store_frame_data(self, upper: str, data: FrameData) -> None:
         """Keep the data of a name; two that differ (lists copied together by hand) tell no tool and no base."""
         had = self.frame_data.setdefault(upper, data)
         if had != data:
             self.frame_data[upper] = FrameData(None, None, had.external_tool or data.external_tool)
 
 
-def read_data_list(source: Source) -> DataList:
+def read_data_list(source: ProgramText) -> DataList:
     """Read a data list."""
-    data = DataList(Collected(source), of_controller=_OF_CONTROLLER.search(source.text) is not None)
+    data = DataList(KrlPositions(source), of_controller=_OF_CONTROLLER.search(source.text) is not None)
     for found in DATA_LINE.finditer(source.text):
         if not data.read_usual(found) and (line := line_at(source.text, found.start())):
-            data.read(line)
-    data.finish()
+            data.read_line(line)
+    data.finish_reading()
     return data
 
 
@@ -253,14 +261,14 @@ def declared_names(text: str) -> dict[str, bool]:
     return declares
 
 
-def _declared_names(text: str, line: Line) -> dict[str, bool]:
+def _declared_names(text: str, line: KrlLine) -> dict[str, bool]:
     declares: dict[str, bool] = {}
-    declared = declaration(text, line) if first_word(text, line) in DECLARING else None
+    declared = find_declaration(text, line) if first_word(text, line) in DECLARING else None
     if declared is None:
         return declares
     kind, place = declared
     shown = _GLOBAL.search(text, line.start, place) is not None
-    while place < line.end and (name := item(text, place, line.end)) is not None:
+    while place < line.end and (name := find_item(text, place, line.end)) is not None:
         declares[name.name.upper()] = shown
         place = name.end
         if name.value is not None:
@@ -276,16 +284,16 @@ def name_of_data(point: str) -> str:
     return "F" + upper[1:] if upper.startswith("X") else ""
 
 
-def remark_hidden_positions(found: Collected, line: Line, place: int) -> None:
+def remark_hidden_positions(found: KrlPositions, line: KrlLine, place: int) -> None:
     """Remark a struct with coordinates where none is expected."""
     text = found.source.text
     brace = text.find("{", place, line.end)
     if brace >= 0 and _holds_a_position(text[brace : line.end]):
-        found.remark(line.start, "computed", "A position stands inside this statement; it is not read.")
+        found.add_remark(line.start, "computed", "A position stands inside this statement; it is not read.")
         add_hidden_positions(found, line, brace)
 
 
-def add_hidden_positions(found: Collected, line: Line, place: int) -> None:
+def add_hidden_positions(found: KrlPositions, line: KrlLine, place: int) -> None:
     """Take structs with coordinates inside other data as positions that are left."""
     code = without_strings(found.source.text[place : line.end])
     for struct in _STRUCT.finditer(code):
@@ -299,11 +307,11 @@ def _holds_a_position(code: str) -> bool:
     return _LOOKS_LIKE_A_POSITION.search(without_strings(code)) is not None
 
 
-def remark_comment(found: Collected, line: Line) -> None:
+def remark_comment(found: KrlPositions, line: KrlLine) -> None:
     """Remark a comment that holds a position."""
     if "{" in line.comment and _LOOKS_LIKE_A_POSITION.search(line.comment):
-        found.remark(line.end, "comment", "A comment holds a position; it stays as it is.")
+        found.add_remark(line.end, "comment", "A comment holds a position; it stays as it is.")
 
 
-def _numbered(number: int | None) -> str | None:
+def _number_text(number: int | None) -> str | None:
     return None if number is None or number < 0 else str(number)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
-from cellcal.drivers.programs.call_graph import Marks, reached
+from cellcal.drivers.programs.call_graph import Marks, reached_settings
 
 UNKNOWN = "?"
 RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
@@ -24,7 +24,7 @@ Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place i
 
 
 @dataclass
-class Jumps:
+class RoutineJumps:
     """Where a routine jumps, and where it lands: what is set between may be jumped over."""
 
     first: int | None = None  # GOTO or EXIT
@@ -47,19 +47,19 @@ class FrameUse:
     above: Marks = ()  # what is set around it
     reset_below: bool = False  # a routine that it calls resets it
 
-    def take(self, place: int, value: str, branches: "Branches") -> None:
+    def take_value(self, place: int, value: str, branches: "Branches") -> None:
         """Note a value."""
         self.first.setdefault(branches, place)
         self.values.add(value)
 
-    def value(self, *, said_before: bool) -> str | None:
+    def value_in_force(self, *, said_before: bool) -> str | None:
         """Return what holds where it is set before or not: known only where the routine sets one thing."""
         if len(self.values) != 1 or not said_before:
             return None
         (value,) = self.values
         return None if value == UNKNOWN else value
 
-    def barred(self, *, said_before: bool) -> str:
+    def barred_reason(self, *, said_before: bool) -> str:
         """Return why nobody can tell what holds, with what other routines set; "" where nothing is in the way."""
         if any(value not in self.values for value, _ in self.below) or (self.values and self.reset_below):
             return BARRED["called"]
@@ -71,7 +71,7 @@ class FrameUse:
             return BARRED["later"]
         return BARRED["caller"] if self.above and not self.values else ""
 
-    def surely_before(self, place: int, branches: "Branches", jumps: Jumps) -> bool:
+    def surely_before(self, place: int, branches: "Branches", jumps: RoutineJumps) -> bool:
         """Tell whether one is set above a place, in the branches that the place is inside."""
         if not self.first:
             return False
@@ -80,7 +80,7 @@ class FrameUse:
 
 
 @dataclass
-class Routine:
+class KrlRoutine:
     """One DEF ... END."""
 
     number: int
@@ -90,11 +90,11 @@ class Routine:
     calls: set[str] = field(default_factory=set)
     tool: FrameUse = field(default_factory=FrameUse)
     base: FrameUse = field(default_factory=FrameUse)
-    jumps: Jumps = field(default_factory=Jumps)
+    jumps: RoutineJumps = field(default_factory=RoutineJumps)
     resets: bool = False  # it sets both to what the controller begins with
 
 
-def reached_from(routines: Sequence[Routine]) -> None:
+def reached_from(routines: Sequence[KrlRoutine]) -> None:
     """Give every routine what is set by those of its file that it calls, and that call it."""
     by_name: dict[str, list[int]] = {}
     for routine in routines:
@@ -103,10 +103,10 @@ def reached_from(routines: Sequence[Routine]) -> None:
     calls = [
         [number for name in sorted(routine.calls) for number in by_name.get(name, ())] for routine in routines
     ]
-    resets, _ = reached(calls, [[RESET] if routine.resets else [] for routine in routines])
+    resets, _ = reached_settings(calls, [[RESET] if routine.resets else [] for routine in routines])
     for routine, called in zip(routines, calls, strict=True):
         routine.tool.reset_below = routine.base.reset_below = any(resets[number] for number in called)
     for uses in ([one.tool for one in routines], [one.base for one in routines]):
-        below, above = reached(calls, [use.values for use in uses])
+        below, above = reached_settings(calls, [use.values for use in uses])
         for use, its_below, its_above in zip(uses, below, above, strict=True):
             use.below, use.above = its_below, its_above

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterable
 
-from cellcal.drivers.kuka.program_files.collected import Collected
-from cellcal.drivers.programs.across import Imports
+from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
+from cellcal.drivers.programs.cross_file_uses import Imports
 
 _IMPORT = re.compile(
     r"^[ \t]*+IMPORT[ \t]++(?:E6POS|POS|E6AXIS|AXIS|FRAME)[ \t]++(?P<own>[A-Za-z_]\w*+)(?:[ \t]*+\[[^\[\]\n]*+\])?+"
@@ -19,11 +19,11 @@ def imports_of(text: str) -> Imports:
     return _by_name(_IMPORT.finditer(text))
 
 
-def remarked_imports(found: Collected) -> Imports:
+def remark_imports(found: KrlPositions) -> Imports:
     """Return the same of a file that is read, and remark where each position stands."""
     imports = list(_IMPORT.finditer(found.source.text))
     for one in imports:
-        found.remark(one.start("own"), "indirect", _TEXT.format(one["own"], one["list"]))
+        found.add_remark(one.start("own"), "indirect", _TEXT.format(one["own"], one["list"]))
     return _by_name(imports)
 
 

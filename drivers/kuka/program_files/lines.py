@@ -21,7 +21,7 @@ DECLARING = frozenset(
 _STRING = re.compile(r'"[^"\n]*+"?+')
 
 
-class Line(NamedTuple):
+class KrlLine(NamedTuple):
     """One line: code from ``start`` to ``end``, then a comment."""
 
     start: int
@@ -30,7 +30,7 @@ class Line(NamedTuple):
 
 
 @dataclass(slots=True)
-class Item:
+class NamedItem:
     """A name that is declared or assigned, with its index, and where its value begins."""
 
     name: str
@@ -39,37 +39,37 @@ class Item:
     end: int
 
     @property
-    def full(self) -> str:
+    def full_name(self) -> str:
         """Return the name with its index, without blanks."""
         return self.name if self.index is None else f"{self.name}[{''.join(self.index.split())}]"
 
 
-def line_at(text: str, place: int) -> Line | None:
+def line_at(text: str, place: int) -> KrlLine | None:
     """Return the line that begins at a place; None for one that holds nothing."""
     found = _LINE.match(text, place)
     assert found is not None  # any line is one
     start, end = found.span(1)
-    return Line(start, end, found[2] or "") if start < end or found[2] else None
+    return KrlLine(start, end, found[2] or "") if start < end or found[2] else None
 
 
-def first_word(text: str, line: Line) -> str:
+def first_word(text: str, line: KrlLine) -> str:
     """Return the word that a line begins with, in capitals; "" where it begins with something else."""
     found = _WORD.match(text, line.start, line.end)
     return "" if found is None else found[1].upper()
 
 
-def declaration(text: str, line: Line) -> tuple[str, int] | None:
+def find_declaration(text: str, line: KrlLine) -> tuple[str, int] | None:
     """Return the type that a line declares, in capitals, and where its names begin; None for other lines."""
     found = _DECLARATION.match(text, line.start, line.end)
     return None if found is None else (found[1].upper(), found.end())
 
 
-def item(text: str, place: int, end: int) -> Item | None:
+def find_item(text: str, place: int, end: int) -> NamedItem | None:
     """Return the name at a place and whether ``=`` follows."""
     found = _ITEM.match(text, place, end)
     if found is None:
         return None
-    return Item(found[1], found[2], found.end() if found[3] == "=" else None, found.end())
+    return NamedItem(found[1], found[2], found.end() if found[3] == "=" else None, found.end())
 
 
 def without_strings(code: str) -> str:

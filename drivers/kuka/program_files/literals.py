@@ -39,7 +39,7 @@ _CANONICAL_POSE = re.compile(
 _CANONICAL_FIELDS = (*POSE_FIELDS, *STATE_FIELDS, *EXTERNAL_FIELDS)
 
 
-class LiteralError(ValueError):
+class KrlLiteralError(ValueError):
     """What stands there is no position that this program says; ``computed`` where only the controller knows it."""
 
     def __init__(self, place: int, message: str, *, computed: bool = False) -> None:
@@ -48,7 +48,7 @@ class LiteralError(ValueError):
         self.computed = computed
 
 
-class Literal(NamedTuple):
+class KrlLiteral(NamedTuple):
     """A struct as written; texts are None where a field is missing."""
 
     type: str  # "" where it is not written
@@ -60,18 +60,18 @@ class Literal(NamedTuple):
     end: int
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Tell whether no coordinate is left to what the robot has at that moment."""
         return None not in self.main
 
     @property
-    def configuration(self) -> str:
+    def configuration_text(self) -> str:
         """Return the flags and turns as written, such as ``S 2,T 35``."""
-        given = zip(STATE_FIELDS, self.state, strict=True)
-        return ",".join(f"{name} {text}" for name, text in given if text is not None)
+        stated = zip(STATE_FIELDS, self.state, strict=True)
+        return ",".join(f"{name} {text}" for name, text in stated if text is not None)
 
 
-def read_literal(text: str, start: int, end: int) -> Literal:
+def read_literal(text: str, start: int, end: int) -> KrlLiteral:
     """Read the struct that opens at ``start`` and must close before ``end``.
 
     Raises
@@ -82,7 +82,7 @@ def read_literal(text: str, start: int, end: int) -> Literal:
     fast = _CANONICAL_POSE.match(text, start, end)
     if fast is not None:
         texts = fast.groups()
-        literal = Literal(
+        literal = KrlLiteral(
             (texts[0] or "").upper(), False, texts[1:7], texts[7:9], texts[9:], start, fast.end()
         )
         if not literal.type or literal.type == "E6POS":
@@ -105,18 +105,18 @@ def field_spans(text: str, start: int, end: int) -> dict[str, tuple[int, int]]:
         return spans
     opening = _OPEN.match(text, start, end)
     if opening is None:
-        raise LiteralError(start, "a position opens with '{'.")
+        raise KrlLiteralError(start, "a position opens with '{'.")
     spans = {}
     place, closing = opening.end(), ","
     while closing == ",":
         name = _NAME.match(text, place, end)
         if name is None:
-            raise LiteralError(place, "here should be a field of the position, such as X.")
+            raise KrlLiteralError(place, "here should be a field of the position, such as X.")
         value = _VALUE.match(text, name.end(), end)
         if value is None:
             raise _value_error(text, name, end)
         if name[1].upper() in spans:
-            raise LiteralError(name.start(1), f"{name[1]} stands twice in this position.")
+            raise KrlLiteralError(name.start(1), f"{name[1]} stands twice in this position.")
         spans[name[1].upper()] = value.span(1)
         place, closing = value.end(), value[2]
     spans["}"] = (place - 1, place)
@@ -144,15 +144,15 @@ def state_text(like: str, value: int) -> str:
     return f"'{like[1]}{value:0{digits}{'b' if like[1] in 'Bb' else 'X'}}'"
 
 
-def _value_error(text: str, name: re.Match[str], end: int) -> LiteralError:
+def _value_error(text: str, name: re.Match[str], end: int) -> KrlLiteralError:
     if _EXPRESSION.match(text, name.end(), end):
-        return LiteralError(name.end(), f"{name[1]} is computed.", computed=True)
-    return LiteralError(
+        return KrlLiteralError(name.end(), f"{name[1]} is computed.", computed=True)
+    return KrlLiteralError(
         name.end(), f"the value of {name[1]} is not understood, or the position does not end."
     )
 
 
-def _literal_of(text: str, start: int, end: int) -> Literal:
+def _literal_of(text: str, start: int, end: int) -> KrlLiteral:
     spans = field_spans(text, start, end)
     close = spans.pop("}")[1]
     opening = _OPEN.match(text, start, end)
@@ -160,15 +160,15 @@ def _literal_of(text: str, start: int, end: int) -> Literal:
     axes = kind in AXIS_TYPES or (not kind and any(name in spans for name in AXIS_FIELDS))
     allowed = _FIELDS_OF_TYPE.get(kind or ("E6AXIS" if axes else "E6POS"))
     if allowed is None:
-        raise LiteralError(start, f"{kind} is no type of position.")
+        raise KrlLiteralError(start, f"{kind} is no type of position.")
     for name, (place, _) in spans.items():
         if name not in allowed:
-            raise LiteralError(place, f"{name} is no field of this position.")
+            raise KrlLiteralError(place, f"{name} is no field of this position.")
         if name not in STATE_FIELDS and text[place] == "'":
-            raise LiteralError(place, f"{name} must be a number.")
+            raise KrlLiteralError(place, f"{name} must be a number.")
 
-    def texts(names: tuple[str, ...]) -> tuple[str | None, ...]:
+    def field_texts(names: tuple[str, ...]) -> tuple[str | None, ...]:
         return tuple(text[slice(*spans[name])] if name in spans else None for name in names)
 
-    main, state = texts(AXIS_FIELDS if axes else POSE_FIELDS), texts(STATE_FIELDS)
-    return Literal(kind, axes, main, state, texts(EXTERNAL_FIELDS), start, close)
+    main, state = field_texts(AXIS_FIELDS if axes else POSE_FIELDS), field_texts(STATE_FIELDS)
+    return KrlLiteral(kind, axes, main, state, field_texts(EXTERNAL_FIELDS), start, close)

@@ -5,24 +5,24 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.kuka.program_files.collected import Collected
+from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.frame_uses import (
     BARRED,
     RESET,
     UNKNOWN,
     Branches,
-    Routine,
+    KrlRoutine,
     reached_from,
 )
-from cellcal.drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
-from cellcal.drivers.programs.positions import CARTESIAN, Frames
+from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames, RoutineEffects, array_name_of
+from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
 
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
 
-class Used(NamedTuple):
+class PointMove(NamedTuple):
     """A move to a point, in a routine."""
 
     row: int  # of one written into the move, else -1
@@ -36,41 +36,43 @@ class Used(NamedTuple):
 class PointUses:
     """The moves of a program, by its routines."""
 
-    found: Collected
-    routines: list[Routine] = field(default_factory=lambda: [Routine(0)])
-    rows: list[Used] = field(default_factory=list)  # of points written into moves
-    uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
+    found: KrlPositions
+    routines: list[KrlRoutine] = field(default_factory=lambda: [KrlRoutine(0)])
+    rows: list[PointMove] = field(default_factory=list)  # of points written into moves
+    uses: dict[str, dict[tuple[int, Branches, str], PointMove]] = field(
+        default_factory=dict
+    )  # of named points
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
     external_tool: bool = False
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
-    bases_of: dict[str, Set[Held]] = field(default_factory=dict)  # of moves to a copy
-    deciding: dict[str, tuple[Held, ...]] = field(default_factory=dict)  # by name
-    known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
+    bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
+    deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
+    known_held: dict[tuple[int, str, bool, bool, bool], MoveFrames] = field(default_factory=dict)
 
-    def use(self, key: str, place: int, branches: Branches, why: str) -> None:
+    def note_use(self, key: str, place: int, branches: Branches, why: str) -> None:
         """Note a move to a named point, or why its tool and base are not the routine's."""
         routine = len(self.routines) - 1
-        said = self.uses.setdefault(key, {})
+        uses_of_key = self.uses.setdefault(key, {})
         # The first move of a branch is the one that the least is set before.
-        if len(said) < _MOST_USES:
-            said.setdefault((routine, branches, why), Used(-1, routine, place, branches, why))
+        if len(uses_of_key) < _MOST_USES:
+            uses_of_key.setdefault((routine, branches, why), PointMove(-1, routine, place, branches, why))
         else:
-            said.setdefault((-1, (), ""), Used(-1, routine, place, (), BARRED["several"]))
+            uses_of_key.setdefault((-1, (), ""), PointMove(-1, routine, place, (), BARRED["several"]))
 
-    def finish(self) -> None:
+    def finish_reading(self) -> None:
         """Give points their tool and base."""
         reached_from(self.routines)
         for used in self.rows:
             if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
-                self.found.forget(used.row, EXTERNAL_TOOL)
+                self.found.drop_coordinates(used.row, EXTERNAL_TOOL)
                 continue
-            held = self.held(used, joints=self.found.kinds[used.row] != CARTESIAN)
-            self.found.tools[used.row], self.found.user_frames[used.row] = held.tool, held.frame
-            if held.why:
-                self.found.barred[used.row] = held.why
+            move_frames = self.frames_of_move(used, joints=self.found.kinds[used.row] != CARTESIAN)
+            self.found.tools[used.row], self.found.user_frames[used.row] = move_frames.tool, move_frames.frame
+            if move_frames.why:
+                self.found.barred[used.row] = move_frames.why
         for row, name in enumerate(self.found.names):
             if "@" not in name:
                 self._settle_named(row, name)
@@ -78,101 +80,115 @@ class PointUses:
     def _settle_named(self, row: int, name: str) -> None:
         """Give a point that a statement sets the tool and base of the moves to it."""
         key = name.upper()
-        helds = {held for one in {key, bare_of(key), f"{bare_of(key)}[]"} for held in self._deciding(one)}
-        helds = {held for held in helds if held.why != COPIED} or helds
-        if not helds or self.found.kinds[row] != CARTESIAN:
+        frames_of_moves = {
+            move_frames
+            for one in {key, array_name_of(key), f"{array_name_of(key)}[]"}
+            for move_frames in self._deciding_uses(one)
+        }
+        frames_of_moves = {
+            move_frames for move_frames in frames_of_moves if move_frames.why != COPIED
+        } or frames_of_moves
+        if not frames_of_moves or self.found.kinds[row] != CARTESIAN:
             return
         if self.external_tool:
-            self.found.forget(row, EXTERNAL_TOOL)
+            self.found.drop_coordinates(row, EXTERNAL_TOOL)
             return
-        why = next((held.why for held in sorted(helds, key=str) if held.why), "")
-        if len({held[:2] for held in helds}) > 1:
+        why = next(
+            (move_frames.why for move_frames in sorted(frames_of_moves, key=str) if move_frames.why), ""
+        )
+        if len({move_frames[:2] for move_frames in frames_of_moves}) > 1:
             why = why or BARRED["several"]
         if why:
             self.found.barred[row] = why
         else:
-            self.found.tools[row], self.found.user_frames[row] = next(iter(helds))[:2]
+            self.found.tools[row], self.found.user_frames[row] = next(iter(frames_of_moves))[:2]
 
-    def _deciding(self, name: str) -> tuple[Held, ...]:
+    def _deciding_uses(self, name: str) -> tuple[MoveFrames, ...]:
         """Return of all uses of a name those that decide: an array's thousands count for each of its elements."""
         if name not in self.deciding:
-            some = {self.held(used, joints=False) for used in self.uses.get(name, {}).values()}
-            first: dict[object, Held] = {}
-            for held in sorted(some, key=str):
-                first.setdefault(held.why == COPIED if held.why else held[:2], held)
-            whys = [held for held in first.values() if held.why]
-            frames = [held for held in first.values() if not held.why]
+            some = {self.frames_of_move(used, joints=False) for used in self.uses.get(name, {}).values()}
+            first: dict[object, MoveFrames] = {}
+            for move_frames in sorted(some, key=str):
+                first.setdefault(
+                    move_frames.why == COPIED if move_frames.why else move_frames[:2], move_frames
+                )
+            whys = [move_frames for move_frames in first.values() if move_frames.why]
+            frames = [move_frames for move_frames in first.values() if not move_frames.why]
             self.deciding[name] = (*whys, *frames[:2])
         return self.deciding[name]
 
-    def held(self, used: Used, *, joints: bool) -> Held:
+    def frames_of_move(self, used: PointMove, *, joints: bool) -> MoveFrames:
         """Return the tool and base of a move as far as this file says."""
         routine = self.routines[used.routine]
         tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
         base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
         key = (used.routine, used.why, tool_said, base_said, joints)
         if key not in self.known_held:
-            self.known_held[key] = self._held(
+            self.known_held[key] = self._frames_in_routine(
                 routine, used.why, tool_said=tool_said, base_said=base_said, joints=joints
             )
         return self.known_held[key]
 
-    def _held(self, routine: Routine, why: str, *, tool_said: bool, base_said: bool, joints: bool) -> Held:
-        why = why or routine.tool.barred(said_before=tool_said)
+    def _frames_in_routine(
+        self, routine: KrlRoutine, why: str, *, tool_said: bool, base_said: bool, joints: bool
+    ) -> MoveFrames:
+        why = why or routine.tool.barred_reason(said_before=tool_said)
         if not joints:
-            why = why or routine.base.barred(said_before=base_said)
+            why = why or routine.base.barred_reason(said_before=base_said)
         if why:
-            return Held(None, None, why, routine.name)
-        tool = _resolved(routine.tool.value(said_before=tool_said), self._name_of_set("TOOL"))
-        base = _resolved(routine.base.value(said_before=base_said), self._name_of_set("BASE"))
+            return MoveFrames(None, None, why, routine.name)
+        tool = _resolve_value(routine.tool.value_in_force(said_before=tool_said), self._name_of_set("TOOL"))
+        base = _resolve_value(routine.base.value_in_force(said_before=base_said), self._name_of_set("BASE"))
         why = in_set_table(self.set_tables, tool, None if joints else base)
-        return Held(None, None, why, routine.name) if why else Held(tool, base, "", routine.name)
+        return MoveFrames(None, None, why, routine.name) if why else MoveFrames(tool, base, "", routine.name)
 
-    def uses_said(self) -> dict[str, frozenset[Held]]:
+    def declared_uses(self) -> dict[str, frozenset[MoveFrames]]:
         """Return the moves to points that other files declare."""
-        said = {}
+        uses_by_name = {}
         for name, all_used in self.uses.items():
-            bare = bare_of(name)
-            helds = {
-                self.held(used, joints=False)
+            bare = array_name_of(name)
+            frames_of_moves = {
+                self.frames_of_move(used, joints=False)
                 for used in all_used.values()
                 if bare not in self.routines[used.routine].declared
             }
             if self.external_tool:
-                helds = {held._replace(why=EXTERNAL_TOOL) for held in helds}
-            if helds:
-                said[name.removesuffix("[]")] = frozenset(helds | self._of_copies(name))
-        return said
+                frames_of_moves = {move_frames._replace(why=EXTERNAL_TOOL) for move_frames in frames_of_moves}
+            if frames_of_moves:
+                uses_by_name[name.removesuffix("[]")] = frozenset(
+                    frames_of_moves | self._frames_of_copies(name)
+                )
+        return uses_by_name
 
-    def _of_copies(self, name: str) -> set[Held]:
+    def _frames_of_copies(self, name: str) -> set[MoveFrames]:
         """Return the bases that are set where a copy of a point, or a copy of that, is moved to."""
         copies, waiting = set[str](), [name]
         while waiting and len(copies) < _MOST_COPIES:
             more = self.copies.get(waiting.pop(), set()) - copies
             copies |= more
             waiting += more
-        return {held for copy in copies for held in self._bases_of(copy)}
+        return {move_frames for copy in copies for move_frames in self._frames_of_name(copy)}
 
-    def _bases_of(self, copy: str) -> Set[Held]:
+    def _frames_of_name(self, copy: str) -> Set[MoveFrames]:
         """Return the bases that are set where a name is moved to; any element of an array may be the one."""
         if copy not in self.bases_of:
-            names = {copy, bare_of(copy), f"{bare_of(copy)}[]"}
+            names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
             routines = {
                 used.routine for one in names for used in self.uses.get(one, {}).values() if not used.why
             }
             named = self._name_of_set("BASE") or "$"
             self.bases_of[copy] = {
-                Held(None, named if base == "$" else base, COPIED, self.routines[routine].name)
+                MoveFrames(None, named if base == "$" else base, COPIED, self.routines[routine].name)
                 for routine in routines
                 for base in self.routines[routine].base.values
                 if base not in (UNKNOWN, RESET)
             }
         return self.bases_of[copy]
 
-    def routines_said(self) -> dict[str, RoutineSaid]:
+    def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""
         return {
-            routine.name: RoutineSaid(
+            routine.name: RoutineEffects(
                 frozenset(routine.tool.values),
                 frozenset(routine.base.values),
                 frozenset(routine.calls),
@@ -182,27 +198,27 @@ class PointUses:
             for routine in self.routines
         }
 
-    def frames(self) -> Frames:
+    def to_frames(self) -> ProgramFrames:
         """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""
         poses = {which: {"0": Pose((0.0, 0.0, 0.0))} for which in ("TOOL", "BASE")}
-        for which, given in self.set_frames.items():
-            if len(given) == 1 and given[0] is not None:
-                poses[which][f"${which}"] = given[0]
-        return Frames(base_frame=poses["BASE"], flange_tip=poses["TOOL"])
+        for which, set_poses in self.set_frames.items():
+            if len(set_poses) == 1 and set_poses[0] is not None:
+                poses[which][f"${which}"] = set_poses[0]
+        return ProgramFrames(base_frame=poses["BASE"], flange_tip=poses["TOOL"])
 
     def _name_of_set(self, which: str) -> str | None:
-        given = self.set_frames[which]
-        return f"${which}" if len(given) == 1 and given[0] is not None else None
+        set_poses = self.set_frames[which]
+        return f"${which}" if len(set_poses) == 1 and set_poses[0] is not None else None
 
 
 def in_set_table(set_tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:
     """Return why nobody can tell where a tool or base of the tables is that programs set; "" where none does."""
     for which, number in (("TOOL", tool), ("BASE", base)):
-        told = number is not None and number.isdigit() and number != "0"
-        if told and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):
+        is_table_entry = number is not None and number.isdigit() and number != "0"
+        if is_table_entry and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):
             return BARRED["computed"]
     return ""
 
 
-def _resolved(value: str | None, name_of_set: str | None) -> str | None:
+def _resolve_value(value: str | None, name_of_set: str | None) -> str | None:
     return name_of_set if value == "$" else value

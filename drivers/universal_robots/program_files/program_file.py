@@ -4,22 +4,22 @@ Source: Universal Robots, The URScript Programming Language, e-Series, ``movej(q
 leading axis [rad/s]. Not run on a robot by us.
 """
 
-from cellcal.drivers.wire.program_file import Header, ProgramWriter, Way, lines_of
+from cellcal.drivers.wire.program_file import ProgramHeader, ProgramWriter, Way, lines_of
 
 _ACCELERATION_RAD_S2 = 0.2
 
 
-def write_script(header: Header, way_rad: Way, speed_rad_s: float) -> str:
+def write_script(header: ProgramHeader, way_rad: Way, speed_rad_s: float) -> str:
     """Return a script of one function that moves along the corners and ends."""
-    told = [f"cellcal {header.token}, {header.robot}", *lines_of(header.warning, 100)]
-    told.append(
+    remarks = [f"cellcal {header.token}, {header.robot}", *lines_of(header.warning, 100)]
+    remarks.append(
         f"Joint moves, fastest joint {speed_rad_s:.4f} rad/s. Compare the joints before you run it, in T1."
     )
     moves = [
         f"  movej([{', '.join(f'{q:.6f}' for q in corner)}], a={_ACCELERATION_RAD_S2}, v={speed_rad_s:.6f})"
         for corner in way_rad
     ]
-    lines = [*(f"# {line}" for line in told), f"def {header.name}():", *moves, "end", f"{header.name}()"]
+    lines = [*(f"# {line}" for line in remarks), f"def {header.name}():", *moves, "end", f"{header.name}()"]
     return "\n".join(lines) + "\n"
 
 

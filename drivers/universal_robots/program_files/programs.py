@@ -9,7 +9,7 @@ from cellcal.drivers.universal_robots.program_files.urp_program import read_urp
 _PACKED = (b"\x1f\x8b", b"<")  # gzip, or XML without it
 
 
-def read(name: str, data: bytes) -> ProgramFile:
+def read_program_file(name: str, data: bytes) -> ProgramFile:
     """Read any of the three; what is packed is told from a script by its first bytes."""
     if name.lower().endswith(".installation"):
         return read_installation(name, data)
@@ -18,4 +18,4 @@ def read(name: str, data: bytes) -> ProgramFile:
     return read_script(name, data)
 
 
-BRAND = ProgramBrand("universal_robots", (".script", ".urp", ".installation"), read, None)
+BRAND = ProgramBrand("universal_robots", (".script", ".urp", ".installation"), read_program_file, None)

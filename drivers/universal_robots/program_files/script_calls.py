@@ -18,7 +18,7 @@ _TARGETS = {
 
 
 @dataclass(slots=True)
-class Call:
+class OpenCall:
     """A bracket that is open: a call's, or a list's."""
 
     opens: str
@@ -35,12 +35,12 @@ class Call:
         self.keyword = ""
 
     @property
-    def understood(self) -> bool:
+    def is_understood(self) -> bool:
         """Whether every place that this move goes to is one we know."""
         return len(self.reached) >= min(MOVES.get(self.function, 1), self.argument + 1)
 
 
-def role_in(stack: Sequence[Call]) -> tuple[Role, str]:
+def role_in(stack: Sequence[OpenCall]) -> tuple[Role, str]:
     """Return what the argument that is being read is for, and the frame's or the function's name."""
     if not stack:
         return "other", ""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellcal.calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous_matrix, log_rotation
 
 LEAST_DECIMALS = 9  # a nanometre; 1e-9 rad
 DOUBLE_STEP = 1e-12  # m or rad: less is rounding, and keeps the old text
@@ -26,7 +26,7 @@ def number_spans(text: str, start: int, end: int) -> list[tuple[int, int]]:
     return [found.span() for found in _NUMBER.finditer(text, start, end)]
 
 
-def renewed(old: Sequence[str], values: Sequence[float]) -> list[str]:
+def renew_numbers(old: Sequence[str], values: Sequence[float]) -> list[str]:
     """Return new values in the old numbers' format; a number that already says its value stays.
 
     Raises
@@ -67,7 +67,7 @@ def java_text(value: float) -> str:
 
 def poses_of(six: Array) -> Array:
     """Return (N, 4, 4) from (N, 6) x, y, z [m] and a rotation vector [rad]."""
-    return homogeneous(exp_rotation(six[:, 3:]), six[:, :3])
+    return homogeneous_matrix(exp_rotation(six[:, 3:]), six[:, :3])
 
 
 def six_of(poses: Array, like: Array) -> Array:

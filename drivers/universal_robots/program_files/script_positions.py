@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.universal_robots.program_files.script_text import Literal, Statements
+from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
 BASE = "base"
 NOT_READ = "no move that is understood goes to it, and it is not changed"
@@ -41,33 +41,33 @@ _WIRES = ("socket_read_ascii_float", "socket_read_string", "socket_read_binary_i
           "read_input_float_register", "read_port_register", "modbus_get_signal_status")  # fmt: skip
 
 
-class Place(NamedTuple):
+class ScriptPlace(NamedTuple):
     """One recorded position: its pose, its joints, or both."""
 
     name: str
-    pose: Literal | None
-    joints: Literal | None
+    pose: ScriptLiteral | None
+    joints: ScriptLiteral | None
     frame: str
     used: tuple[int, ...]  # offsets of the moves to it
     unread: str = ""  # why it is not changed; "" where it may be
 
     @property
-    def start(self) -> int:
+    def start_offset(self) -> int:
         """Return where its first numbers stand."""
         literal = self.pose or self.joints
         return literal.start if literal else 0
 
 
-class Finder:
+class PositionFinder:
     """Sorts the literals of a program."""
 
-    def __init__(self, found: Statements, lines: NDArray[np.intp], text: str) -> None:
+    def __init__(self, found: ScriptStatements, lines: NDArray[np.intp], text: str) -> None:
         self.found = found
         self.lines = lines  # offsets of line feeds
-        self.given: dict[str, list[Literal]] = {}
+        self.literals_by_name: dict[str, list[ScriptLiteral]] = {}
         for literal in found.literals:
             if literal.role == "value":
-                self.given.setdefault(literal.name, []).append(literal)
+                self.literals_by_name.setdefault(literal.name, []).append(literal)
         self.reached = {
             name: offsets
             for name, uses in found.uses.items()
@@ -78,64 +78,66 @@ class Finder:
         self.tool_names = {name for name, role in roles if role == "tool"}
         frames = {name for name, role in roles if role == "frame"} - self.near - self.reached.keys()
         frames -= {name for name, role in roles if role == "other"}  # a place that is gone to otherwise, too
-        self.frame_names = {name for name in frames if self._known(name) and self.given[name][0].is_pose}
+        self.frame_names = {
+            name for name in frames if self._is_constant(name) and self.literals_by_name[name][0].is_pose
+        }
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.text = text
-        self.left: list[Literal] = []  # poses that no move goes to
-        self.steps: list[Literal] = []  # poses that are a step from a place
+        self.unused_poses: list[ScriptLiteral] = []  # poses that no move goes to
+        self.steps: list[ScriptLiteral] = []  # poses that are a step from a place
 
-    def line(self, offset: int) -> int:
+    def line_of(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
         return int(np.searchsorted(self.lines, offset)) + 1
 
-    def places(self) -> list[Place]:
+    def list_places(self) -> list[ScriptPlace]:
         """Return the recorded positions in the order of the text."""
-        found: list[Place] = []
+        found: list[ScriptPlace] = []
         literals = self.found.literals
         i = 0
         while i < len(literals):
             first = literals[i]
             second = literals[i + 1] if i + 1 < len(literals) else None
             if second is not None and self._one_place(first, second):
-                found.append(self._pair(first, second))
+                found.append(self._pair_place(first, second))
                 i += 2
                 continue
-            place = self._single(first)
+            place = self._single_place(first)
             if place is not None:
                 found.append(place)
             i += 1
-        found += [self._unread(literal) for literal in self._not_read()]
-        return self._unique(sorted(found, key=lambda place: place.start))
+        found += [self._unread_place(literal) for literal in self._not_read()]
+        return self._unique_places(sorted(found, key=lambda place: place.start_offset))
 
-    def _not_read(self) -> Iterator[Literal]:
+    def _not_read(self) -> Iterator[ScriptLiteral]:
         """Yield literals that are positions, and that no move goes to in a way that is understood."""
-        for literal in (*self.left, *self.steps):
+        for literal in (*self.unused_poses, *self.steps):
             if not self._is_offset(literal):
                 yield literal
-        taken = {literal.start for literal in (*self.left, *self.steps)}
+        taken = {literal.start for literal in (*self.unused_poses, *self.steps)}
         for literal in self.found.literals:
             if not literal.is_pose and literal.start not in taken and self._is_posture(literal):
                 yield literal
 
-    def _unread(self, literal: Literal) -> Place:
-        name = literal.name if literal.role == "value" else f"line {self.line(literal.start)}"
+    def _unread_place(self, literal: ScriptLiteral) -> ScriptPlace:
+        name = literal.name if literal.role == "value" else f"line {self.line_of(literal.start)}"
         pose, joints = (literal, None) if literal.is_pose else (None, literal)
-        return Place(name, pose, joints, BASE, (), NOT_READ)
+        return ScriptPlace(name, pose, joints, BASE, (), NOT_READ)
 
-    def _is_offset(self, literal: Literal) -> bool:
+    def _is_offset(self, literal: ScriptLiteral) -> bool:
         """Tell whether a pose is only added to others, or a step from a place that goes along with the work."""
         if literal.role == "value":
             uses = self.found.uses.get(literal.name, ())
-            return bool(uses) and all(self._adds(at, role, where) for at, role, where in uses)
+            return bool(uses) and all(self._is_added(at, role, where) for at, role, where in uses)
         if literal.role == "in_frame":
             return self._is_place(literal.call, literal.name)
         function = self._function_at(literal.call)
         first = _OPENED.search(self.text, 0, literal.start) is not None
         if function in ("pose_add", "pose_sub", "pose_trans"):
-            return not first or (function != "pose_trans" and self._adds_to_a_name(literal))
+            return not first or (function != "pose_trans" and self._is_added_to_name(literal))
         return function in _NO_POSITION
 
-    def _adds(self, at: int, role: str, where: str) -> bool:
+    def _is_added(self, at: int, role: str, where: str) -> bool:
         second = self.text[:at].rstrip()[-1:] == ","
         if role == "in_frame":
             return self._is_place(self.text.rfind("(", 0, at), where)
@@ -150,7 +152,7 @@ class Finder:
             return False
         return found[1] is None or not self._is_place(found.start(), found[1])
 
-    def _adds_to_a_name(self, literal: Literal) -> bool:
+    def _is_added_to_name(self, literal: ScriptLiteral) -> bool:
         return _NAME_BEHIND.match(self.text, literal.end) is not None
 
     def _is_place(self, call: int, name: str) -> bool:
@@ -163,7 +165,7 @@ class Finder:
         found = _CALLED.search(self.text, max(0, call - _LONGEST_NAME), call)
         return found[1] if found else ""
 
-    def _is_posture(self, literal: Literal) -> bool:
+    def _is_posture(self, literal: ScriptLiteral) -> bool:
         """Tell whether six numbers without p are joints of a list, or given to a function of this script."""
         if literal.role == "other":
             return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
@@ -180,9 +182,9 @@ class Finder:
 
     def is_known(self, name: str) -> bool:
         """Tell whether a variable holds one literal and nothing else."""
-        return self._known(name)
+        return self._is_constant(name)
 
-    def conflicts(self, place: Place) -> bool:
+    def has_conflict(self, place: ScriptPlace) -> bool:
         """Tell whether moves go to a variable's pose both in a frame and without it."""
         literal = place.pose
         if literal is None or literal.role != "value" or place.unread:
@@ -199,45 +201,49 @@ class Finder:
         )
         return len(gone_to) + computed > 1
 
-    def frames(self) -> dict[str, Literal]:
+    def frame_literals(self) -> dict[str, ScriptLiteral]:
         """Return the variables that are frames: given one literal pose, and never a place to go to."""
-        return {name: given[0] for name, given in self.given.items() if name in self.frame_names}
+        return {
+            name: literals[0] for name, literals in self.literals_by_name.items() if name in self.frame_names
+        }
 
-    def tools(self) -> list[tuple[int, str, Literal | None]]:
+    def tool_settings(self) -> list[tuple[int, str, ScriptLiteral | None]]:
         """Return every ``set_tcp``: its offset, the tool's name, and the pose where it is a literal."""
         calls = self.found.calls.get("set_tcp", [])
-        tools: dict[int, tuple[str, Literal | None]] = dict.fromkeys(calls, ("", None))
+        tools: dict[int, tuple[str, ScriptLiteral | None]] = dict.fromkeys(calls, ("", None))
         for literal in self.found.literals:
             if literal.role == "tool" and literal.is_pose:
-                tools[literal.call] = (f"line {self.line(literal.start)}", literal)
+                tools[literal.call] = (f"line {self.line_of(literal.start)}", literal)
         for name, uses in self.found.uses.items():
-            pose = self.given[name][0] if self._known(name) else None
+            pose = self.literals_by_name[name][0] if self._is_constant(name) else None
             for offset, role, _ in uses:
                 if role == "tool":
                     tools[calls[bisect_right(calls, offset) - 1]] = (name if pose else "", pose)
         return [(offset, *tools[offset]) for offset in calls]
 
-    def remarks(self) -> Iterator[Remark]:
+    def list_remarks(self) -> Iterator[Remark]:
         """Yield what else holds or changes positions."""
-        yield from self._grouped(
+        yield from self._grouped_remarks(
             "relative", [each.start for each in self.steps],
             "a pose is a step from another place; it is not changed, and follows that place",
         )  # fmt: skip
-        yield from self._grouped(
-            "computed", [each.start for each in self.left],
+        yield from self._grouped_remarks(
+            "computed", [each.start for each in self.unused_poses],
             "a pose is given that no move goes to directly; it is not changed",
         )  # fmt: skip
         for function in sorted({name for _, name in self.found.computed}):
             offsets = [offset for offset, name in self.found.computed if name == function]
-            yield from self._grouped("computed", offsets, f"{function} goes where the program computes")
+            yield from self._grouped_remarks(
+                "computed", offsets, f"{function} goes where the program computes"
+            )
         unknown = [
             offset
             for name, uses in self.found.uses.items()
-            if not self._known(name)
+            if not self._is_constant(name)
             for offset, role, _ in uses
             if role in ("target", "in_frame")
         ]
-        yield from self._grouped(
+        yield from self._grouped_remarks(
             "computed", unknown, "a move goes to a variable that holds no recorded pose, or more than that"
         )
         yield from self._of_functions("relative", _RELATIVE, "poses are computed from others")
@@ -248,19 +254,19 @@ class Finder:
 
     def _of_functions(self, code: str, functions: Iterable[str], text: str) -> Iterator[Remark]:
         for function in functions:
-            yield from self._grouped(code, self.found.calls.get(function, []), f"{function}: {text}")
+            yield from self._grouped_remarks(code, self.found.calls.get(function, []), f"{function}: {text}")
 
-    def _grouped(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
+    def _grouped_remarks(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
         if offsets:
-            lines = sorted({self.line(offset) for offset in offsets})
+            lines = sorted({self.line_of(offset) for offset in offsets})
             more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
             where = ", ".join(map(str, lines[:_SHOWN])) + more
             yield Remark(lines[0], code, f"{text} (line {where}).")
 
-    def _known(self, name: str) -> bool:
-        return len(self.given.get(name, ())) == 1 and name not in self.found.assigned
+    def _is_constant(self, name: str) -> bool:
+        return len(self.literals_by_name.get(name, ())) == 1 and name not in self.found.assigned
 
-    def _one_place(self, first: Literal, second: Literal) -> bool:
+    def _one_place(self, first: ScriptLiteral, second: ScriptLiteral) -> bool:
         if not first.is_pose or second.is_pose:
             return False
         if first.role == "value" == second.role:
@@ -270,50 +276,54 @@ class Finder:
             return together and first.name not in self.frame_names and first.name not in self.tool_names
         return first.role == "target" and second.role == "near" and first.call == second.call
 
-    def _pair(self, pose: Literal, joints: Literal) -> Place:
+    def _pair_place(self, pose: ScriptLiteral, joints: ScriptLiteral) -> ScriptPlace:
         if not pose.name:
-            return Place(f"line {self.line(pose.start)}", pose, joints, BASE, (pose.start,))
+            return ScriptPlace(f"line {self.line_of(pose.start)}", pose, joints, BASE, (pose.start,))
         used = (*self.reached.get(pose.name, ()), *self.reached.get(joints.name, ()))
-        return Place(pose.name[:-2], pose, joints, BASE, used)
+        return ScriptPlace(pose.name[:-2], pose, joints, BASE, used)
 
-    def _single(self, literal: Literal) -> Place | None:
+    def _single_place(self, literal: ScriptLiteral) -> ScriptPlace | None:
         pose, joints = (literal, None) if literal.is_pose else (None, literal)
         if literal.role == "target" or (literal.role == "near" and joints):
-            return Place(f"line {self.line(literal.start)}", pose, joints, BASE, (literal.start,))
+            return ScriptPlace(f"line {self.line_of(literal.start)}", pose, joints, BASE, (literal.start,))
         if literal.role == "in_frame" and literal.is_pose:
             return self._in_frame(literal)
         if literal.role == "value":
-            return self._variable(literal, pose, joints)
+            return self._variable_place(literal, pose, joints)
         if literal.is_pose and literal.role not in ("tool", "frame"):
-            self.left.append(literal)
+            self.unused_poses.append(literal)
         return None
 
-    def _in_frame(self, literal: Literal) -> Place | None:
+    def _in_frame(self, literal: ScriptLiteral) -> ScriptPlace | None:
         if literal.name in self.frame_names:
-            return Place(f"line {self.line(literal.start)}", literal, None, literal.name, (literal.start,))
+            return ScriptPlace(
+                f"line {self.line_of(literal.start)}", literal, None, literal.name, (literal.start,)
+            )
         self.steps.append(literal)
         return None
 
-    def _variable(self, literal: Literal, pose: Literal | None, joints: Literal | None) -> Place | None:
+    def _variable_place(
+        self, literal: ScriptLiteral, pose: ScriptLiteral | None, joints: ScriptLiteral | None
+    ) -> ScriptPlace | None:
         name = literal.name
         if name in self.frame_names or name in self.tool_names:
             return None
         frames = {where for _, role, where in self.found.uses.get(name, ()) if role == "in_frame"}
         used = tuple(self.reached.get(name, ()))
         if len(frames) == 1 and literal.is_pose and frames <= self.frame_names:
-            return Place(name, literal, None, next(iter(frames)), used)
+            return ScriptPlace(name, literal, None, next(iter(frames)), used)
         if not frames and (name in self.reached or name in self.near):
-            return Place(name, pose, joints, BASE, used)
+            return ScriptPlace(name, pose, joints, BASE, used)
         if literal.is_pose:
-            self.left.append(literal)
+            self.unused_poses.append(literal)
         return None
 
-    def _unique(self, places: list[Place]) -> list[Place]:
-        seen: dict[str, int] = {}
+    def _unique_places(self, places: list[ScriptPlace]) -> list[ScriptPlace]:
+        counts: dict[str, int] = {}
         for i, place in enumerate(places):
-            count = seen[place.name] = seen.get(place.name, 0) + 1
+            count = counts[place.name] = counts.get(place.name, 0) + 1
             literal = place.pose or place.joints
             if count > 1 and literal:
-                where = "" if place.name.startswith("line ") else f"line {self.line(literal.start)}, "
+                where = "" if place.name.startswith("line ") else f"line {self.line_of(literal.start)}, "
                 places[i] = place._replace(name=f"{place.name} ({where}{count})")
         return places

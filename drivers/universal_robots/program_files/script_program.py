@@ -11,17 +11,30 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array, Pose, is_rigid
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change, Frames, Positions, Remark
+from cellcal.drivers.programs.positions import (
+    CARTESIAN,
+    JOINTS,
+    UNREAD,
+    PositionChange,
+    Positions,
+    ProgramFrames,
+    Remark,
+)
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     kept_steps,
     number_spans,
     poses_of,
-    renewed,
+    renew_numbers,
     six_of,
 )
-from cellcal.drivers.universal_robots.program_files.script_positions import BASE, CONFLICTS, Finder, Place
+from cellcal.drivers.universal_robots.program_files.script_positions import (
+    BASE,
+    CONFLICTS,
+    PositionFinder,
+    ScriptPlace,
+)
 from cellcal.drivers.universal_robots.program_files.script_shifts import ScriptShifts
-from cellcal.drivers.universal_robots.program_files.script_text import Literal, ScriptText
+from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptText
 from cellcal.drivers.universal_robots.program_files.script_tools import (
     PROGRAM,
     ScriptTools,
@@ -38,30 +51,32 @@ class ScriptProgram:
 
     file: str
     text: str  # a character a byte (latin-1)
-    places: tuple[Place, ...]
+    places: tuple[ScriptPlace, ...]
     six_pose: Array  # (N, 6) as written, NaN where there is none [m, rad]
     positions: Positions
     remarks: tuple[Remark, ...]
-    frames: Frames
+    frames: ProgramFrames
 
     @classmethod
-    def of(cls, file: str, text: str) -> Self:
+    def from_text(cls, file: str, text: str) -> Self:
         """Read a text with a character a byte; errors as `read_script`."""
         source = ScriptText(file, text)
-        finder = Finder(source.statements(), _line_feeds(text), text)
-        places = finder.places()
+        finder = PositionFinder(source.read_statements(), _line_feeds(text), text)
+        places = finder.list_places()
         pose = numbers_of(source, [place.pose for place in places])
         joints = numbers_of(source, [place.joints for place in places])
         tools = ScriptTools(source, finder)
-        columns = _columns(source, finder, places, tools)
+        columns = _position_columns(source, finder, places, tools)
         columns["frame_tip"], columns["joints"] = _poses_or_nan(pose), joints
         unread = [row for row, place in enumerate(places) if place.unread]
-        columns["frame_tip"][unread], columns["joints"] = np.nan, _without(joints, unread)
+        columns["frame_tip"][unread], columns["joints"] = np.nan, _without_joints(joints, unread)
         shifts = ScriptShifts(text, finder, places)
-        columns["shifts"] = shifts.all()
-        columns["barred"] |= dict(shifts.barred())
-        remarks = (*finder.remarks(), *tools.remarks(places))
-        frames = Frames(frames_of(source, finder.frames()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip)
+        columns["shifts"] = shifts.all_shifts()
+        columns["barred"] |= dict(shifts.barred_places())
+        remarks = (*finder.list_remarks(), *tools.list_remarks(places))
+        frames = ProgramFrames(
+            frames_of(source, finder.frame_literals()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip
+        )
         return cls(file, text, tuple(places), pose, Positions(**columns), remarks, frames)
 
     @property
@@ -79,7 +94,7 @@ class ScriptProgram:
         """Return the file."""
         return self.text.encode("latin-1")
 
-    def changed(self, change: Change) -> Self:
+    def with_changes(self, change: PositionChange) -> Self:
         """Return the program with new poses and joints; a place that holds both needs both.
 
         Raises
@@ -87,17 +102,20 @@ class ScriptProgram:
         ProgramFileError
             A place that lacks what is given, or holds more than is given; numbers that are no coordinates.
         """
-        edits = _Edits(self)
+        edits = _ScriptEdits(self)
         rows = np.asarray(change.rows, dtype=np.intp)
         if change.configurations is not None or change.user_frames is not None:
             raise ProgramFileError(
                 self.file, "a script holds no configurations and no frame numbers.",
                 remedy="Give poses and joints only.",
             )  # fmt: skip
-        pose, joints = _asked(change.frame_tip, rows, (4, 4)), _asked(change.joints, rows, (6,))
-        with_pose, with_joints = _given(pose), _given(joints)
+        pose, joints = (
+            _requested_values(change.frame_tip, rows, (4, 4)),
+            _requested_values(change.joints, rows, (6,)),
+        )
+        with_pose, with_joints = _is_given(pose), _is_given(joints)
         for row, new_pose, new_joints in zip(rows.tolist(), with_pose, with_joints, strict=True):
-            self._refuse(row, bool(new_pose), bool(new_joints))
+            self._refuse_row(row, bool(new_pose), bool(new_joints))
         if with_pose.any() and not is_rigid(pose[with_pose]):
             raise ProgramFileError(
                 self.file,
@@ -106,10 +124,10 @@ class ScriptProgram:
             )
         edits.put_all(rows[with_pose], six_of(pose[with_pose], self.six_pose[rows[with_pose]]), poses=True)
         edits.put_all(rows[with_joints], joints[with_joints], poses=False)
-        text = edits.text()
-        return self if text == self.text else type(self).of(self.file, text)
+        text = edits.edited_text()
+        return self if text == self.text else type(self).from_text(self.file, text)
 
-    def _refuse(self, row: int, pose: bool, joints: bool) -> None:
+    def _refuse_row(self, row: int, pose: bool, joints: bool) -> None:
         """Refuse what a place cannot hold."""
         place = self.places[row]
         if place.unread:
@@ -140,10 +158,10 @@ def read_script(name: str, data: bytes) -> ScriptProgram:
     ProgramFileError
         Text that is not URScript, is damaged, or holds numbers that are no coordinates.
     """
-    return ScriptProgram.of(name, data.decode("latin-1"))
+    return ScriptProgram.from_text(name, data.decode("latin-1"))
 
 
-class _Edits:
+class _ScriptEdits:
     """New texts for numbers of a program."""
 
     def __init__(self, program: "ScriptProgram") -> None:
@@ -156,9 +174,9 @@ class _Edits:
             place = self.program.places[row]
             literal = place.pose if poses else place.joints
             if literal is not None:
-                self._put(literal, six)
+                self._replace_numbers(literal, six)
 
-    def text(self) -> str:
+    def edited_text(self) -> str:
         """Return the whole text, changed."""
         pieces, at = [], 0
         for start, end, new in sorted(self.spans):
@@ -166,11 +184,11 @@ class _Edits:
             at = end
         return "".join([*pieces, self.program.text[at:]])
 
-    def _put(self, literal: Literal, values: list[float]) -> None:
+    def _replace_numbers(self, literal: ScriptLiteral, values: list[float]) -> None:
         text = self.program.text
         spans = number_spans(text, literal.start, literal.end)
         try:
-            new = renewed([text[start:end] for start, end in spans], values)
+            new = renew_numbers([text[start:end] for start, end in spans], values)
         except ValueError as wrong:
             line = text.count("\n", 0, literal.start) + 1
             raise ProgramFileError(
@@ -182,14 +200,14 @@ class _Edits:
         self.spans += [(*span, number) for span, number in zip(spans, new, strict=True)]
 
 
-def _columns(
-    source: ScriptText, finder: Finder, places: Sequence[Place], tools: ScriptTools
+def _position_columns(
+    source: ScriptText, finder: PositionFinder, places: Sequence[ScriptPlace], tools: ScriptTools
 ) -> dict[str, Any]:
     """Return the columns of `Positions` but for the poses and the joints."""
     starts = [each.start for place in places if (each := place.pose or place.joints)]
     count = len(places)
     lines = np.searchsorted(np.array(finder.lines), np.array(starts, dtype=np.int64), side="left") + 1
-    steps = _steps(source.text, places)
+    steps = _number_steps(source.text, places)
     return {
         "names": tuple(place.name for place in places),
         "kinds": tuple(_kind_of(place) for place in places),
@@ -197,37 +215,37 @@ def _columns(
         "groups": np.ones(count, dtype=np.int64),
         "external": np.empty((count, 0)),
         "user_frames": tuple(place.frame for place in places),
-        "tools": tuple(tools.of(place) for place in places),
+        "tools": tuple(tools.tool_of(place) for place in places),
         "configurations": ("",) * count,
         "resolution_m": steps,
         "resolution_rad": steps,
         "barred": {
-            row: why for row, place in enumerate(places) if (why := _why_barred(place, finder, tools))
+            row: why for row, place in enumerate(places) if (why := _barred_reason(place, finder, tools))
         },
     }
 
 
-def _kind_of(place: Place) -> str:
+def _kind_of(place: ScriptPlace) -> str:
     if place.unread:
         return UNREAD
     return CARTESIAN if place.pose else JOINTS
 
 
-def _why_barred(place: Place, finder: Finder, tools: ScriptTools) -> str:
+def _barred_reason(place: ScriptPlace, finder: PositionFinder, tools: ScriptTools) -> str:
     """Return why a place is left, or ""."""
     if place.unread:
         return place.unread
-    return CONFLICTS if finder.conflicts(place) else tools.barred(place)
+    return CONFLICTS if finder.has_conflict(place) else tools.barred_reason(place)
 
 
-def _without(joints: Array, rows: Sequence[int]) -> Array:
+def _without_joints(joints: Array, rows: Sequence[int]) -> Array:
     """Return joints without those of some rows."""
     some = joints.copy()
     some[list(rows)] = np.nan
     return some
 
 
-def _steps(text: str, places: Sequence[Place]) -> Array:
+def _number_steps(text: str, places: Sequence[ScriptPlace]) -> Array:
     """Return (N,) the coarsest step to which any number of a place is kept [m and rad]."""
     steps = np.zeros(len(places))
     for literals in ([place.pose for place in places], [place.joints for place in places]):
@@ -249,11 +267,11 @@ def _poses_or_nan(six: Array) -> Array:
     return poses
 
 
-def _asked(values: Array | None, rows: NDArray[np.intp], shape: tuple[int, ...]) -> Array:
+def _requested_values(values: Array | None, rows: NDArray[np.intp], shape: tuple[int, ...]) -> Array:
     return np.full((len(rows), *shape), np.nan) if values is None else np.asarray(values, dtype=float)
 
 
-def _given(values: Array) -> NDArray[np.bool_]:
+def _is_given(values: Array) -> NDArray[np.bool_]:
     """Return (K,): whether a row is there; a row with some NaN is there, and will be refused."""
     there = ~np.isnan(values)
     return np.asarray(there.any(axis=tuple(range(1, there.ndim))), dtype=bool)

@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from math import nan
 
-from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Quaternion, Shift, Triple
-from cellcal.drivers.universal_robots.program_files.script_positions import BASE, Finder, Place
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
+from cellcal.drivers.universal_robots.program_files.script_positions import BASE, PositionFinder, ScriptPlace
 from cellcal.drivers.universal_robots.program_files.script_text import NUMBER, SIX, ElementSet
 
 COMPUTED_PLACE = "a computed place"
@@ -36,7 +36,7 @@ _BY_ANY_CHANGE = ("pose_inv", "speedj", "track_conveyor_circular")  # any change
 class ScriptShifts:
     """The shifts of one script."""
 
-    def __init__(self, text: str, finder: Finder, places: Sequence[Place]) -> None:
+    def __init__(self, text: str, finder: PositionFinder, places: Sequence[ScriptPlace]) -> None:
         self.text = text
         self.finder = finder
         self.rows: dict[str, list[int]] = {}  # of places, by variable
@@ -47,32 +47,39 @@ class ScriptShifts:
                     self.rows.setdefault(literal.name, []).append(row)
                     self.frames[literal.name] = place.frame
         self.holding_joints = {
-            name for name, given in finder.given.items() if any(not literal.is_pose for literal in given)
+            name
+            for name, literals in finder.literals_by_name.items()
+            if any(not literal.is_pose for literal in literals)
         }
         self.parameters = {
             word for found in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", found[1])
         }
 
-    def barred(self) -> Mapping[int, str]:
+    def barred_places(self) -> Mapping[int, str]:
         """Return the places of which an element is set to something, and not only added to."""
         found: dict[int, str] = {}
         for one in self.finder.found.elements:
-            if self._added(one) is None or one.name in self.holding_joints:
+            if self._added_translation(one) is None or one.name in self.holding_joints:
                 found |= dict.fromkeys(self.rows.get(one.name, ()), ELEMENT_SET)
         return found
 
-    def all(self) -> tuple[Shift, ...]:
+    def all_shifts(self) -> tuple[ProgramShift, ...]:
         """Return all shifts in the order of the text."""
-        found = [*self._sums(), *self._elements(), *self._computed_moves(), *self._unknown_variables()]
+        found = [
+            *self._sum_shifts(),
+            *self._element_shifts(),
+            *self._computed_moves(),
+            *self._unknown_variables(),
+        ]
         for function in (*_IN_BASE_AXES, *_BY_ANY_CHANGE):
             turn = None if function in _BY_ANY_CHANGE else NO_TURN
             found += [
-                self._shift(offset, function, COMPUTED_PLACE, UNREADABLE, turn)
+                self._make_shift(offset, function, COMPUTED_PLACE, UNREADABLE, turn)
                 for offset in self.finder.found.calls.get(function, ())
             ]
         return tuple(sorted(found, key=lambda one: (one.line, one.point)))
 
-    def _shift(
+    def _make_shift(
         self,
         offset: int,
         what: str,
@@ -81,61 +88,63 @@ class ScriptShifts:
         quaternion: Quaternion | None = NO_TURN,
         *,
         each_time: bool = False,
-    ) -> Shift:
+    ) -> ProgramShift:
         rows = tuple(self.rows.get(point, ()))
         frame = self.frames.get(point, BASE)
-        line = self.finder.line(offset)
-        return Shift(
-            line, what, Axes.USER_FRAME, rows, point, frame, translation, quaternion, each_time=each_time
+        line = self.finder.line_of(offset)
+        return ProgramShift(
+            line, what, ShiftAxes.USER_FRAME, rows, point, frame, translation, quaternion, each_time=each_time
         )
 
-    def _sums(self) -> Iterator[Shift]:
+    def _sum_shifts(self) -> Iterator[ProgramShift]:
         """Yield what pose_add and pose_sub add: places in the axes of the base, turns in those of the first pose."""
         for function, sign in (("pose_add", 1.0), ("pose_sub", -1.0)):
             for offset in self.finder.found.calls.get(function, ()):
-                yield self._sum(offset, function, sign)
+                yield self._sum_shift(offset, function, sign)
 
-    def _sum(self, offset: int, function: str, sign: float) -> Shift:
+    def _sum_shift(self, offset: int, function: str, sign: float) -> ProgramShift:
         found = _BOTH.match(self.text, offset)
         if found is None or found[5] is None:
             point = (found and (found[1] or found[3])) or COMPUTED_PLACE
-            return self._shift(offset, function, point, UNREADABLE, None)
+            return self._make_shift(offset, function, point, UNREADABLE, None)
         first, second = found[1], found[3]
         if first in self.rows or (first and second not in self.rows):
             if second in self.rows:  # the difference of two places, or a sum of them
-                return self._shift(offset, function, first, UNREADABLE, None)
-            six = self._six(found[4], second)
-            return self._shift(offset, function, first, UNREADABLE if six is None else _place_of(six, sign))
-        six = self._six(found[2], first) if sign > 0 else None
+                return self._make_shift(offset, function, first, UNREADABLE, None)
+            six = self._six_numbers(found[4], second)
+            return self._make_shift(
+                offset, function, first, UNREADABLE if six is None else _place_of(six, sign)
+            )
+        six = self._six_numbers(found[2], first) if sign > 0 else None
         turn = NO_TURN if six is not None and not any(six[3:]) else None
         translation = UNREADABLE if six is None else _place_of(six, sign)
-        return self._shift(offset, function, second or COMPUTED_PLACE, translation, turn)
+        return self._make_shift(offset, function, second or COMPUTED_PLACE, translation, turn)
 
-    def _six(self, literal: str | None, name: str | None) -> list[float] | None:
+    def _six_numbers(self, literal: str | None, name: str | None) -> list[float] | None:
         """Return six numbers that are written out, or that a variable holds and nothing else."""
         if literal:
             return [float(number) for number in literal[2:-1].split(",")]
         if not name or not self.finder.is_known(name):
             return None
-        given = self.finder.given[name][0]
-        return [float(number) for number in self.text[given.start : given.end].split(",")]
+        literal_of_name = self.finder.literals_by_name[name][0]
+        return [float(number) for number in self.text[literal_of_name.start : literal_of_name.end].split(",")]
 
-    def _elements(self) -> Iterator[Shift]:
+    def _element_shifts(self) -> Iterator[ProgramShift]:
         for one in self.finder.found.elements:
             what = " ".join(self.text[one.offset : self._end_of_line(one.offset)].split())[:80]
             added = (
                 None
                 if one.name in self.holding_joints or not self._holds_pose(one.name)
-                else self._added(one)
+                else self._added_translation(one)
             )
             translation, turn = (UNREADABLE, None) if added is None else (added, NO_TURN)
-            yield self._shift(one.offset, what, one.name, translation, turn, each_time=True)
+            yield self._make_shift(one.offset, what, one.name, translation, turn, each_time=True)
 
     def _holds_pose(self, name: str) -> bool:
-        values = self._values(name)
+        values = self._assigned_values(name)
         return bool(values) and all(_OF_TIP.match(value) or _PLAIN.fullmatch(value) for value in values)
 
-    def _added(self, one: ElementSet) -> Triple | None:
+    def _added_translation(self, one: ElementSet) -> Triple | None:
         """Return what is added to the place of a pose, None where something else happens to an element."""
         found = _ADDED.match(self.text, one.offset)
         if found is None or found["index"] not in ("0", "1", "2"):
@@ -146,23 +155,23 @@ class ScriptShifts:
         x, y, z = (value if found["index"] == str(k) else 0.0 for k in range(3))
         return x, y, z
 
-    def _computed_moves(self) -> Iterator[Shift]:
+    def _computed_moves(self) -> Iterator[ProgramShift]:
         for offset, function in self.finder.found.computed:
             if _FOLLOWS.match(self.text, offset + 1) is None:
-                yield self._shift(offset, function, COMPUTED_PLACE, UNREADABLE, None)
+                yield self._make_shift(offset, function, COMPUTED_PLACE, UNREADABLE, None)
 
-    def _unknown_variables(self) -> Iterator[Shift]:
+    def _unknown_variables(self) -> Iterator[ProgramShift]:
         """Yield moves to variables of which nobody can tell whether they go along with the work."""
         for name, uses in self.finder.found.uses.items():
             offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame")]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
-            values = self._values(name)
+            values = self._assigned_values(name)
             follows = all(_FOLLOWS.match(value) or _PLAIN.fullmatch(value) for value in values)
             if not values or not follows:
-                yield self._shift(offsets[0], "the program", name, UNREADABLE, None)
+                yield self._make_shift(offsets[0], "the program", name, UNREADABLE, None)
 
-    def _values(self, name: str) -> list[str]:
+    def _assigned_values(self, name: str) -> list[str]:
         pattern = re.compile(_VALUE.format(name), re.ASCII | re.MULTILINE)
         return [found["value"] for found in pattern.finditer(self.text)]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, Call, Role, role_in
+from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, OpenCall, Role, role_in
 
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 _B = r"[ \t]*+"
@@ -47,7 +47,7 @@ _TOKEN = re.compile(
     |(?P<sign>[=,.:'\\]|[-+*/%<>!;$&|^~?@]++))""",
     re.ASCII | re.VERBOSE,
 )
-_LEFT = re.compile(rf"{_BLANKS}(?P<rest>.)", re.DOTALL)
+_AFTER_BLANKS = re.compile(rf"{_BLANKS}(?P<rest>.)", re.DOTALL)
 _BAD = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")
 _FINE = bytes([9, 10, 13, *range(32, 127), *range(128, 256)])
 _BLOCKS = ("def", "thread", "sec", "while", "if", "for", "switch")
@@ -56,7 +56,7 @@ _PAIRS = {"(": ")", "[": "]", "{": "}"}
 _ENCODING = "Save it as plain text, UTF-8 without zeros, with line feeds; or fetch it from the robot again."
 
 
-class Literal(NamedTuple):
+class ScriptLiteral(NamedTuple):
     """Six numbers in brackets."""
 
     start: int  # of the text between the brackets
@@ -75,10 +75,10 @@ class ElementSet(NamedTuple):
 
 
 @dataclass(slots=True)
-class Statements:
+class ScriptStatements:
     """What a program does with poses and postures."""
 
-    literals: list[Literal] = field(default_factory=list)
+    literals: list[ScriptLiteral] = field(default_factory=list)
     uses: dict[str, list[tuple[int, Role, str]]] = field(
         default_factory=dict
     )  # offset, role, frame or function
@@ -87,7 +87,7 @@ class Statements:
     calls: dict[str, list[int]] = field(default_factory=dict)  # offsets of calls, by function
     computed: list[tuple[int, str]] = field(default_factory=list)  # moves whose target is an expression
 
-    def use(self, name: str, offset: int, role: Role, where: str = "") -> None:
+    def note_use(self, name: str, offset: int, role: Role, where: str = "") -> None:
         uses = self.uses.get(name)
         if uses is None:
             self.uses[name] = [(offset, role, where)]
@@ -113,13 +113,13 @@ class ScriptText:
         self.depth: list[tuple[str, int]] = []  # blocks that are open
         self.blocks: list[tuple[int, int]] = []  # those that have ended, and branches of an if: from, to
 
-    def wrong(self, offset: int, what: str, remedy: str) -> ProgramFileError:
+    def error_at(self, offset: int, what: str, remedy: str) -> ProgramFileError:
         """Return the error for something at an offset."""
         line = self.text.count("\n", 0, offset) + 1
         column = offset - (self.text.rfind("\n", 0, offset) + 1) + 1
         return ProgramFileError(self.file, what, line=line, column=column, remedy=remedy)
 
-    def statements(self) -> Statements:
+    def read_statements(self) -> ScriptStatements:
         """Read the whole text.
 
         Raises
@@ -127,15 +127,19 @@ class ScriptText:
         ProgramFileError
             Text that is not URScript, or damaged: brackets, strings, numbers, blocks.
         """
-        text, found = self.text, Statements()
+        text, found = self.text, ScriptStatements()
         self._look_for_damage()
         at, end = (3 if text.startswith("\xef\xbb\xbf") else 0), len(text)
         while at < end:
             line = _LINE.match(text, at)
-            at = line.end() if line and _take_line(line, found) else _Statement(self, found).read(at)
+            at = (
+                line.end()
+                if line and _take_line(line, found)
+                else _StatementReader(self, found).read_statement(at)
+            )
         if self.depth:
             word, where = self.depth[-1]
-            raise self.wrong(
+            raise self.error_at(
                 where, f"this {word} has no end.", "The file is cut short or damaged; fetch it again."
             )
         return found
@@ -145,19 +149,21 @@ class ScriptText:
         if data.translate(None, _FINE) or data.count(b"\r") != data.count(b"\r\n"):
             bad = _BAD.search(self.text)
             where, what = (bad.start(), bad[0]) if bad else (0, "")
-            raise self.wrong(where, f"there is a control character {what!r}.", _ENCODING)
+            raise self.error_at(where, f"there is a control character {what!r}.", _ENCODING)
 
-    def tokens(self, at: int) -> Iterator[Token]:
+    def iterate_tokens(self, at: int) -> Iterator[Token]:
         """Yield the tokens from an offset on, blanks and comments left out; at the end an empty line."""
         text, end = self.text, len(self.text)
         while found := _TOKEN.match(text, at):
             kind = found.lastgroup or ""
             start, at = found.span(kind)
             yield Token(kind, text[start:at], start, at)
-        left = _LEFT.match(text, at)
-        if left is not None:
-            at = left.start("rest")
-            raise self.wrong(at, self._what_is_wrong(at), "It is no URScript, or damaged; correct this line.")
+        blank_match = _AFTER_BLANKS.match(text, at)
+        if blank_match is not None:
+            at = blank_match.start("rest")
+            raise self.error_at(
+                at, self._what_is_wrong(at), "It is no URScript, or damaged; correct this line."
+            )
         yield Token("line", "", end, end)
 
     def _what_is_wrong(self, at: int) -> str:
@@ -169,19 +175,19 @@ class ScriptText:
             return f"{shown!r} is no number."
         return f"{shown!r} is no part of a statement."
 
-    def block(self, word: str, offset: int) -> None:
+    def count_block(self, word: str, offset: int) -> None:
         """Count a block's beginning or end."""
         if word != "end":
             self.depth.append((word, offset))
         elif self.depth:
             self.blocks.append((self.depth.pop()[1], offset))
         else:
-            raise self.wrong(
+            raise self.error_at(
                 offset, "this end belongs to nothing.", "Lines are missing above it, or it is one too many."
             )
 
 
-def _take_line(line: re.Match[str], found: Statements) -> bool:
+def _take_line(line: re.Match[str], found: ScriptStatements) -> bool:
     """Take what a line of one of the usual forms says; False where it is none of them after all."""
     which = line.lastgroup
     if which in ("six", "move_six"):
@@ -189,24 +195,24 @@ def _take_line(line: re.Match[str], found: Statements) -> bool:
         if line.string.count(",", start, end) != 5:
             return False
         if which == "six":
-            found.literals.append(Literal(start, end, line["kind"] == "p", "value", 0, line["name"]))
+            found.literals.append(ScriptLiteral(start, end, line["kind"] == "p", "value", 0, line["name"]))
         else:
-            found.literals.append(Literal(start, end, line["move_kind"] == "p", "target", 0, ""))
+            found.literals.append(ScriptLiteral(start, end, line["move_kind"] == "p", "target", 0, ""))
     elif which == "near":
-        found.use(line["pose"], line.start("pose"), "target")
-        found.use(line["near"], line.start("near"), "near")
+        found.note_use(line["pose"], line.start("pose"), "target")
+        found.note_use(line["near"], line.start("near"), "near")
     elif which == "target":
-        found.use(line["target"], line.start("target"), "target")
+        found.note_use(line["target"], line.start("target"), "target")
     return True
 
 
-class _Statement:
+class _StatementReader:
     """One statement, from its first token to the end of its line, or of the line where its brackets close."""
 
-    def __init__(self, source: ScriptText, found: Statements) -> None:
+    def __init__(self, source: ScriptText, found: ScriptStatements) -> None:
         self.source = source
         self.found = found
-        self.stack: list[Call] = []
+        self.stack: list[OpenCall] = []
         self.before: Token | None = None  # the token before the waiting one
         self.waiting: Token | None = None  # a name or six numbers, until it is known what follows
         self.words: list[str] = []  # the words it begins with
@@ -215,34 +221,34 @@ class _Statement:
         self.block: tuple[str, int] | None = None
         self.begins: Token | None = None  # the name that it begins with
 
-    def read(self, at: int) -> int:
+    def read_statement(self, at: int) -> int:
         """Read it and return where the next one starts."""
-        for token in self.source.tokens(at):
+        for token in self.source.iterate_tokens(at):
             if self.waiting is not None:
-                self._settle(self.waiting, token)
+                self._settle_item(self.waiting, token)
                 self.before, self.waiting = self.waiting, None
             if token.kind == "line" and (not self.stack or not token.text):
-                self._finish()
+                self._finish_statement()
                 return token.end
-            self._take(token)
+            self._take_token(token)
         raise AssertionError("the last token is the end of a line")
 
-    def _take(self, token: Token) -> None:
+    def _take_token(self, token: Token) -> None:
         if token.kind in ("name", "six"):
             self.waiting = token
             return
         if token.kind == "line":
             return
         if token.kind == "open":
-            self._open(token)
+            self._open_bracket(token)
         elif token.kind == "close":
-            self._close(token)
+            self._close_bracket(token)
         elif token.text == "=" and self._follows_an_index() and self.begins is not None:
             self.found.elements.append(ElementSet(self.begins.text, self.begins.start))
         elif token.text == "," and self.stack:
             self.stack[-1].next_argument()
         elif token.text == ":" and self.block and not self.stack:
-            self.source.block(*self.block)
+            self.source.count_block(*self.block)
             self.block = None
         self.before = token
 
@@ -251,20 +257,20 @@ class _Statement:
         before = self.before
         return not self.stack and before is not None and before.text in ("]", "+", "-")
 
-    def _settle(self, item: Token, after: Token) -> None:
+    def _settle_item(self, item: Token, after: Token) -> None:
         """Decide what a name or six numbers are, when what follows is known."""
         if item.kind == "six":
-            self._literal(item, after)
+            self._take_literal(item, after)
         elif after.text == "=" and self.stack and self.stack[-1].opens == "(":
             self.stack[-1].keyword = item.text
         elif not self.stack and (self.before is None or (self.before.kind == "name" and self.words)):
-            self._word(item, after)
+            self._take_word(item, after)
         elif after.text not in ("(", "["):
-            self._name(item, after)
+            self._take_name(item, after)
         elif after.text == "[" and item.text != "p":
-            self.found.use(item.text, item.start, "other", "[")
+            self.found.note_use(item.text, item.start, "other", "[")
 
-    def _word(self, item: Token, after: Token) -> None:
+    def _take_word(self, item: Token, after: Token) -> None:
         self.words.append(item.text)
         if after.text == "[":
             self.begins = item
@@ -275,22 +281,22 @@ class _Statement:
         if item.text in _BLOCKS:
             self.block = (item.text, item.start)
         elif item.text == "end":
-            self.source.block("end", item.start)
+            self.source.count_block("end", item.start)
         elif item.text in ("else", "elif") and self.source.depth:
             self.source.blocks.append((self.source.depth[-1][1], item.start))
 
-    def _name(self, item: Token, after: Token) -> None:
+    def _take_name(self, item: Token, after: Token) -> None:
         call = self.stack[-1] if self.stack else None
         role, where = role_in(self.stack)
-        if call is None or not self._alone(after):
+        if call is None or not self._is_whole_argument(after):
             role = "other"
         elif call.argument == 0 and not call.keyword:
             call.first_name = item.text
         if call is not None and role in ("target", "in_frame"):
             call.reached.add(call.argument)
-        self.found.use(item.text, item.start, role, where)
+        self.found.note_use(item.text, item.start, role, where)
 
-    def _literal(self, item: Token, after: Token) -> None:
+    def _take_literal(self, item: Token, after: Token) -> None:
         before = self.before
         if before is not None and before.end == item.start and before.kind in ("name", "close"):
             return  # an index, not a list
@@ -306,20 +312,20 @@ class _Statement:
             and after.kind == "line"
         ):
             role, name, self.value = "value", self.assigns, True
-        elif call is None or not self._alone(after):
+        elif call is None or not self._is_whole_argument(after):
             role = "other"
         if call is not None and role in ("target", "in_frame"):
             call.reached.add(call.argument)
         number = call.offset if call is not None else 0
         self.found.literals.append(
-            Literal(item.start + 1 + is_pose, item.end - 1, is_pose, role, number, name)
+            ScriptLiteral(item.start + 1 + is_pose, item.end - 1, is_pose, role, number, name)
         )
 
-    def _alone(self, after: Token) -> bool:
+    def _is_whole_argument(self, after: Token) -> bool:
         """Tell whether the waiting item is a whole argument."""
         return self.before is not None and self.before.text in ("(", ",", "=") and after.text in (",", ")")
 
-    def _open(self, token: Token) -> None:
+    def _open_bracket(self, token: Token) -> None:
         before = self.before
         called = before is not None and before.kind == "name" and before.end == token.start
         function = before.text if called and before is not None else ""
@@ -329,32 +335,32 @@ class _Statement:
             self.found.calls.setdefault(function, []).append(token.start)
         if len(self.stack) == _DEEPEST:
             cure = "The line is damaged; fetch the file again."
-            raise self.source.wrong(token.start, f"more than {_DEEPEST} brackets are open.", cure)
+            raise self.source.error_at(token.start, f"more than {_DEEPEST} brackets are open.", cure)
         indexed = before is not None and before.end == token.start and before.kind in ("name", "close")
         index = token.text == "[" and indexed and not function
-        self.stack.append(Call(token.text, function, token.start, index=index))
+        self.stack.append(OpenCall(token.text, function, token.start, index=index))
 
-    def _close(self, token: Token) -> None:
+    def _close_bracket(self, token: Token) -> None:
         if not self.stack or _PAIRS[self.stack[-1].opens] != token.text:
             cure = "A bracket is missing, or one too many; correct this line."
-            raise self.source.wrong(token.start, f"{token.text!r} closes nothing.", cure)
+            raise self.source.error_at(token.start, f"{token.text!r} closes nothing.", cure)
         call = self.stack.pop()
         outer = role_in(self.stack)[0]
         posed = call.opens == "[" and not call.index
         if posed and call.argument != 5 and (call.function == "p" or outer == "target"):
             cure = "Correct it on the robot, and save the program again."
-            raise self.source.wrong(
+            raise self.source.error_at(
                 call.offset, "a pose or a posture has six numbers, this one has not.", cure
             )
         if call.function in ("pose_trans", "get_inverse_kin") and call.reached and outer == "target":
             self.stack[-1].reached.add(self.stack[-1].argument)
-        elif call.function in MOVES and not call.understood:
+        elif call.function in MOVES and not call.is_understood:
             self.found.computed.append((call.offset, call.function))
 
-    def _finish(self) -> None:
+    def _finish_statement(self) -> None:
         if self.stack:
             opened = self.stack[-1]
             cure = "The statement is cut short; correct it, or fetch the file again."
-            raise self.source.wrong(opened.offset, f"{opened.opens!r} is not closed.", cure)
+            raise self.source.error_at(opened.offset, f"{opened.opens!r} is not closed.", cure)
         if self.assigns and not self.value:
             self.found.assigned[self.assigns] = self.found.assigned.get(self.assigns, 0) + 1

@@ -11,8 +11,8 @@ import numpy as np
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, LONGEST_M, poses_of
-from cellcal.drivers.universal_robots.program_files.script_positions import Finder, Place
-from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS, Literal, ScriptText
+from cellcal.drivers.universal_robots.program_files.script_positions import PositionFinder, ScriptPlace
+from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS, ScriptLiteral, ScriptText
 
 PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
 _DEEPEST = 100  # functions that call each other
@@ -21,15 +21,15 @@ _DEEPEST = 100  # functions that call each other
 class ScriptTools:
     """The tool in force where the text goes to a place: the last ``set_tcp`` above it."""
 
-    def __init__(self, source: ScriptText, finder: Finder) -> None:
-        self.calls = _alike(source, finder.tools())
+    def __init__(self, source: ScriptText, finder: PositionFinder) -> None:
+        self.calls = _merge_alike(source, finder.tool_settings())
         self.offsets = [offset for offset, _, _ in self.calls]
         self.several = len({name for _, name, _ in self.calls}) > 1
-        self.line = finder.line
+        self.line = finder.line_of
         holding = [
             b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
         ]
-        self.until = _ends(self.offsets, holding, len(source.text))
+        self.until = _block_ends(self.offsets, holding, len(source.text))
         begun = {start for start, _ in holding}
         ends = dict(source.blocks)
         self.functions = [  # where each begins and ends, and its calls
@@ -39,7 +39,7 @@ class ScriptTools:
             for start in (function.start() + len(function[0]) - len(function[0].lstrip()),)
         ]
         self.begins = [start for start, _, _ in self.functions]
-        self.around = _around(self.functions)
+        self.around = _innermost_functions(self.functions)
         self.set_before: dict[int, bool] = {}  # functions that surely run after a set_tcp
         # calls of functions that set a tool
         self.setting = sorted(call for start, _, calls in self.functions if start in begun for call in calls)
@@ -47,15 +47,15 @@ class ScriptTools:
         blocks = [
             b for b in source.blocks if bisect_right(self.set_at, b[0]) < bisect_left(self.set_at, b[1])
         ]
-        self.set_until = list(accumulate(_ends(self.set_at, blocks, len(source.text)), max))
+        self.set_until = list(accumulate(_block_ends(self.set_at, blocks, len(source.text)), max))
         self.flange_tip = frames_of(source, {name: pose for _, name, pose in self.calls if pose is not None})
 
-    def of(self, place: Place) -> str | None:
+    def tool_of(self, place: ScriptPlace) -> str | None:
         """Return the tool's name; None where the moves to a place do not agree, or no text says."""
         named = {name for name, _ in self._in_force(place)}
         return (named.pop() or None) if len(named) == 1 else None
 
-    def barred(self, place: Place) -> str:
+    def barred_reason(self, place: ScriptPlace) -> str:
         """Return why nobody can tell the tool of a place though the text sets one; "" where nothing is in the way."""
         found = self._in_force(place)
         if len({name for name, _ in found}) > 1:
@@ -66,7 +66,7 @@ class ScriptTools:
             return "which tool the program has there depends on the way that it takes"
         return ""
 
-    def _in_force(self, place: Place) -> list[tuple[str, bool]]:
+    def _in_force(self, place: ScriptPlace) -> list[tuple[str, bool]]:
         """Return for each move to a place the tool that stands last above it, and whether it surely holds there."""
         if not self.offsets:
             return []
@@ -98,7 +98,7 @@ class ScriptTools:
             self.set_before[inside] = bool(calls) and all(self._is_set(call, depth + 1) for call in calls)
         return self.set_before[inside]
 
-    def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
+    def list_remarks(self, places: Sequence[ScriptPlace]) -> Iterator[Remark]:
         """Yield what a person must know of the tools."""
         if self.several:
             yield Remark(
@@ -111,7 +111,7 @@ class ScriptTools:
             )
 
 
-def _around(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:
+def _innermost_functions(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:
     """Return the innermost function around each, -1 where there is none; functions in the order of the text."""
     open_, found = list[int](), list[int]()
     for index, (start, _, _) in enumerate(functions):
@@ -122,7 +122,7 @@ def _around(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:
     return found
 
 
-def _ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) -> list[int]:
+def _block_ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) -> list[int]:
     """Return where the innermost block around each offset ends; offsets in the order of the text."""
     waiting, open_, found = sorted(blocks, reverse=True), list[int](), list[int]()
     for at in offsets:
@@ -134,20 +134,20 @@ def _ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) 
     return found
 
 
-def _alike(
-    source: ScriptText, calls: Sequence[tuple[int, str, Literal | None]]
-) -> list[tuple[int, str, Literal | None]]:
+def _merge_alike(
+    source: ScriptText, calls: Sequence[tuple[int, str, ScriptLiteral | None]]
+) -> list[tuple[int, str, ScriptLiteral | None]]:
     """Return the calls, those that set one pose by the name and the literal of the first of them."""
-    first: dict[tuple[float, ...], tuple[str, Literal]] = {}
-    same: list[tuple[int, str, Literal | None]] = []
+    first: dict[tuple[float, ...], tuple[str, ScriptLiteral]] = {}
+    same: list[tuple[int, str, ScriptLiteral | None]] = []
     sixes = numbers_of(source, [pose for _, _, pose in calls]).tolist()
     for (offset, name, pose), six in zip(calls, sixes, strict=True):
-        known = (name, None) if pose is None else first.setdefault(tuple(six), (name, pose))
-        same.append((offset, *known))
+        first_call = (name, None) if pose is None else first.setdefault(tuple(six), (name, pose))
+        same.append((offset, *first_call))
     return same
 
 
-def numbers_of(source: ScriptText, literals: Sequence[Literal | None]) -> Array:
+def numbers_of(source: ScriptText, literals: Sequence[ScriptLiteral | None]) -> Array:
     """Return (N, 6) numbers, NaN where there is no literal."""
     six = np.full((len(literals), 6), np.nan)
     rows = [row for row, literal in enumerate(literals) if literal]
@@ -159,7 +159,7 @@ def numbers_of(source: ScriptText, literals: Sequence[Literal | None]) -> Array:
         values = np.array(list(map(float, ",".join(texts).split(",")))).reshape(-1, 6)
     except ValueError as wrong:
         bad = next(at for at, text in enumerate(texts) if not SIX_NUMBERS.fullmatch(text))
-        raise source.wrong(
+        raise source.error_at(
             some[bad].start,
             "one of these six is no number.",
             "Correct it on the robot, and save the program again.",
@@ -168,7 +168,7 @@ def numbers_of(source: ScriptText, literals: Sequence[Literal | None]) -> Array:
     limit[[literal.is_pose for literal in some], :3] = LONGEST_M
     beyond = ~(np.abs(values) <= limit).all(axis=1)
     if beyond.any():
-        raise source.wrong(
+        raise source.error_at(
             some[int(np.argmax(beyond))].start, "a coordinate is beyond what an arm can have.",
             "Lengths are in metres, angles in radians; correct it on the robot.",
         )  # fmt: skip
@@ -176,7 +176,7 @@ def numbers_of(source: ScriptText, literals: Sequence[Literal | None]) -> Array:
     return six
 
 
-def frames_of(source: ScriptText, literals: Mapping[str, Literal]) -> dict[str, Pose]:
+def frames_of(source: ScriptText, literals: Mapping[str, ScriptLiteral]) -> dict[str, Pose]:
     """Return the poses of literals by their names."""
     poses = poses_of(numbers_of(source, list(literals.values())))
     return {name: Pose.from_matrix(pose) for name, pose in zip(literals, poses, strict=True)}

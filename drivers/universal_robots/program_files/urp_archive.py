@@ -15,7 +15,7 @@ _CRC, _EXTRA, _NAME, _COMMENT = 2, 4, 8, 16
 _FETCH = "Fetch the file from the robot again, as binary."
 
 
-def unpack(file: str, data: bytes) -> tuple[bytes, bytes]:
+def unpack_file(file: str, data: bytes) -> tuple[bytes, bytes]:
     """Return the gzip header (empty where there is none) and the XML.
 
     Raises
@@ -26,17 +26,17 @@ def unpack(file: str, data: bytes) -> tuple[bytes, bytes]:
     if not data.startswith(_MAGIC):
         if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
             raise ProgramFileError(file, "this is neither gzip nor XML.", remedy=_FETCH)
-        return b"", _bounded(file, data, len(data))
-    header = _header(file, data)
+        return b"", _check_size(file, data, len(data))
+    header = _gzip_header(file, data)
     inflate = zlib.decompressobj(zlib.MAX_WBITS | 16)
     most = min(MOST_XML_BYTES, max(_FREE_BYTES, _MOST_RATIO * len(data)))
     try:
         xml = inflate.decompress(data, most + 1)
     except zlib.error as wrong:
         raise ProgramFileError(file, f"the gzip data are damaged ({wrong}).", remedy=_FETCH) from wrong
-    _bounded(file, xml, len(data))
+    _check_size(file, xml, len(data))
     if len(xml) > most or (not inflate.eof and inflate.unconsumed_tail):
-        raise _bomb(file, len(data))
+        raise _too_large_error(file, len(data))
     if not inflate.eof:
         raise ProgramFileError(file, "the gzip data end too soon.", remedy=_FETCH)
     if inflate.unused_data:
@@ -44,7 +44,7 @@ def unpack(file: str, data: bytes) -> tuple[bytes, bytes]:
     return header, xml
 
 
-def pack(header: bytes, xml: bytes) -> bytes:
+def pack_file(header: bytes, xml: bytes) -> bytes:
     """Return the file: the same header and XML always give the same bytes."""
     if not header:
         return xml
@@ -54,7 +54,7 @@ def pack(header: bytes, xml: bytes) -> bytes:
     return header + body + tail
 
 
-def _header(file: str, data: bytes) -> bytes:
+def _gzip_header(file: str, data: bytes) -> bytes:
     flags = data[3] if len(data) > 3 else 0
     at = 10
     if flags & _EXTRA:
@@ -68,13 +68,13 @@ def _header(file: str, data: bytes) -> bytes:
     return data[:at]
 
 
-def _bounded(file: str, xml: bytes, size: int) -> bytes:
+def _check_size(file: str, xml: bytes, size: int) -> bytes:
     if len(xml) > MOST_XML_BYTES:
-        raise _bomb(file, size)
+        raise _too_large_error(file, size)
     return xml
 
 
-def _bomb(file: str, size: int) -> ProgramFileError:
+def _too_large_error(file: str, size: int) -> ProgramFileError:
     return ProgramFileError(
         file,
         f"{size} bytes unpack to more than a program can be; unpacking was stopped.",

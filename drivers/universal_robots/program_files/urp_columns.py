@@ -9,15 +9,15 @@ import numpy as np
 from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.universal_robots.program_files.script_numbers import DOUBLE_STEP, poses_of, six_of
-from cellcal.drivers.universal_robots.program_files.urp_kinematics import Chain
-from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, Six, Waypoint
+from cellcal.drivers.universal_robots.program_files.urp_kinematics import DhChain
+from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, SixNumbers, Waypoint
 from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 _NOTHING = (0.0,) * 6
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class WaypointColumns:
     """Positions, and the frames of each row."""
 
     positions: Positions
@@ -28,7 +28,7 @@ class Columns:
     misfit_m: Array  # (N,) stored pose against its own joints, NaN where either is missing
 
 
-class _Named:
+class _NamedFrames:
     """Frames by name; another frame of the same name gets the line where it first stands."""
 
     def __init__(self, xml: XmlText, frames: dict[str, tuple[float, ...]] | None = None) -> None:
@@ -43,55 +43,58 @@ class _Named:
         """Return every row's name of its frame."""
         values = np.round(six_of(poses, stated), 13)
         return tuple(
-            self._key(name, tuple(six), waypoint.offset)
+            self._frame_key(name, tuple(six), waypoint.offset)
             for name, six, waypoint in zip(names, values.tolist(), waypoints, strict=True)
         )
 
-    def poses(self) -> dict[str, Pose]:
+    def to_poses(self) -> dict[str, Pose]:
         """Return the frames."""
         matrices = poses_of(np.array(list(self.frames.values())).reshape(-1, 6))
         return {name: Pose.from_matrix(matrix) for name, matrix in zip(self.frames, matrices, strict=True)}
 
-    def _key(self, name: str, values: tuple[float, ...], offset: int) -> str:
+    def _frame_key(self, name: str, values: tuple[float, ...], offset: int) -> str:
         key = self.keys.get((name, values))
         if key is None:
             count = self.counts[name] = self.counts.get(name, 0) + 1
-            key = name if count == 1 else f"{name} ({count}, line {self.xml.line(offset)})"
+            key = name if count == 1 else f"{name} ({count}, line {self.xml.line_of(offset)})"
             self.keys[(name, values)] = key
             self.frames[key] = values
         return key
 
 
-def columns_of(xml: XmlText, waypoints: Sequence[Waypoint]) -> Columns:
+def columns_of(xml: XmlText, waypoints: Sequence[Waypoint]) -> WaypointColumns:
     """Return the columns of a program's waypoints."""
     count = len(waypoints)
     joints = np.array([w.joints.values for w in waypoints]).reshape(-1, 6)
-    stored = _poses([w.pose for w in waypoints])
+    stored = _pose_matrices([w.pose for w in waypoints])
     base_feature = _base_features(waypoints, stored)
-    flange_tcp = _tools(waypoints, stored)
-    computed = _flanges(waypoints, joints) @ flange_tcp
+    flange_tcp = _tool_poses(waypoints, stored)
+    computed = _flange_poses(waypoints, joints) @ flange_tcp
     base_tip = np.where(np.isnan(stored), computed, stored)
     frame_tip = inverse_transform(base_feature) @ base_tip
-    known = np.asarray(np.isfinite(frame_tip).all(axis=(1, 2)))
-    frame_tip[~known] = np.nan
-    features, tools = _Named(xml, {BASE: _NOTHING}), _Named(xml)
+    has_pose = np.asarray(np.isfinite(frame_tip).all(axis=(1, 2)))
+    frame_tip[~has_pose] = np.nan
+    features, tools = _NamedFrames(xml, {BASE: _NOTHING}), _NamedFrames(xml)
     user_frames = features.name_all(
-        [w.feature_name or BASE for w in waypoints], base_feature, _stated(waypoints, "feature"), waypoints
+        [w.feature_name or BASE for w in waypoints],
+        base_feature,
+        _stated_sixes(waypoints, "feature"),
+        waypoints,
     )
     tool_names = tools.name_all(
-        [w.tool_name or "tcp" for w in waypoints], flange_tcp, _stated(waypoints, "tool"), waypoints
+        [w.tool_name or "tcp" for w in waypoints], flange_tcp, _stated_sixes(waypoints, "tool"), waypoints
     )
     positions = Positions(
-        names=_unique(xml, waypoints),
-        kinds=tuple(CARTESIAN if each else JOINTS for each in known.tolist()),
-        lines=np.array([xml.line(w.offset) for w in waypoints], dtype=np.int64),
+        names=_unique_names(xml, waypoints),
+        kinds=tuple(CARTESIAN if each else JOINTS for each in has_pose.tolist()),
+        lines=np.array([xml.line_of(w.offset) for w in waypoints], dtype=np.int64),
         groups=np.ones(count, dtype=np.int64),
         frame_tip=frame_tip,
         joints=joints,
         external=np.empty((count, 0)),
         # joints without a pose are in no frame
         user_frames=tuple(
-            name if each else BASE for name, each in zip(user_frames, known.tolist(), strict=True)
+            name if each else BASE for name, each in zip(user_frames, has_pose.tolist(), strict=True)
         ),
         tools=tool_names,
         configurations=("",) * count,
@@ -99,16 +102,18 @@ def columns_of(xml: XmlText, waypoints: Sequence[Waypoint]) -> Columns:
         resolution_rad=np.full(count, DOUBLE_STEP),
     )
     misfit_m = np.linalg.norm((stored - computed)[:, :3, 3], axis=1)
-    return Columns(positions, base_feature, flange_tcp, features.poses(), tools.poses(), misfit_m)
+    return WaypointColumns(
+        positions, base_feature, flange_tcp, features.to_poses(), tools.to_poses(), misfit_m
+    )
 
 
-def _stated(waypoints: Sequence[Waypoint], which: Literal["feature", "tool"]) -> Array:
+def _stated_sixes(waypoints: Sequence[Waypoint], which: Literal["feature", "tool"]) -> Array:
     """Return (N, 6) what waypoints say of their feature or their tool, zeros where nothing."""
     poses = [w.feature if which == "feature" else w.tool for w in waypoints]
     return np.array([_NOTHING if pose is None else pose.values for pose in poses]).reshape(-1, 6)
 
 
-def _poses(sixes: Sequence[Six | None]) -> Array:
+def _pose_matrices(sixes: Sequence[SixNumbers | None]) -> Array:
     """Return (N, 4, 4), NaN where there is none."""
     poses = np.full((len(sixes), 4, 4), np.nan)
     there = [i for i, six in enumerate(sixes) if six is not None]
@@ -117,35 +122,35 @@ def _poses(sixes: Sequence[Six | None]) -> Array:
 
 
 def _base_features(waypoints: Sequence[Waypoint], stored: Array) -> Array:
-    stated = poses_of(_stated(waypoints, "feature"))
-    derived = stored @ inverse_transform(_poses([w.in_feature for w in waypoints]))
+    stated = poses_of(_stated_sixes(waypoints, "feature"))
+    derived = stored @ inverse_transform(_pose_matrices([w.in_feature for w in waypoints]))
     return np.where(np.isnan(derived), stated, derived)
 
 
-def _tools(waypoints: Sequence[Waypoint], stored: Array) -> Array:
-    stated = poses_of(_stated(waypoints, "tool"))
-    derived = inverse_transform(_poses([w.flange for w in waypoints])) @ stored
+def _tool_poses(waypoints: Sequence[Waypoint], stored: Array) -> Array:
+    stated = poses_of(_stated_sixes(waypoints, "tool"))
+    derived = inverse_transform(_pose_matrices([w.flange for w in waypoints])) @ stored
     return np.where(np.isnan(derived), stated, derived)
 
 
-def _flanges(waypoints: Sequence[Waypoint], joints: Array) -> Array:
+def _flange_poses(waypoints: Sequence[Waypoint], joints: Array) -> Array:
     """Return base_flange (N, 4, 4) under each waypoint's own kinematics, NaN where they are not known."""
     flanges = np.full((len(waypoints), 4, 4), np.nan)
-    groups: dict[Chain, list[int]] = {}
+    groups: dict[DhChain, list[int]] = {}
     for i, waypoint in enumerate(waypoints):
         if waypoint.kinematics is not None and waypoint.kinematics.chain is not None:
             groups.setdefault(waypoint.kinematics.chain, []).append(i)
     for chain, rows in groups.items():
-        flanges[rows] = chain.model().base_flange(joints[rows])
+        flanges[rows] = chain.to_model().base_flange(joints[rows])
     return flanges
 
 
-def _unique(xml: XmlText, waypoints: Sequence[Waypoint]) -> tuple[str, ...]:
-    seen: dict[str, int] = {}
+def _unique_names(xml: XmlText, waypoints: Sequence[Waypoint]) -> tuple[str, ...]:
+    counts: dict[str, int] = {}
     names = []
     for waypoint in waypoints:
-        count = seen[waypoint.name] = seen.get(waypoint.name, 0) + 1
+        count = counts[waypoint.name] = counts.get(waypoint.name, 0) + 1
         names.append(
-            waypoint.name if count == 1 else f"{waypoint.name} (line {xml.line(waypoint.offset)}, {count})"
+            waypoint.name if count == 1 else f"{waypoint.name} (line {xml.line_of(waypoint.offset)}, {count})"
         )
     return tuple(names)

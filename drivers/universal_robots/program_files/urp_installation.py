@@ -14,12 +14,12 @@ import numpy as np
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, Frames, Positions, Remark
+from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LONGEST_M, poses_of
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS
-from cellcal.drivers.universal_robots.program_files.urp_archive import unpack
+from cellcal.drivers.universal_robots.program_files.urp_archive import unpack_file
 from cellcal.drivers.universal_robots.program_files.urp_columns import columns_of
-from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, Reader
+from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, WaypointReader
 from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 _NAMES = ("name", "tcpName", "referencedName")
@@ -45,7 +45,7 @@ class InstallationFile:
     @property
     def name(self) -> str:
         """Return the installation's own name, or the file's."""
-        return self.xml.value(0, "name") or self.file
+        return self.xml.attribute_value(0, "name") or self.file
 
     @cached_property
     def positions(self) -> Positions:
@@ -53,18 +53,18 @@ class InstallationFile:
         return columns_of(self.xml, []).positions
 
     @cached_property
-    def frames(self) -> Frames:
+    def frames(self) -> ProgramFrames:
         """Return the tools and features, and the arm's kinematics where they are in the file."""
-        own = Reader(self.xml).own
+        own = WaypointReader(self.xml).own
         chain = own.chain if own else None
         base = {BASE: Pose((0.0, 0.0, 0.0)), **self.base_frame}
-        return Frames(base, self.flange_tip, chain.model() if chain else None)
+        return ProgramFrames(base, self.flange_tip, chain.to_model() if chain else None)
 
     def to_bytes(self) -> bytes:
         """Return the file."""
         return self.data
 
-    def changed(self, change: Change) -> Self:
+    def with_changes(self, change: PositionChange) -> Self:
         """Return the file itself; an installation has no positions to change."""
         if len(change.rows):
             raise ProgramFileError(
@@ -83,9 +83,9 @@ def read_installation(name: str, data: bytes) -> InstallationFile:
     ProgramFileError
         As for a program: no gzip, a bomb, damaged XML.
     """
-    xml = XmlText(name, unpack(name, data)[1])
+    xml = XmlText(name, unpack_file(name, data)[1])
     if "Installation" not in xml.elements[0].tag:
-        raise xml.wrong(
+        raise xml.error_at(
             xml.elements[0].offset,
             f"this is a {xml.elements[0].tag}, no installation.",
             "Give an .installation file.",
@@ -93,27 +93,29 @@ def read_installation(name: str, data: bytes) -> InstallationFile:
     flange_tip: dict[str, Pose] = {}
     base_frame: dict[str, Pose] = {}
     doubtful: list[int] = []
-    for element, into in _frames(xml, base_frame, flange_tip):
-        label = next((text for key in _NAMES if (text := xml.value(element, key))), "")
-        poses = _poses(xml, element)
+    for element, into in _frame_elements(xml, base_frame, flange_tip):
+        label = next((text for key in _NAMES if (text := xml.attribute_value(element, key))), "")
+        poses = _element_poses(xml, element)
         if label and len(poses) == 1 and label not in into:
             into[label] = Pose.from_matrix(poses_of(np.array([poses[0]]))[0])
         elif label:
             doubtful.append(element)
-    return InstallationFile(name, data, xml, base_frame, flange_tip, tuple(_remarks(xml, doubtful)))
+    return InstallationFile(
+        name, data, xml, base_frame, flange_tip, tuple(_installation_remarks(xml, doubtful))
+    )
 
 
-def _frames(
+def _frame_elements(
     xml: XmlText, base: dict[str, Pose], tip: dict[str, Pose]
 ) -> Iterator[tuple[int, dict[str, Pose]]]:
     for i, element in enumerate(xml.elements):
         if element.tag.startswith("Geom") and element.tag.endswith("Node"):
             yield i, base
-        elif xml.above(i, "TCPSettings") is not None:
+        elif xml.find_above(i, "TCPSettings") is not None:
             yield i, tip
 
 
-def _poses(xml: XmlText, element: int) -> list[tuple[float, ...]]:
+def _element_poses(xml: XmlText, element: int) -> list[tuple[float, ...]]:
     """Return the poses of an element itself, or else of its children."""
     return _own_poses(xml, element) or [
         six for child in xml.children[element] for six in _own_poses(xml, child)
@@ -121,16 +123,16 @@ def _poses(xml: XmlText, element: int) -> list[tuple[float, ...]]:
 
 
 def _own_poses(xml: XmlText, element: int) -> list[tuple[float, ...]]:
-    texts = [xml.value(element, key) for key in _POSES]
+    texts = [xml.attribute_value(element, key) for key in _POSES]
     found = [tuple(map(float, text.split(","))) for text in texts if SIX_NUMBERS.fullmatch(text)]
     return [six for six in found if all(abs(value) <= LONGEST_M for value in six)]
 
 
-def _remarks(xml: XmlText, doubtful: list[int]) -> Iterator[Remark]:
+def _installation_remarks(xml: XmlText, doubtful: list[int]) -> Iterator[Remark]:
     yield Remark(
         0, "foreign", "an installation: compare its tools and features with the pendant before they are used."
     )
     for element in doubtful:
-        line = xml.line(xml.elements[element].offset)
+        line = xml.line_of(xml.elements[element].offset)
         tag = xml.elements[element].tag
         yield Remark(line, "foreign", f"{tag} has a name and not one pose of six numbers: it was not read.")

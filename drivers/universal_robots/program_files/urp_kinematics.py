@@ -13,34 +13,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model, model_names
-from cellcal.calibration.arm.ur_factory import factory_model, well_conditioned
-from cellcal.calibration.compensation.bounded_steps import Search
+from cellcal.calibration.arm.ur_factory import factory_model, to_well_conditioned
+from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.compensate import CompensationLimits
-from cellcal.calibration.compensation.pose_gap import Arm, Target
+from cellcal.calibration.compensation.pose_gap import TargetPoses, TipArm
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 
-KNOWN = "LINEARIZED"
+LINEARIZED_STATUS = "LINEARIZED"
 REACHED_M, REACHED_RAD = 1e-9, 1e-9
 _CLOSE = CompensationLimits(position_m=1e-8, angle_rad=1e-8)
 _ANY = "ur10e"  # any e-Series arm says which axes are nearly parallel
 
 
 @dataclass(frozen=True)
-class Chain:
+class DhChain:
     """The numbers of one ``Kinematics`` element, which compare and hash."""
 
     rows: tuple[tuple[float, ...], ...]  # six of theta, d, a, alpha
 
     @classmethod
-    def of(
+    def from_columns(
         cls, theta: Sequence[float], a: Sequence[float], d: Sequence[float], alpha: Sequence[float]
-    ) -> "Chain":
+    ) -> "DhChain":
         return cls(tuple(zip(theta, d, a, alpha, strict=True)))
 
-    def model(self) -> RobotModel:
+    def to_model(self) -> RobotModel:
         """Return the arm, every length near its nominal value; of a known type where one fits."""
-        return _model(self)
+        return _fit_model(self)
 
 
 @cache
@@ -49,7 +49,7 @@ def _nominal_arms() -> tuple[RobotModel, ...]:
 
 
 @lru_cache(maxsize=256)
-def _model(chain: Chain) -> RobotModel:
+def _fit_model(chain: DhChain) -> RobotModel:
     table = DhTable.from_rows(np.array(chain.rows))
     best: tuple[float, RobotModel] | None = None
     for nominal in _nominal_arms():
@@ -58,14 +58,14 @@ def _model(chain: Chain) -> RobotModel:
         except CalibrationError:
             continue
         if nominal.dh is not None and model.dh is not None:
-            apart = float(np.abs(model.dh.rows() - nominal.dh.rows())[:, 1:3].max())
+            apart = float(np.abs(model.dh.to_rows() - nominal.dh.to_rows())[:, 1:3].max())
             best = (apart, model) if best is None or apart < best[0] else best
     return best[1] if best is not None else _unknown_arm(table)
 
 
 def _unknown_arm(table: DhTable) -> RobotModel:
     nominal = load_model(_ANY).dh
-    conditioned = table if nominal is None else well_conditioned(table, nominal)
+    conditioned = table if nominal is None else to_well_conditioned(table, nominal)
     limit = np.full(6, 2 * np.pi)
     return RobotModel.from_dh(conditioned, name="ur_of_file", lower_rad=-limit, upper_rad=limit)
 
@@ -75,17 +75,17 @@ def joints_for(model: RobotModel, base_flange: Array, start: Array) -> tuple[Arr
 
     Each search begins at its own posture, and stays on its branch as long as the pose allows.
     """
-    target = Target(base_flange[:, :3, :3].transpose(2, 1, 0), base_flange[:, :3, 3].T)
+    target = TargetPoses(base_flange[:, :3, :3].transpose(2, 1, 0), base_flange[:, :3, 3].T)
     box = tuple(np.repeat(side[:, None], len(start), axis=1) for side in (model.lower_rad, model.upper_rad))
     inside = np.clip(start.T, *box)
-    search = Search.begin(Arm(model), target, inside, (box[0], box[1]))
-    search.run(_CLOSE)
+    search = BoundedSearch.start_inside(TipArm(model), target, inside, (box[0], box[1]))
+    search.approach_poses(_CLOSE)
     joints = search.joints.T.copy()
     for _ in range(3):
         at, jacobian = model.flange_jacobian(joints)
-        step = np.linalg.pinv(jacobian, rcond=1e-8) @ _gap(at, base_flange)[..., None]
+        step = np.linalg.pinv(jacobian, rcond=1e-8) @ _pose_gap(at, base_flange)[..., None]
         joints += np.clip(step[..., 0], -1e-3, 1e-3)
-    gap = _gap(model.base_flange(joints), base_flange)
+    gap = _pose_gap(model.base_flange(joints), base_flange)
     reached = (np.linalg.norm(gap[:, :3], axis=1) <= REACHED_M) & (
         np.linalg.norm(gap[:, 3:], axis=1) <= REACHED_RAD
     )
@@ -93,12 +93,12 @@ def joints_for(model: RobotModel, base_flange: Array, start: Array) -> tuple[Arr
     return joints, np.asarray(reached & inside_box, dtype=bool)
 
 
-def apart(one: Array, other: Array) -> tuple[Array, Array]:
+def pose_distances(one: Array, other: Array) -> tuple[Array, Array]:
     """Return how far poses (N, 4, 4) are from others: (N,) [m] and (N,) [rad]."""
-    gap = _gap(one, other)
+    gap = _pose_gap(one, other)
     return np.linalg.norm(gap[:, :3], axis=1), np.linalg.norm(gap[:, 3:], axis=1)
 
 
-def _gap(at: Array, wanted: Array) -> Array:
-    turn = log_rotation(wanted[:, :3, :3] @ inverse_transform(at)[:, :3, :3])
-    return np.concatenate([wanted[:, :3, 3] - at[:, :3, 3], turn], axis=1)
+def _pose_gap(at: Array, target: Array) -> Array:
+    turn = log_rotation(target[:, :3, :3] @ inverse_transform(at)[:, :3, :3])
+    return np.concatenate([target[:, :3, 3] - at[:, :3, 3], turn], axis=1)

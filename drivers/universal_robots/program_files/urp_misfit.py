@@ -11,12 +11,12 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.universal_robots.program_files.script_program import ScriptProgram
-from cellcal.drivers.universal_robots.program_files.urp_kinematics import apart
+from cellcal.drivers.universal_robots.program_files.urp_kinematics import pose_distances
 from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class PoseMisfit:
     """Per waypoint, NaN where there is nothing to compare."""
 
     names: tuple[str, ...]
@@ -35,7 +35,7 @@ def pose_misfit_m(program: ProgramFile) -> Array:
     return np.full(len(program.positions), np.nan)
 
 
-def misfit_to_script(program: UrpProgram, script: ScriptProgram) -> Misfit:
+def misfit_to_script(program: UrpProgram, script: ScriptProgram) -> PoseMisfit:
     """Return how far the poses that PolyScope printed into the script beside a program are from its waypoints.
 
     Waypoints are matched by name. The printed poses are in the base, with the tool of the waypoint.
@@ -49,5 +49,5 @@ def misfit_to_script(program: UrpProgram, script: ScriptProgram) -> Misfit:
     base_tip = program.columns.base_feature @ here.frame_tip
     both = np.isfinite(printed).all(axis=(1, 2)) & np.isfinite(base_tip).all(axis=(1, 2))
     position_m, angle_rad = np.full(len(here), np.nan), np.full(len(here), np.nan)
-    position_m[both], angle_rad[both] = apart(base_tip[both], printed[both])
-    return Misfit(here.names, position_m, angle_rad)
+    position_m[both], angle_rad[both] = pose_distances(base_tip[both], printed[both])
+    return PoseMisfit(here.names, position_m, angle_rad)

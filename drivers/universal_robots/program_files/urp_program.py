@@ -11,18 +11,23 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.kinematics import DhTable
 from cellcal.calibration.geometry import Array, Pose, inverse_transform, is_rigid
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, Frames, Positions, Remark, with_unread
+from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark, with_unread
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     DOUBLE_STEP,
     java_text,
     number_spans,
     six_of,
 )
-from cellcal.drivers.universal_robots.program_files.urp_archive import pack, unpack
-from cellcal.drivers.universal_robots.program_files.urp_columns import Columns, columns_of
-from cellcal.drivers.universal_robots.program_files.urp_kinematics import Chain, apart, joints_for
-from cellcal.drivers.universal_robots.program_files.urp_shifts import shifts_of, unread_of
-from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, Reader, Six, Waypoint
+from cellcal.drivers.universal_robots.program_files.urp_archive import pack_file, unpack_file
+from cellcal.drivers.universal_robots.program_files.urp_columns import WaypointColumns, columns_of
+from cellcal.drivers.universal_robots.program_files.urp_kinematics import DhChain, joints_for, pose_distances
+from cellcal.drivers.universal_robots.program_files.urp_shifts import shifts_of, unread_positions_of
+from cellcal.drivers.universal_robots.program_files.urp_waypoints import (
+    BASE,
+    SixNumbers,
+    Waypoint,
+    WaypointReader,
+)
 from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 AGREES_M, AGREES_RAD = 1e-6, 1e-6
@@ -38,25 +43,25 @@ class UrpProgram:
     data: bytes
     header: bytes  # of gzip
     xml: XmlText
-    reader: Reader
+    reader: WaypointReader
     waypoints: tuple[Waypoint, ...]
-    columns: Columns
+    columns: WaypointColumns
     remarks: tuple[Remark, ...]
 
     @classmethod
-    def of(cls, file: str, data: bytes) -> Self:
+    def from_bytes(cls, file: str, data: bytes) -> Self:
         """Read a file; errors as `read_urp`."""
-        header, text = unpack(file, data)
+        header, text = unpack_file(file, data)
         xml = XmlText(file, text)
         if xml.elements[0].tag != "URProgram":
-            raise xml.wrong(
+            raise xml.error_at(
                 xml.elements[0].offset,
                 f"this is a {xml.elements[0].tag}, no URProgram.",
                 "Give a program of PolyScope 3 or 5.",
             )
-        reader = Reader(xml)
-        waypoints = list(reader.waypoints())
-        remarks = tuple(reader.remarks(waypoints))
+        reader = WaypointReader(xml)
+        waypoints = list(reader.read_waypoints())
+        remarks = tuple(reader.list_remarks(waypoints))
         return cls(file, data, header, xml, reader, tuple(waypoints), columns_of(xml, waypoints), remarks)
 
     @property
@@ -67,24 +72,24 @@ class UrpProgram:
     @property
     def name(self) -> str:
         """Return the program's own name."""
-        return self.xml.value(0, "name") or self.file
+        return self.xml.attribute_value(0, "name") or self.file
 
     @property
     def positions(self) -> Positions:
         """Return every fixed waypoint, and what else holds a position."""
-        return self._positions
+        return self._all_positions
 
     @cached_property
-    def _positions(self) -> Positions:
-        found = with_unread(self.columns.positions, unread_of(self.xml, self.reader))
+    def _all_positions(self) -> Positions:
+        found = with_unread(self.columns.positions, unread_positions_of(self.xml, self.reader))
         return replace(found, shifts=shifts_of(self.xml, self.reader))
 
     @cached_property
-    def frames(self) -> Frames:
+    def frames(self) -> ProgramFrames:
         """Return the tools and features of the waypoints, and the kinematics of the arm the program was saved on."""
         own = self.reader.own.chain if self.reader.own else None
         base = {BASE: Pose((0.0, 0.0, 0.0)), **self.columns.base_frame}
-        return Frames(base, self.columns.flange_tip, own.model() if own else None)
+        return ProgramFrames(base, self.columns.flange_tip, own.to_model() if own else None)
 
     def to_bytes(self) -> bytes:
         """Return the file."""
@@ -95,13 +100,13 @@ class UrpProgram:
         flange = np.full((len(rows), 4, 4), np.nan)
         for chain, which in self._by_chain(rows):
             if chain is not None:
-                flange[which] = chain.model().base_flange(joints[which])
+                flange[which] = chain.to_model().base_flange(joints[which])
         poses: Array = (
             inverse_transform(self.columns.base_feature[rows]) @ flange @ self.columns.flange_tcp[rows]
         )
         return poses
 
-    def changed(self, change: Change) -> Self:
+    def with_changes(self, change: PositionChange) -> Self:
         """Return the program with new joints; from poses these are derived, nearest to the present ones.
 
         Poses and joints that are both given must agree under the waypoint's own kinematics.
@@ -112,7 +117,7 @@ class UrpProgram:
             A pose where the kinematics are not known, out of reach, or not that of the joints.
         """
         if change.configurations is not None or change.user_frames is not None:
-            raise self._refused(
+            raise self._refused_error(
                 "a waypoint holds no configuration and no frame number.", "Give poses and joints only."
             )
         rows = np.asarray(change.rows, dtype=np.int64)
@@ -126,18 +131,18 @@ class UrpProgram:
         )
         with_pose, with_joints = ~np.isnan(pose).all(axis=(1, 2)), ~np.isnan(joints).all(axis=1)
         if with_pose.any() and not is_rigid(pose[with_pose]):
-            raise self._refused("a new pose is no rigid transform.", _UNTOUCHED)
+            raise self._refused_error("a new pose is no rigid transform.", _UNTOUCHED)
         if not np.isfinite(joints[with_joints]).all():
-            raise self._refused("a new joint angle is not finite.", _UNTOUCHED)
+            raise self._refused_error("a new joint angle is not finite.", _UNTOUCHED)
         only_pose, both = with_pose & ~with_joints, with_pose & with_joints
-        joints[only_pose] = self._solved(rows[only_pose], pose[only_pose])
-        self._agree(rows[both], pose[both], joints[both])
+        joints[only_pose] = self._solve_joints(rows[only_pose], pose[only_pose])
+        self._check_agreement(rows[both], pose[both], joints[both])
         only_joints = with_joints & ~with_pose
         pose[only_joints] = self.poses_at(rows[only_joints], joints[only_joints])
-        told = with_pose | with_joints
-        edits = Edits(self.file, self.xml)
-        edits.waypoints(self, rows[told], pose[told], joints[told])
-        return self._edited(edits)
+        is_given = with_pose | with_joints
+        edits = XmlEdits(self.file, self.xml)
+        edits.write_waypoints(self, rows[is_given], pose[is_given], joints[is_given])
+        return self._with_edits(edits)
 
     def with_kinematics(self, table: DhTable, checksum: Sequence[int], *, keep_poses: bool) -> Self:
         """Return the program with another arm's factory kinematics at every waypoint that has known ones.
@@ -156,32 +161,32 @@ class UrpProgram:
         ProgramFileError
             No table of six plain rows, or a pose that the other arm does not reach.
         """
-        numbers = table.rows()
+        numbers = table.to_rows()
         if (
             numbers.shape != (6, 5)
             or not np.isfinite(numbers).all()
             or numbers[:, 4].any()
             or len(checksum) != 6
         ):
-            raise self._refused(
+            raise self._refused_error(
                 "kinematics are six rows of standard DH and six checksums.", "Read them from the robot."
             )
         signed = [(int(value) + 2**31) % 2**32 - 2**31 for value in checksum]
-        edits = Edits(self.file, self.xml)
+        edits = XmlEdits(self.file, self.xml)
         for kinematics in self.reader.kinematics.values():
             if kinematics.chain is None:
                 continue
             for six, column in zip(kinematics.columns, (0, 2, 1, 3), strict=True):
-                edits.exactly(six, [java_text(float(value)) for value in numbers[:, column]])
+                edits.write_texts(six, [java_text(float(value)) for value in numbers[:, column]])
             if kinematics.checksum is not None:
-                edits.exactly(kinematics.checksum, [str(value) for value in signed])
-        moved = self._edited(edits)
+                edits.write_texts(kinematics.checksum, [str(value) for value in signed])
+        moved = self._with_edits(edits)
         if not keep_poses:
             return moved
-        known = np.flatnonzero(np.isfinite(self.positions.frame_tip).all(axis=(1, 2)))
-        return moved.changed(Change(known, frame_tip=self.positions.frame_tip[known]))
+        known_rows = np.flatnonzero(np.isfinite(self.positions.frame_tip).all(axis=(1, 2)))
+        return moved.with_changes(PositionChange(known_rows, frame_tip=self.positions.frame_tip[known_rows]))
 
-    def _solved(self, rows: NDArray[np.int64], pose: Array) -> Array:
+    def _solve_joints(self, rows: NDArray[np.int64], pose: Array) -> Array:
         """Return joints (K, 6) for poses; those of a waypoint whose pose stays are kept."""
         now = self.positions.joints[rows]
         joints = now.copy()
@@ -190,56 +195,56 @@ class UrpProgram:
         stays = np.asarray(off.max(axis=1, initial=0.0) <= _SAME, dtype=bool)
         for chain, which in self._by_chain(rows):
             if chain is None and not stays[which].all():
-                raise self._refused(
-                    f"{self._names(rows[which][~stays[which]])}: the kinematics of the arm are not known.",
+                raise self._refused_error(
+                    f"{self._row_names(rows[which][~stays[which]])}: the kinematics of the arm are not known.",
                     "Give joints, or open and save the program on its robot first.",
                 )
             if chain is not None:
-                joints[which], reached = joints_for(chain.model(), flange[which], now[which])
+                joints[which], reached = joints_for(chain.to_model(), flange[which], now[which])
                 if not reached.all():
-                    raise self._refused(
-                        f"{self._names(rows[which][~reached])}: out of reach of the arm.",
+                    raise self._refused_error(
+                        f"{self._row_names(rows[which][~reached])}: out of reach of the arm.",
                         "Leave these waypoints out, or move the work piece nearer.",
                     )
         joints[stays] = now[stays]
         return joints
 
-    def _agree(self, rows: NDArray[np.int64], pose: Array, joints: Array) -> None:
+    def _check_agreement(self, rows: NDArray[np.int64], pose: Array, joints: Array) -> None:
         means = self.poses_at(rows, joints)
-        far, turned = apart(means, pose)
-        known = ~np.isnan(means[:, 0, 0])
+        far, turned = pose_distances(means, pose)
+        has_kinematics = ~np.isnan(means[:, 0, 0])
         stored = np.array([self.waypoints[row].pose is not None for row in rows], dtype=bool)
-        wrong = np.where(known, ~((far <= AGREES_M) & (turned <= AGREES_RAD)), ~stored)
+        wrong = np.where(has_kinematics, ~((far <= AGREES_M) & (turned <= AGREES_RAD)), ~stored)
         if wrong.any():
-            worst = float(np.nanmax(np.where(known, far, 0.0))) * 1e3
-            raise self._refused(
-                f"{self._names(rows[wrong])}: pose and joints do not agree under the waypoint's own kinematics "
+            worst = float(np.nanmax(np.where(has_kinematics, far, 0.0))) * 1e3
+            raise self._refused_error(
+                f"{self._row_names(rows[wrong])}: pose and joints do not agree under the waypoint's own kinematics "
                 f"({worst:.4f} mm).",
                 "Give joints only, or first give the program the kinematics of the robot it is for.",
             )
 
-    def _by_chain(self, rows: NDArray[np.int64]) -> list[tuple[Chain | None, NDArray[np.intp]]]:
-        groups: dict[Chain | None, list[int]] = {}
+    def _by_chain(self, rows: NDArray[np.int64]) -> list[tuple[DhChain | None, NDArray[np.intp]]]:
+        groups: dict[DhChain | None, list[int]] = {}
         for place, row in enumerate(rows.tolist()):
             kinematics = self.waypoints[row].kinematics
             groups.setdefault(kinematics.chain if kinematics else None, []).append(place)
         return [(chain, np.array(which, dtype=np.intp)) for chain, which in groups.items()]
 
-    def _edited(self, edits: "Edits") -> Self:
-        text = edits.text()
+    def _with_edits(self, edits: "XmlEdits") -> Self:
+        text = edits.edited_text()
         if text == self.xml.text:
             return self
-        return type(self).of(self.file, pack(self.header, text.encode("latin-1")))
+        return type(self).from_bytes(self.file, pack_file(self.header, text.encode("latin-1")))
 
-    def _names(self, rows: NDArray[np.int64]) -> str:
+    def _row_names(self, rows: NDArray[np.int64]) -> str:
         names = [self.positions.names[row] for row in rows[:5]]
         return ", ".join(names) + (f" and {len(rows) - 5} more" if len(rows) > 5 else "")
 
-    def _refused(self, what: str, cure: str) -> ProgramFileError:
+    def _refused_error(self, what: str, cure: str) -> ProgramFileError:
         return ProgramFileError(self.file, what, remedy=cure)
 
 
-class Edits:
+class XmlEdits:
     """New texts for numbers of the XML."""
 
     def __init__(self, file: str, xml: XmlText) -> None:
@@ -247,14 +252,16 @@ class Edits:
         self.xml = xml
         self.spans: list[tuple[int, int, str]] = []
 
-    def waypoints(self, program: UrpProgram, rows: NDArray[np.int64], pose: Array, joints: Array) -> None:
+    def write_waypoints(
+        self, program: UrpProgram, rows: NDArray[np.int64], pose: Array, joints: Array
+    ) -> None:
         """Write joints, and the poses that the waypoints store."""
         base_tip = program.columns.base_feature[rows] @ pose
         flange = base_tip @ inverse_transform(program.columns.flange_tcp[rows])
         for i, row in enumerate(rows.tolist()):
             waypoint = program.waypoints[row]
             if not np.isnan(joints[i]).any():
-                self._put(waypoint.joints, joints[i])
+                self._replace_numbers(waypoint.joints, joints[i])
             stored = (
                 (waypoint.pose, base_tip[i]),
                 (waypoint.in_feature, pose[i]),
@@ -264,12 +271,12 @@ class Edits:
                 if six is not None:
                     self._put_pose(six, matrix, waypoint)
 
-    def exactly(self, six: Six, texts: list[str]) -> None:
+    def write_texts(self, six: SixNumbers, texts: list[str]) -> None:
         """Write these texts."""
         spans = number_spans(self.xml.text, six.start, six.end)
         self.spans += [(*span, text) for span, text in zip(spans, texts, strict=True)]
 
-    def text(self) -> str:
+    def edited_text(self) -> str:
         """Return the whole XML, changed."""
         pieces, at = [], 0
         for start, end, new in sorted(self.spans):
@@ -277,22 +284,22 @@ class Edits:
             at = end
         return "".join([*pieces, self.xml.text[at:]])
 
-    def _put_pose(self, six: Six, matrix: Array, waypoint: Waypoint) -> None:
+    def _put_pose(self, six: SixNumbers, matrix: Array, waypoint: Waypoint) -> None:
         if np.isnan(matrix).any():
-            raise self.xml.wrong(
+            raise self.xml.error_at(
                 six.start,
                 f"{waypoint.name} stores a pose, and was given joints only.",
                 "Give both: the kinematics are unknown.",
             )
-        self._put(six, six_of(matrix[None], np.array([six.values]))[0])
+        self._replace_numbers(six, six_of(matrix[None], np.array([six.values]))[0])
 
-    def _put(self, six: Six, values: Array) -> None:
+    def _replace_numbers(self, six: SixNumbers, values: Array) -> None:
         old = [self.xml.text[start:end] for start, end in number_spans(self.xml.text, six.start, six.end)]
         new = [
             text if abs(value - float(text)) <= DOUBLE_STEP else java_text(value)
             for text, value in zip(old, values.tolist(), strict=True)
         ]
-        self.exactly(six, new)
+        self.write_texts(six, new)
 
 
 def read_urp(name: str, data: bytes) -> UrpProgram:
@@ -303,4 +310,4 @@ def read_urp(name: str, data: bytes) -> UrpProgram:
     ProgramFileError
         No gzip, a bomb, XML that is damaged or asks for more than text, numbers that are no coordinates.
     """
-    return UrpProgram.of(name, data)
+    return UrpProgram.from_bytes(name, data)

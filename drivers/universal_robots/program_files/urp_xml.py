@@ -29,7 +29,7 @@ _STEP = re.compile(r"([^\[\]]+)(?:\[(\d+)\])?")
 _CURE = "Save the program again on the robot, or fetch it again."
 
 
-class Element(NamedTuple):
+class XmlElement(NamedTuple):
     """One element; its attributes by name, each with where its value stands."""
 
     tag: str
@@ -44,32 +44,32 @@ class XmlText:
     def __init__(self, file: str, xml: bytes) -> None:
         self.file = file
         self.text = xml.decode("latin-1")
-        tree = _tree(file, xml)
+        tree = _parse_tree(file, xml)
         self._breaks = np.flatnonzero(np.frombuffer(xml, dtype=np.uint8) == 10)
-        self.elements = list(self._read())
+        self.elements = list(self._read_elements())
         self.children: list[list[int]] = [[] for _ in self.elements]
         for i, element in enumerate(self.elements):
             if element.parent >= 0:
                 self.children[element.parent].append(i)
-        if not self._same_as(tree):
+        if not self._is_same_as(tree):
             raise ProgramFileError(file, "this XML can be read in two ways.", remedy=_CURE)
 
-    def line(self, offset: int) -> int:
+    def line_of(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
         return int(np.searchsorted(self._breaks, offset)) + 1
 
-    def wrong(self, offset: int, what: str, remedy: str = _CURE) -> ProgramFileError:
+    def error_at(self, offset: int, what: str, remedy: str = _CURE) -> ProgramFileError:
         """Return the error for something at an offset of the XML."""
-        line = self.line(offset)
+        line = self.line_of(offset)
         before = int(self._breaks[line - 2]) if line > 1 else -1
         return ProgramFileError(self.file, what, line=line, column=offset - before, remedy=remedy)
 
-    def value(self, element: int, name: str, default: str = "") -> str:
+    def attribute_value(self, element: int, name: str, default: str = "") -> str:
         """Return an attribute as a person reads it."""
         span = self.elements[element].attributes.get(name)
-        return default if span is None else _plain(self.text[span[0] : span[1]])
+        return default if span is None else _plain_value(self.text[span[0] : span[1]])
 
-    def child(self, element: int, *tags: str) -> int | None:
+    def find_child(self, element: int, *tags: str) -> int | None:
         """Return the first child, of the first child, with these tags."""
         at: int | None = element
         for tag in tags:
@@ -80,17 +80,17 @@ class XmlText:
             )
         return at
 
-    def above(self, element: int, tag: str) -> int | None:
+    def find_above(self, element: int, tag: str) -> int | None:
         """Return the nearest element around this one with a tag."""
         at = self.elements[element].parent
         while at >= 0 and self.elements[at].tag != tag:
             at = self.elements[at].parent
         return at if at >= 0 else None
 
-    def resolved(self, element: int) -> int:
+    def resolve_reference(self, element: int) -> int:
         """Follow ``reference="../../Move[2]/feature"`` to the element it means; an element without one is itself."""
         at = element
-        for step in self.value(element, "reference").split("/"):
+        for step in self.attribute_value(element, "reference").split("/"):
             found = _STEP.fullmatch(step)
             if step == "..":
                 at = max(self.elements[at].parent, 0)
@@ -100,7 +100,7 @@ class XmlText:
                 at = same[which] if which < len(same) else element
         return at
 
-    def _read(self) -> Iterator[Element]:
+    def _read_elements(self) -> Iterator[XmlElement]:
         open_elements = [-1]
         count = 0
         for mark in _MARK.finditer(self.text):
@@ -110,30 +110,32 @@ class XmlText:
                 open_elements.pop()
                 continue
             start = mark.start("attributes")
-            attributes = {found[1]: _span(found, start) for found in _ATTRIBUTE.finditer(mark["attributes"])}
-            yield Element(mark["tag"], mark.start(), open_elements[-1], attributes)
+            attributes = {
+                found[1]: _value_span(found, start) for found in _ATTRIBUTE.finditer(mark["attributes"])
+            }
+            yield XmlElement(mark["tag"], mark.start(), open_elements[-1], attributes)
             if not mark["empty"]:
                 open_elements.append(count)
             count += 1
 
-    def _same_as(self, tree: TreeElement) -> bool:
+    def _is_same_as(self, tree: TreeElement) -> bool:
         theirs = list(tree.iter())
         return len(theirs) == len(self.elements) and all(
-            self._alike(i, element) for i, element in enumerate(theirs)
+            self._is_same_tree(i, element) for i, element in enumerate(theirs)
         )
 
-    def _alike(self, i: int, theirs: TreeElement) -> bool:
+    def _is_same_tree(self, i: int, theirs: TreeElement) -> bool:
         ours = self.elements[i]
         if ours.tag.rpartition(":")[2] != theirs.tag.rpartition("}")[2]:
             return False
         return all(
-            self.value(i, name) == theirs.attrib.get(name)
+            self.attribute_value(i, name) == theirs.attrib.get(name)
             for name in ours.attributes
             if ":" not in name and name != "xmlns"
         )
 
 
-def _tree(file: str, xml: bytes) -> TreeElement:
+def _parse_tree(file: str, xml: bytes) -> TreeElement:
     encoding = _ENCODING.match(xml[:200].decode("latin-1").lstrip("\xef\xbb\xbf"))
     if encoding and encoding[1].upper() not in ("UTF-8", "US-ASCII", "ASCII"):
         raise ProgramFileError(
@@ -155,20 +157,20 @@ def _tree(file: str, xml: bytes) -> TreeElement:
         ) from wrong
 
 
-def _span(found: re.Match[str], start: int) -> tuple[int, int]:
+def _value_span(found: re.Match[str], start: int) -> tuple[int, int]:
     which = 2 if found[2] is not None else 3
     return start + found.start(which), start + found.end(which)
 
 
-def _plain(text: str) -> str:
+def _plain_value(text: str) -> str:
     """Return an attribute's value as XML means it: references resolved, white space blank, UTF-8."""
     text = text.encode("latin-1").decode("utf-8", "replace")
     if "\n" in text or "\t" in text or "\r" in text:
         text = text.replace("\r\n", " ").replace("\n", " ").replace("\r", " ").replace("\t", " ")
-    return _REFERENCE.sub(_resolved, text) if "&" in text else text
+    return _REFERENCE.sub(_resolve_entity, text) if "&" in text else text
 
 
-def _resolved(found: re.Match[str]) -> str:
+def _resolve_entity(found: re.Match[str]) -> str:
     name = found[1]
     if not name.startswith("#"):
         return _NAMED.get(name, found[0])

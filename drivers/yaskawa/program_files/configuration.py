@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.drivers.programs.arm_shape import arm_shape, either
+from cellcal.drivers.programs.arm_shape import arm_shape, sign_options
 
 NEAR_RAD = np.deg2rad(0.01)  # an axis this near to a border is on both sides of it
 NEAR_M = 1e-4
-_KNOWN = 6
+_KNOWN_FLAGS = 6
 _OLDER = 8  # numbers of an XRC's and an NX100's RCONF; a DX100's and all later ones have 24
 _SHARED = "it would need another RCONF, {} in place of {}, and the job states it once for many positions"
 _TURNS = {3: 3, 4: 5, 5: 0}  # place in RCONF: axis R, T, S
@@ -26,25 +26,25 @@ _TURNS = {3: 3, 4: 5, 5: 0}  # place in RCONF: axis R, T, S
 class JobConfigurations:
     """RCONF of postures, as `drivers.programs.brands.ConfigurationRule`."""
 
-    def agrees(
+    def matches_postures(
         self, model: RobotModel, joints: Array, texts: Sequence[str], *, turns: bool = True
     ) -> NDArray[np.bool_]:
         """Return (N,): whether postures (N, 6) [rad] are what the texts say."""
-        flags = _numbers(texts, len(joints))
+        flags = _stated_numbers(texts, len(joints))
         agreeing = np.ones(len(joints), dtype=bool)
-        for place, (clear, is_set) in _borders(model, joints, texts, near=True).items():
+        for place, (clear, is_set) in _border_flags(model, joints, texts, near=True).items():
             if turns or place not in _TURNS:
-                said = flags[:, place]
-                agreeing &= (said < 0) | np.where(said == 1, is_set, clear)
+                stated = flags[:, place]
+                agreeing &= (stated < 0) | np.where(stated == 1, is_set, clear)
         return agreeing
 
     def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
         """Return (N,): whether the flags of the texts are those of the postures."""
-        return self.agrees(model, joints, texts, turns=False)
+        return self.matches_postures(model, joints, texts, turns=False)
 
-    def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
+    def write_configurations(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return RCONF of these postures; numbers whose meaning is not known stay."""
-        borders = _borders(model, joints, like, near=False)
+        borders = _border_flags(model, joints, like, near=False)
         sets = {place: is_set & ~clear for place, (clear, is_set) in borders.items()}
         open_ = {place: is_set & clear for place, (clear, is_set) in borders.items()}
         texts = []
@@ -52,7 +52,7 @@ class JobConfigurations:
             numbers = old.split(",") if old.strip() else []
             for place, value in sets.items():
                 if place < len(numbers) and not open_[place][i]:
-                    numbers[place] = _like(numbers[place], str(int(value[i])))
+                    numbers[place] = _in_style_of(numbers[place], str(int(value[i])))
             texts.append(",".join(numbers))
         return tuple(texts)
 
@@ -61,31 +61,31 @@ class JobConfigurations:
         return _SHARED.format(new, old)
 
 
-def _borders(
+def _border_flags(
     model: RobotModel, joints: Array, texts: Sequence[str], *, near: bool
 ) -> dict[int, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
     """Return for each known place of texts (N,) whether it may be 0, and whether it may be 1."""
     shape = arm_shape(model, joints)
     length, angle = (NEAR_M, NEAR_RAD) if near else (0.0, 0.0)
-    front, rear = either(shape.forward_m, length)
-    upper, lower = either(shape.before_arm_m, length)
+    front, rear = sign_options(shape.forward_m, length)
+    upper, lower = sign_options(shape.before_arm_m, length)
     older = np.array([text.count(",") < _OLDER for text in texts], dtype=bool)
-    flip, no_flip = either(np.where(older, np.cos(joints[:, 3]), np.sin(joints[:, 4])), np.sin(angle))
+    flip, no_flip = sign_options(np.where(older, np.cos(joints[:, 3]), np.sin(joints[:, 4])), np.sin(angle))
     found = {0: (flip, no_flip), 1: (upper | rear, lower | rear), 2: (front, rear)}
     for place, axis in _TURNS.items():
-        found[place] = either(np.pi - np.abs(joints[:, axis]), angle)
+        found[place] = sign_options(np.pi - np.abs(joints[:, axis]), angle)
     return found
 
 
-def _numbers(texts: Sequence[str], count: int) -> NDArray[np.int64]:
+def _stated_numbers(texts: Sequence[str], count: int) -> NDArray[np.int64]:
     """Return (N, 6): the flags, -1 where a text does not state one."""
-    flags = np.full((count, _KNOWN), -1, dtype=np.int64)
+    flags = np.full((count, _KNOWN_FLAGS), -1, dtype=np.int64)
     for i, text in enumerate(texts):
-        for place, number in enumerate(text.split(",")[:_KNOWN] if text.strip() else ()):
+        for place, number in enumerate(text.split(",")[:_KNOWN_FLAGS] if text.strip() else ()):
             if number.strip() in ("0", "1"):
                 flags[i, place] = int(number)
     return flags
 
 
-def _like(old: str, new: str) -> str:
+def _in_style_of(old: str, new: str) -> str:
     return old.replace(old.strip(), new, 1)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from pathlib import PurePath
 
-from cellcal.drivers.programs.across import Said
+from cellcal.drivers.programs.cross_file_uses import FileDeclarations
 
 _JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
@@ -17,12 +17,12 @@ _SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)")
 _SHIFTED = "SFTON of {}"
 
 
-def said_by(file: str, data: bytes) -> Said:
+def declarations_of(file: str, data: bytes) -> FileDeclarations:
     """Return which jobs a file's jobs call, which of them while a shift is on, and which of its jobs leave one on.
 
     The file need not be a sound one.
     """
-    folder, said = PurePath(file).parent, dict[str, str]()
+    folder, marks = PurePath(file).parent, dict[str, str]()
     jobs = _JOB.findall(data.decode("latin-1")) if _SAYS.search(data) else ()
     for name, instructions in jobs:
         found = _LINES.findall(instructions)
@@ -32,46 +32,48 @@ def said_by(file: str, data: bytes) -> Said:
             on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
             called = _CALLED.search(rest) if word in ("CALL", "PSTART") else None
             if called is not None:
-                said[f"{folder} call {name} {called[1]}"] = name
-                said |= {f"{folder} shifted {called[1]}": name} if on else {}
+                marks[f"{folder} call {name} {called[1]}"] = name
+                marks |= {f"{folder} shifted {called[1]}": name} if on else {}
         for what, number in _MADE.findall(instructions):
-            said[f"{folder} makes {name} {what} {number}"] = name
+            marks[f"{folder} makes {name} {what} {number}"] = name
         if on:
-            said[f"{folder} leaves {name}"] = name
-    return Said(PurePath(file).stem, doubtful=said)
+            marks[f"{folder} leaves {name}"] = name
+    return FileDeclarations(PurePath(file).stem, doubtful=marks)
 
 
-def shift_from_others(file: str, job: str, said: Mapping[str, str]) -> str:
+def shift_from_others(file: str, job: str, marks: Mapping[str, str]) -> str:
     """Return the SFTON of another job that may be on in a job, as an instruction is named; "" where none is."""
     calls = [
-        (caller, called) for caller, _, called in (pair.partition(" ") for pair in _keys(file, "call", said))
+        (caller, called)
+        for caller, _, called in (pair.partition(" ") for pair in _marked_names(file, "call", marks))
     ]
     shifted = {
-        called: said[f"{PurePath(file).parent} shifted {called}"] for called in _keys(file, "shifted", said)
+        called: marks[f"{PurePath(file).parent} shifted {called}"]
+        for called in _marked_names(file, "shifted", marks)
     }
-    left = set(_keys(file, "leaves", said))
+    leaving = set(_marked_names(file, "leaves", marks))
     before = -1
-    while len(shifted) + len(left) > max(before, 0):
-        before = len(shifted) + len(left)
+    while len(shifted) + len(leaving) > max(before, 0):
+        before = len(shifted) + len(leaving)
         for caller, called in calls:
             if caller in shifted:
                 shifted.setdefault(called, shifted[caller])
-            if called in left:
-                left.add(caller)
+            if called in leaving:
+                leaving.add(caller)
                 shifted.setdefault(caller, called)
     return _SHIFTED.format(shifted[job]) if job in shifted else ""
 
 
-def frames_from_others(file: str, job: str, said: Mapping[str, str]) -> dict[tuple[str, str], str]:
+def frames_from_others(file: str, job: str, marks: Mapping[str, str]) -> dict[tuple[str, str], str]:
     """Return user frames and tools that other jobs make while the cell works, by UF or TL and number; and which job.
 
     A job that calls none and that none calls is one to set up the cell, which a person ran once.
     """
-    working = {name for pair in _keys(file, "call", said) for name in pair.split(" ")}
-    made = (key.split(" ") for key in _keys(file, "makes", said))
+    working = {name for pair in _marked_names(file, "call", marks) for name in pair.split(" ")}
+    made = (key.split(" ") for key in _marked_names(file, "makes", marks))
     return {(what, number): name for name, what, number in made if name in working and name != job}
 
 
-def _keys(file: str, what: str, said: Mapping[str, str]) -> list[str]:
+def _marked_names(file: str, what: str, marks: Mapping[str, str]) -> list[str]:
     begins = f"{PurePath(file).parent} {what} "
-    return [key.removeprefix(begins) for key in said if key.startswith(begins)]
+    return [key.removeprefix(begins) for key in marks if key.startswith(begins)]

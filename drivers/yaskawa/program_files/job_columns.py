@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, Job, Row
+from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
 
 PULSES, SHIFT = "pulses", "shift"  # kinds of their own: nothing to move until more is known
 # as controllers write: XRC and NX100 with two decimals of a degree, later ones with four
@@ -21,17 +21,22 @@ USUAL = {
 _LEAST_MM, _LEAST_DEG = 3, 4  # decimals of numbers that are not all written alike
 
 
-def kind_of(row: Row, ratios: Array | None, shifts: frozenset[int], points: frozenset[int]) -> str:
+def kind_of(row: JobRow, ratios: Array | None, shifts: frozenset[int], points: frozenset[int]) -> str:
     """Return what a row is: a variable that no move of this job goes to, or that anything else uses, is no point."""
     if row.kind == "P" and (int(row.number) in shifts or int(row.number) not in points):
         return SHIFT
-    if row.held.mode == "RECTAN":
+    if row.state.mode == "RECTAN":
         return CARTESIAN
-    return PULSES if row.held.mode == "PULSE" and ratios is None else JOINTS
+    return PULSES if row.state.mode == "PULSE" and ratios is None else JOINTS
 
 
 def positions_of(
-    name: str, jobs: list[Job], rows: list[Row], kinds: list[str], groups: list[int], ratios: Array | None
+    name: str,
+    jobs: list[YaskawaJob],
+    rows: list[JobRow],
+    kinds: list[str],
+    groups: list[int],
+    ratios: Array | None,
 ) -> Positions:
     """Return the robot's positions, of rows in the order of the file.
 
@@ -45,31 +50,31 @@ def positions_of(
     held_kinds = np.array(kinds, dtype=object)
     cartesian = held_kinds == CARTESIAN
     count = len(rows)
-    external = _external(jobs, rows)
+    external = _external_columns(jobs, rows)
     resolution_m = np.array([10.0 ** (-3 - mm) for mm, _ in decimals]).reshape(count)
     resolution_rad = np.array([np.radians(10.0**-deg) for _, deg in decimals]).reshape(count)
-    pulsed = np.array([row.held.mode == "PULSE" for row in rows], dtype=bool).reshape(count)
+    pulsed = np.array([row.state.mode == "PULSE" for row in rows], dtype=bool).reshape(count)
     resolution_rad[pulsed] = np.inf if ratios is None else 1.0 / np.abs(ratios).min()
     return Positions(
-        names=_names(rows),
+        names=_position_names(rows),
         kinds=tuple(kinds),
         lines=np.array([row.line for row in rows], dtype=np.int64),
         groups=np.array(groups, dtype=np.int64),
-        frame_tip=_poses(rows, cartesian),
-        joints=_joints(rows, held_kinds == JOINTS, ratios),
+        frame_tip=_pose_columns(rows, cartesian),
+        joints=_joint_columns(rows, held_kinds == JOINTS, ratios),
         external=external,
         user_frames=tuple(_frame_name(row) for row in rows),
-        tools=tuple(row.held.tool for row in rows),
-        configurations=tuple(row.held.configuration if row.held.mode == "RECTAN" else "" for row in rows),
+        tools=tuple(row.state.tool for row in rows),
+        configurations=tuple(row.state.configuration if row.state.mode == "RECTAN" else "" for row in rows),
         resolution_m=resolution_m,
         resolution_rad=resolution_rad,
     )
 
 
-def _refuse_axes(name: str, rows: list[Row], ratios: Array | None) -> None:
+def _refuse_axes(name: str, rows: list[JobRow], ratios: Array | None) -> None:
     axes = 8 if ratios is None else len(ratios)
     for row in rows:
-        count, mode = row.text.count(",") + 1, row.held.mode
+        count, mode = row.text.count(",") + 1, row.state.mode
         if count not in (6, 7) if mode == "RECTAN" else count > 8 or (mode == "PULSE" and "." in row.text):
             raise ProgramFileError(
                 name,
@@ -87,26 +92,30 @@ def _refuse_axes(name: str, rows: list[Row], ratios: Array | None) -> None:
             )
 
 
-def decimals_of(row: Row) -> tuple[int, int]:
+def decimals_of(row: JobRow) -> tuple[int, int]:
     """Return the decimals that lengths and angles of a row are written with."""
-    if row.held.mode == "PULSE":
+    if row.state.mode == "PULSE":
         return _LEAST_MM, _LEAST_DEG
-    if row.held.mode == "RECTAN":
+    if row.state.mode == "RECTAN":
         for digits, pattern in USUAL.items():
             if pattern.fullmatch(row.text):
                 return 3, digits
-    given = [len(text.rstrip().partition(".")[2]) for text in row.text.split(",")]
-    if row.held.mode == "ANGLE":
-        return _LEAST_MM, _shared(given, _LEAST_DEG)
-    return _shared(given[:3], _LEAST_MM), _shared(given[3:6], _LEAST_DEG)
+    digit_counts = [len(text.rstrip().partition(".")[2]) for text in row.text.split(",")]
+    if row.state.mode == "ANGLE":
+        return _LEAST_MM, _shared_decimals(digit_counts, _LEAST_DEG)
+    return _shared_decimals(digit_counts[:3], _LEAST_MM), _shared_decimals(digit_counts[3:6], _LEAST_DEG)
 
 
-def _shared(given: list[int], least: int) -> int:
+def _shared_decimals(digit_counts: list[int], least: int) -> int:
     """Return the decimals of numbers that share a format; free numbers get those of the finest, at least some."""
-    return given[0] if given[0] and min(given) == max(given) else max(least, *given)
+    return (
+        digit_counts[0]
+        if digit_counts[0] and min(digit_counts) == max(digit_counts)
+        else max(least, *digit_counts)
+    )
 
 
-def table_of(rows: Sequence[Row], width: int) -> Array:
+def table_of(rows: Sequence[JobRow], width: int) -> Array:
     """Return (N, width): the numbers as written, NaN where a row has fewer; more than ``width`` are left out."""
     table = np.full((len(rows), width), np.nan)
     counts = np.array([row.text.count(",") + 1 for row in rows], dtype=np.int64)
@@ -117,21 +126,21 @@ def table_of(rows: Sequence[Row], width: int) -> Array:
     return table
 
 
-def _poses(rows: list[Row], cartesian: NDArray[np.bool_]) -> Array:
+def _pose_columns(rows: list[JobRow], cartesian: NDArray[np.bool_]) -> Array:
     poses = np.full((len(rows), 4, 4), np.nan)
     where = np.flatnonzero(cartesian)
     if len(where):
         values = table_of([rows[i] for i in where.tolist()], 6)
         rotation = rotation_from("yaskawa_rpy", np.radians(values[:, 3:]))
-        poses[where] = homogeneous(rotation, values[:, :3] / 1e3)
+        poses[where] = homogeneous_matrix(rotation, values[:, :3] / 1e3)
     return poses
 
 
-def _joints(rows: list[Row], held: NDArray[np.bool_], ratios: Array | None) -> Array:
-    axes = max((row.text.count(",") + 1 for row in rows if row.held.mode != "RECTAN"), default=0)
+def _joint_columns(rows: list[JobRow], is_selected: NDArray[np.bool_], ratios: Array | None) -> Array:
+    axes = max((row.text.count(",") + 1 for row in rows if row.state.mode != "RECTAN"), default=0)
     joints = np.full((len(rows), axes), np.nan)
-    pulsed = np.array([row.held.mode == "PULSE" for row in rows], dtype=bool).reshape(len(rows))
-    for where, turns in ((held & pulsed, True), (held & ~pulsed, False)):
+    pulsed = np.array([row.state.mode == "PULSE" for row in rows], dtype=bool).reshape(len(rows))
+    for where, turns in ((is_selected & pulsed, True), (is_selected & ~pulsed, False)):
         places = np.flatnonzero(where)
         table = table_of([rows[i] for i in places.tolist()], axes)
         if turns and ratios is not None and len(places):
@@ -140,50 +149,53 @@ def _joints(rows: list[Row], held: NDArray[np.bool_], ratios: Array | None) -> A
     return joints
 
 
-def _external(jobs: list[Job], rows: list[Row]) -> Array:
+def _external_columns(jobs: list[YaskawaJob], rows: list[JobRow]) -> Array:
     """Return base and station axes beside each point: metres, radians, or pulses where the file gives pulses."""
-    beside: dict[tuple[int, str, int], Row] = {}
+    beside: dict[tuple[int, str, int], JobRow] = {}
     for place, job in enumerate(jobs):
         for row in job.rows:
             if row.kind not in ROBOT_ROWS:
                 beside[place, "EX" if row.kind == "EP" else row.kind, int(row.number)] = row
-    sevenths = any(row.text.count(",") == 6 for row in rows if row.held.mode == "RECTAN")
+    sevenths = any(row.text.count(",") == 6 for row in rows if row.state.mode == "RECTAN")
     if not beside and not sevenths:
         return np.zeros((len(rows), 0))
     of = {row.start: place for place, job in enumerate(jobs) for row in job.rows}
-    found = [[*([_seventh(row)] if sevenths else []), *_beside(beside, of[row.start], row)] for row in rows]
+    found = [
+        [*([_seventh_axis(row)] if sevenths else []), *_external_values(beside, of[row.start], row)]
+        for row in rows
+    ]
     width = max(map(len, found), default=0)
     return np.array([each + [np.nan] * (width - len(each)) for each in found]).reshape(len(rows), width)
 
 
-def _seventh(row: Row) -> float:
+def _seventh_axis(row: JobRow) -> float:
     texts = row.text.split(",")
-    return float(np.radians(float(texts[6]))) if row.held.mode == "RECTAN" and len(texts) == 7 else np.nan
+    return float(np.radians(float(texts[6]))) if row.state.mode == "RECTAN" and len(texts) == 7 else np.nan
 
 
-def _beside(beside: dict[tuple[int, str, int], Row], job: int, row: Row) -> list[float]:
+def _external_values(beside: dict[tuple[int, str, int], JobRow], job: int, row: JobRow) -> list[float]:
     values: list[float] = []
     for kind in ("BC", "EC") if row.kind == "C" else ("BP", "EX"):
         other = beside.get((job, kind, int(row.number)))
         if other is not None:
-            unit = {"RECTAN": 1e-3, "ANGLE": np.pi / 180}.get(other.held.mode, 1.0)
+            unit = {"RECTAN": 1e-3, "ANGLE": np.pi / 180}.get(other.state.mode, 1.0)
             values += [float(text) * unit for text in other.text.split(",")]
     return values
 
 
-def _names(rows: list[Row]) -> tuple[str, ...]:
+def _position_names(rows: list[JobRow]) -> tuple[str, ...]:
     """Return C00012; a second one of that name, in a file of several jobs, is C00012@340 after its line."""
-    seen: set[str] = set()
+    used_names: set[str] = set()
     names = []
     for row in rows:
         name = f"{row.kind}{row.number}"
-        name = f"{name}@{row.line}" if name in seen else name
-        seen.add(name)
+        name = f"{name}@{row.line}" if name in used_names else name
+        used_names.add(name)
         names.append(name)
     return tuple(names)
 
 
-def _frame_name(row: Row) -> str | None:
-    if row.held.mode != "RECTAN":
+def _frame_name(row: JobRow) -> str | None:
+    if row.state.mode != "RECTAN":
         return None
-    return row.held.user if row.held.postype == "USER" else row.held.postype
+    return row.state.user if row.state.postype == "USER" else row.state.postype

@@ -11,9 +11,9 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.numbers import NumberFormat
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Change, Positions
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange, Positions
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, USUAL, decimals_of, table_of
-from cellcal.drivers.yaskawa.program_files.job_text import Row
+from cellcal.drivers.yaskawa.program_files.job_text import JobRow
 
 RATIOS_NEEDED = (
     "Pulses per degree are needed to know where these points are: from RC.PRM or ALL.PRM of the controller, or the "
@@ -25,7 +25,7 @@ _FORMATS = {digits: ",".join(["%.3f"] * 3 + [f"%.{digits}f"] * 3) for digits in 
 Edit = tuple[int, str, str]  # where, what stands there, what shall
 
 
-class Changeable(Protocol):
+class ChangeableProgram(Protocol):
     """What of a program a change needs to know."""
 
     @property
@@ -33,12 +33,12 @@ class Changeable(Protocol):
     @property
     def positions(self) -> Positions: ...
     @property
-    def rows(self) -> tuple[Row, ...]: ...
+    def rows(self) -> tuple[JobRow, ...]: ...
     @property
     def pulses_per_rad(self) -> tuple[float, ...] | None: ...
 
 
-def edits_of(program: Changeable, change: Change) -> list[Edit]:
+def edits_of(program: ChangeableProgram, change: PositionChange) -> list[Edit]:
     """Return the edits, in the order of the file.
 
     Raises
@@ -53,22 +53,25 @@ def edits_of(program: Changeable, change: Change) -> list[Edit]:
     return sorted(edits)
 
 
-def _refuse_shapes(program: Changeable, change: Change, rows: NDArray[np.int64]) -> None:
-    count, held = len(rows), program.positions
-    if rows.ndim != 1 or len(np.unique(rows)) != count or ((rows < 0) | (rows >= len(held))).any():
+def _refuse_shapes(program: ChangeableProgram, change: PositionChange, rows: NDArray[np.int64]) -> None:
+    count, positions = len(rows), program.positions
+    if rows.ndim != 1 or len(np.unique(rows)) != count or ((rows < 0) | (rows >= len(positions))).any():
         raise ProgramFileError(program.file, "the change names rows that are not there, or one twice.")
-    for values, shape in ((change.frame_tip, (count, 4, 4)), (change.joints, (count, held.joints.shape[1]))):
+    for values, shape in (
+        (change.frame_tip, (count, 4, 4)),
+        (change.joints, (count, positions.joints.shape[1])),
+    ):
         if values is not None and np.shape(values) != shape:
             raise ProgramFileError(
                 program.file, f"the change brings {np.shape(values)} coordinates in place of {shape}."
             )
 
 
-def _refuse_texts(program: Changeable, rows: NDArray[np.int64], change: Change) -> None:
-    held = program.positions
+def _refuse_texts(program: ChangeableProgram, rows: NDArray[np.int64], change: PositionChange) -> None:
+    positions = program.positions
     for texts, old, what in (
-        (change.configurations, held.configurations, "configuration"),
-        (change.user_frames, held.user_frames, "user frame"),
+        (change.configurations, positions.configurations, "configuration"),
+        (change.user_frames, positions.user_frames, "user frame"),
     ):
         if texts is None:
             continue
@@ -80,19 +83,21 @@ def _refuse_texts(program: Changeable, rows: NDArray[np.int64], change: Change) 
             if text != (old[row] or ""):
                 raise ProgramFileError(
                     program.file,
-                    f"{held.names[row]} would need another {what} ({text}); a job says it once for many positions.",
-                    line=int(held.lines[row]),
+                    f"{positions.names[row]} would need another {what} ({text}); a job says it once for many positions.",
+                    line=int(positions.lines[row]),
                     remedy="Teach this position on the controller.",
                 )
 
 
-def _given(program: Changeable, rows: NDArray[np.int64], values: Array, kind: str) -> NDArray[np.int64]:
+def _given_entries(
+    program: ChangeableProgram, rows: NDArray[np.int64], values: Array, kind: str
+) -> NDArray[np.int64]:
     """Return which entries of a change bring coordinates; they must be finite and for positions of that kind."""
     flat = np.asarray(values, dtype=float).reshape(len(rows), -1)
-    given = np.flatnonzero(~np.isnan(flat).all(axis=1)) if flat.size else np.zeros(0, dtype=np.int64)
+    entries = np.flatnonzero(~np.isnan(flat).all(axis=1)) if flat.size else np.zeros(0, dtype=np.int64)
     kinds = program.positions.kinds
     bad = np.isinf(flat).any(axis=1) | (np.isnan(flat).any(axis=1) & (kind == CARTESIAN))
-    for row, broken in zip(rows[given].tolist(), bad[given].tolist(), strict=True):
+    for row, broken in zip(rows[entries].tolist(), bad[entries].tolist(), strict=True):
         if kinds[row] != kind:
             raise ProgramFileError(
                 program.file,
@@ -107,16 +112,16 @@ def _given(program: Changeable, rows: NDArray[np.int64], values: Array, kind: st
                 line=program.rows[row].line,
                 remedy="Leave this position out of the change.",
             )
-    return given
+    return entries
 
 
-def _pose_edits(program: Changeable, rows: NDArray[np.int64], poses: Array | None) -> list[Edit]:
+def _pose_edits(program: ChangeableProgram, rows: NDArray[np.int64], poses: Array | None) -> list[Edit]:
     if poses is None:
         return []
-    given = _given(program, rows, poses, CARTESIAN)
-    if not len(given):
+    entries = _given_entries(program, rows, poses, CARTESIAN)
+    if not len(entries):
         return []
-    new, places = np.asarray(poses, dtype=float)[given], rows[given]
+    new, places = np.asarray(poses, dtype=float)[entries], rows[entries]
     old = program.positions.frame_tip[places]
     try:
         angles = np.degrees(values_from("yaskawa_rpy", new[:, :3, :3]))
@@ -124,23 +129,25 @@ def _pose_edits(program: Changeable, rows: NDArray[np.int64], poses: Array | Non
         raise ProgramFileError(
             program.file, f"the change brings a pose that is none: {refused.message}."
         ) from None
-    held = [program.rows[row] for row in places.tolist()]
-    written = table_of(held, 6)
+    job_rows = [program.rows[row] for row in places.tolist()]
+    written = table_of(job_rows, 6)
     chord = np.linalg.norm((new - old)[:, :3, :3].reshape(-1, 9), axis=1) / np.sqrt(2.0)
     alike = chord < 0.5 * program.positions.resolution_rad[places]
     values = np.hstack([1e3 * new[:, :3, 3], np.where(alike[:, None], written[:, 3:], angles)])
-    digits = np.array([decimals_of(row) for row in held]).repeat(3, axis=1)
-    return _edits(program, held, values, digits, written)
+    digits = np.array([decimals_of(row) for row in job_rows]).repeat(3, axis=1)
+    return _number_edits(program, job_rows, values, digits, written)
 
 
-def _joint_edits(program: Changeable, rows: NDArray[np.int64], joints: Array | None) -> list[Edit]:
+def _joint_edits(program: ChangeableProgram, rows: NDArray[np.int64], joints: Array | None) -> list[Edit]:
     if joints is None:
         return []
-    given = _given(program, rows, joints, JOINTS)
-    held = [program.rows[row] for row in rows[given].tolist()]
-    angles = np.asarray(joints, dtype=float)[given]
-    written = table_of(held, angles.shape[1])
-    for row, wrong in zip(held, (np.isnan(angles) != np.isnan(written)).any(axis=1).tolist(), strict=True):
+    entries = _given_entries(program, rows, joints, JOINTS)
+    job_rows = [program.rows[row] for row in rows[entries].tolist()]
+    angles = np.asarray(joints, dtype=float)[entries]
+    written = table_of(job_rows, angles.shape[1])
+    for row, wrong in zip(
+        job_rows, (np.isnan(angles) != np.isnan(written)).any(axis=1).tolist(), strict=True
+    ):
         if wrong:
             raise ProgramFileError(
                 program.file,
@@ -148,15 +155,15 @@ def _joint_edits(program: Changeable, rows: NDArray[np.int64], joints: Array | N
                 line=row.line,
                 remedy="Give an angle for each axis that the position holds.",
             )
-    pulsed = np.array([row.held.mode == "PULSE" for row in held], dtype=bool).reshape(len(held), 1)
+    pulsed = np.array([row.state.mode == "PULSE" for row in job_rows], dtype=bool).reshape(len(job_rows), 1)
     ratios = np.pad(np.array(program.pulses_per_rad or ()), (0, 8))[: angles.shape[1]]
     values = np.where(pulsed, angles * ratios, np.degrees(angles))
-    digits = np.where(pulsed, 0, np.array([decimals_of(row)[1] for row in held]).reshape(-1, 1))
-    return _edits(program, held, values, np.broadcast_to(digits, values.shape), written)
+    digits = np.where(pulsed, 0, np.array([decimals_of(row)[1] for row in job_rows]).reshape(-1, 1))
+    return _number_edits(program, job_rows, values, np.broadcast_to(digits, values.shape), written)
 
 
-def _edits(
-    program: Changeable, rows: list[Row], values: Array, digits: NDArray[np.int64], written: Array
+def _number_edits(
+    program: ChangeableProgram, rows: list[JobRow], values: Array, digits: NDArray[np.int64], written: Array
 ) -> list[Edit]:
     """Return the edits that make rows say values; a number that says its value already keeps its text."""
     _refuse_large(program, rows, values)
@@ -173,8 +180,8 @@ def _edits(
     return edits
 
 
-def _refuse_large(program: Changeable, rows: list[Row], values: Array) -> None:
-    limits = np.array([_LARGEST_PULSES if row.held.mode == "PULSE" else _LARGEST_MM for row in rows])
+def _refuse_large(program: ChangeableProgram, rows: list[JobRow], values: Array) -> None:
+    limits = np.array([_LARGEST_PULSES if row.state.mode == "PULSE" else _LARGEST_MM for row in rows])
     for i in np.flatnonzero((np.abs(values) > limits[:, None]).any(axis=1))[:1].tolist():
         raise ProgramFileError(
             program.file,
@@ -184,36 +191,36 @@ def _refuse_large(program: Changeable, rows: list[Row], values: Array) -> None:
         )
 
 
-def _whole_row(row: Row, numbers: list[float], digits: int) -> str | None:
+def _whole_row(row: JobRow, numbers: list[float], digits: int) -> str | None:
     """Return the row in a controller's own format; None where it is not written in that."""
-    if row.held.mode == "PULSE":
+    if row.state.mode == "PULSE":
         plain = _PULSES.fullmatch(row.text) is not None
-        held = numbers[: row.text.count(",") + 1]
-        return ",".join([str(round(number)) for number in held]) if plain else None
-    if row.held.mode != "RECTAN" or digits not in USUAL or not USUAL[digits].fullmatch(row.text):
+        present = numbers[: row.text.count(",") + 1]
+        return ",".join([str(round(number)) for number in present]) if plain else None
+    if row.state.mode != "RECTAN" or digits not in USUAL or not USUAL[digits].fullmatch(row.text):
         return None
     return _FORMATS[digits] % tuple(numbers)
 
 
-def _one_by_one(row: Row, numbers: list[float], digits: list[int]) -> list[Edit]:
+def _one_by_one(row: JobRow, numbers: list[float], digits: list[int]) -> list[Edit]:
     edits, at = [], row.start
     for piece, value, decimals in zip(row.text.split(","), numbers, digits, strict=False):
         old = piece.strip()
-        new = _written(old, value, decimals)
+        new = _write_value(old, value, decimals)
         if new != old:
             edits.append((at + len(piece) - len(piece.lstrip()), old, new))
         at += len(piece) + 1
     return edits
 
 
-def _written(old: str, value: float, decimals: int) -> str:
+def _write_value(old: str, value: float, decimals: int) -> str:
     """Write a value with some decimals in the old one's clothes; a number that says it already stays."""
     if value == float(old):
         return old
     text = f"{value:.{decimals}f}"
     if old[0] not in "+." and not old.startswith("-."):
         return text
-    form = NumberFormat.of(old)
+    form = NumberFormat.from_text(old)
     text = f"+{text}" if form.plus and not text.startswith("-") else text
     return (
         text.replace("0.", ".", 1) if not form.leading_zero and text.lstrip("+-").startswith("0.") else text

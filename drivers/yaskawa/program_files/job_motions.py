@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
-from cellcal.drivers.programs.shifts import NO_TURN, Axes, Quaternion, Shift
+from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
 from cellcal.drivers.yaskawa.program_files.job_columns import SHIFT
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, Job, Row
+from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
 
 Key = tuple[str, int]  # C or P, and its number
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
@@ -44,29 +44,31 @@ _REASONS = (("IMOV", _INCREMENT), ("EIMOV", _INCREMENT), ("SY", _ON_CONVEYOR), (
 
 
 @dataclass
-class _Found:
+class _JobFindings:
     barred: dict[Key, str] = field(default_factory=dict)
     all_variables: str = ""  # why every variable is left
     made: list[tuple[str, str, str]] = field(default_factory=list)  # UF or TL, its number, why
-    shifts: list[tuple[Key | None, Shift]] = field(default_factory=list)
+    shifts: list[tuple[Key | None, ProgramShift]] = field(default_factory=list)
     from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
     computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
 
 
-def motions_in(jobs: Iterable[Job], positions: Positions) -> tuple[dict[int, str], tuple[Shift, ...]]:
+def motions_in(
+    jobs: Iterable[YaskawaJob], positions: Positions
+) -> tuple[dict[int, str], tuple[ProgramShift, ...]]:
     """Return which rows of a file's jobs no command may change, and why; and the shifts of their points."""
     barred: dict[int, str] = {}
-    shifts: list[Shift] = []
+    shifts: list[ProgramShift] = []
     first = 0
     for job in jobs:
         rows = [row for row in job.rows if row.kind in ROBOT_ROWS]
-        barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated(row))}
+        barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated_reason(row))}
         if _SPECIAL.search(job.instructions):
-            found = _found(job, {(row.kind, int(row.number)): row for row in rows})
+            found = _find_motions(job, {(row.kind, int(row.number)): row for row in rows})
             barred |= {
                 first + i: why
                 for i, row in enumerate(rows)
-                if first + i not in barred and (why := _why(row, found))
+                if first + i not in barred and (why := _barred_reason(row, found))
             }
             keys = {(row.kind, int(row.number)): first + i for i, row in enumerate(rows)}
             shifts += _of_rows(found.shifts, keys, positions)
@@ -75,49 +77,49 @@ def motions_in(jobs: Iterable[Job], positions: Positions) -> tuple[dict[int, str
     return {**amounts, **barred}, tuple(shifts)
 
 
-def _stated(row: Row) -> str:
-    return {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(row.held.postype, "")
+def _stated_reason(row: JobRow) -> str:
+    return {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(row.state.postype, "")
 
 
-def _why(row: Row, found: _Found) -> str:
+def _barred_reason(row: JobRow, found: _JobFindings) -> str:
     if why := found.barred.get((row.kind, int(row.number))):
         return why
     if row.kind == "P" and found.all_variables:
         return found.all_variables
-    if row.held.mode != "RECTAN":
+    if row.state.mode != "RECTAN":
         return ""
-    user = row.held.user if row.held.postype == "USER" else None
+    user = row.state.user if row.state.postype == "USER" else None
     for what, number, why in found.made:
-        held = user if what == "UF" else row.held.tool
-        if held is not None and (not number.isdigit() or int(number) == int(held)):
+        active_number = user if what == "UF" else row.state.tool
+        if active_number is not None and (not number.isdigit() or int(number) == int(active_number)):
             return why
     return ""
 
 
 def _of_rows(
-    shifts: Iterable[tuple[Key | None, Shift]], rows: dict[Key, int], positions: Positions
-) -> Iterator[Shift]:
+    shifts: Iterable[tuple[Key | None, ProgramShift]], rows: dict[Key, int], positions: Positions
+) -> Iterator[ProgramShift]:
     for key, shift in shifts:
         row = rows.get(key) if key is not None else None
         if row is None:
             yield shift
         elif positions.kinds[row] in (CARTESIAN, JOINTS) and positions.groups[row] == 1:
-            yield Shift(
+            yield ProgramShift(
                 shift.line, shift.what, shift.axes, (row,), translation_m=shift.translation_m,
                 quaternion=shift.quaternion,
             )  # fmt: skip
 
 
-def _found(job: Job, rows: dict[Key, Row]) -> _Found:
-    found = _Found()
-    found.from_here, found.computed = _from_here(_instructions(job))
+def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
+    found = _JobFindings()
+    found.from_here, found.computed = _from_here(_iterate_instructions(job))
     everywhere = _JUMPS.search(job.instructions) is not None
-    lines = list(_instructions(job))
+    lines = list(_iterate_instructions(job))
     switched_on = [
         _shift_of(line, word, rest, found.from_here, rows) for line, word, rest in lines if word == "SFTON"
     ]
     anywhere = [one for one in switched_on if one is not None] if everywhere else []
-    active: list[Shift] = []
+    active: list[ProgramShift] = []
     for line, word, rest in lines:
         if word == "SFTON":
             shift = _shift_of(line, word, rest, found.from_here, rows)
@@ -127,13 +129,13 @@ def _found(job: Job, rows: dict[Key, Row]) -> _Found:
         if word == "CALL":  # the called job's points are in its own file, and may not be here
             found.shifts += [(None, replace(shift, point=_OTHERS)) for shift in anywhere or active]
         elif _MOTION.fullmatch(word):
-            _move(found, (line, word, rest), anywhere or active, rows)
+            _take_motion(found, (line, word, rest), anywhere or active, rows)
         else:
-            _compute(found, (line, word, rest))
+            _take_computation(found, (line, word, rest))
     return found
 
 
-def _instructions(job: Job) -> Iterator[tuple[int, str, str]]:
+def _iterate_instructions(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
     for line, text in enumerate(job.instructions.split("\n"), job.first_line):
         content = " ".join(text.split())
         if content and not content.startswith(("'", "/", "COMM ")):
@@ -158,34 +160,39 @@ def _from_here(instructions: Iterable[tuple[int, str, str]]) -> tuple[set[int], 
     return found, {numbers[0] for numbers in computing if found.intersection(numbers)}
 
 
-def _shift_of(line: int, word: str, rest: str, from_here: set[int], rows: dict[Key, Row]) -> Shift | None:
+def _shift_of(
+    line: int, word: str, rest: str, from_here: set[int], rows: dict[Key, JobRow]
+) -> ProgramShift | None:
     """Return the shift of SFTON or IMOV; None for one along the axes of the tool, which turns with its point."""
     frame = _FRAME.search(rest)
     if frame is not None and frame[1] == "TF":
         return None
-    axes = Axes.USER_FRAME if frame is not None and frame[1] == "UF#" else Axes.BASE
+    axes = ShiftAxes.USER_FRAME if frame is not None and frame[1] == "UF#" else ShiftAxes.BASE
     turn = _turn_of(rest, rows)
     if from_here.intersection(int(each[2]) for each in _TAKEN.finditer(rest) if each[2]):
         turn = None  # the amount itself changes with the points
-    return Shift(line, word, axes, point=_amount(rest), quaternion=turn)
+    return ProgramShift(line, word, axes, point=_amount_text(rest), quaternion=turn)
 
 
-def _amount(rest: str) -> str:
+def _amount_text(rest: str) -> str:
     found = _TAKEN.search(rest)
     return found[0] if found else rest.partition(" ")[0]
 
 
-def _turn_of(rest: str, rows: dict[Key, Row]) -> Quaternion | None:
+def _turn_of(rest: str, rows: dict[Key, JobRow]) -> Quaternion | None:
     """Return no turn, or None where the job states an amount that also turns."""
     found = _TAKEN.search(rest)
     row = rows.get(("P", int(found[2]))) if found is not None and found[2] and not found[1] else None
-    if row is None or row.held.mode != "RECTAN":
+    if row is None or row.state.mode != "RECTAN":
         return NO_TURN
     return None if any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
 
 
-def _move(
-    found: _Found, instruction: tuple[int, str, str], active: list[Shift], rows: dict[Key, Row]
+def _take_motion(
+    found: _JobFindings,
+    instruction: tuple[int, str, str],
+    active: list[ProgramShift],
+    rows: dict[Key, JobRow],
 ) -> None:
     line, word, rest = instruction
     own = rest[: second.start()] if (second := _SECOND.search(rest)) else rest
@@ -193,19 +200,19 @@ def _move(
     if why and _CHOSEN.search(own):
         found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
     for taken in _TAKEN.finditer(own):
-        key = _key(taken)
+        key = _row_key(taken)
         if why:
             found.barred |= {} if key is None or key in found.barred else {key: why}
         elif key in rows:
             found.shifts += [(key, shift) for shift in active]
         elif taken[2] and int(taken[2]) in found.computed:
-            found.shifts.append((None, Shift(line, word, Axes.BASE, point=taken[0])))
+            found.shifts.append((None, ProgramShift(line, word, ShiftAxes.BASE, point=taken[0])))
     if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
-        given = _TAKEN.search(own)
-        found.shifts += [] if given is not None and _key(given) in rows else [(None, shift)]
+        named_row = _TAKEN.search(own)
+        found.shifts += [] if named_row is not None and _row_key(named_row) in rows else [(None, shift)]
 
 
-def _key(taken: re.Match[str]) -> Key | None:
+def _row_key(taken: re.Match[str]) -> Key | None:
     """Return the row that an instruction names; None for a variable of its own."""
     if taken[1]:
         return None
@@ -216,7 +223,7 @@ def _why_no_place(word: str) -> str:
     return next((text for begins, text in _REASONS if word.startswith(begins)), _OTHER_MOTION)
 
 
-def _compute(found: _Found, instruction: tuple[int, str, str]) -> None:
+def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) -> None:
     line, word, rest = instruction
     if word in _AMOUNTS and _CHOSEN.search(rest):
         found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)

@@ -6,16 +6,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.drivers.programs.across import Abroad, Said
+from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
-from cellcal.drivers.programs.shifts import Axes, Shift
-from cellcal.drivers.yaskawa.program_files.job_calls import frames_from_others, said_by, shift_from_others
+from cellcal.drivers.programs.positions import (
+    CARTESIAN,
+    JOINTS,
+    PositionChange,
+    Positions,
+    ProgramFrames,
+    Remark,
+)
+from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
+from cellcal.drivers.yaskawa.program_files.job_calls import (
+    declarations_of,
+    frames_from_others,
+    shift_from_others,
+)
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits_of
 from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, Job, Row, jobs_of
+from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
 
 _MADE_BY = "{} makes its user frame or tool while it runs"
 
@@ -29,34 +40,36 @@ class JobProgram:
     name: str
     positions: Positions = field(repr=False)
     remarks: tuple[Remark, ...] = field(repr=False)
-    frames: Frames = field(repr=False)
-    rows: tuple[Row, ...] = field(repr=False)
+    frames: ProgramFrames = field(repr=False)
+    rows: tuple[JobRow, ...] = field(repr=False)
     jobs: tuple[str, ...] = field(repr=False)  # whose row each is
     pulses_per_rad: tuple[float, ...] | None = None
-    abroad: Abroad | None = field(default=None, repr=False)  # what the controller's other jobs say
+    external_uses: ExternalUses | None = field(
+        default=None, repr=False
+    )  # what the controller's other jobs say
     brand: str = "yaskawa"
 
     @property
-    def said(self) -> Said:
+    def declarations(self) -> FileDeclarations:
         """Return what counts for other jobs of the controller."""
-        return said_by(self.file, self.data)
+        return declarations_of(self.file, self.data)
 
-    def with_abroad(self, abroad: Abroad | None) -> "JobProgram":
+    def with_external_uses(self, external_uses: ExternalUses | None) -> "JobProgram":
         """Return the program with the shifts of other jobs that may be on in its own."""
-        if abroad is None or not abroad.doubtful:
+        if external_uses is None or not external_uses.doubtful:
             return self
         names = set(self.jobs)
-        shifting = {name: shift_from_others(self.file, name, abroad.doubtful) for name in names}
-        making = {name: frames_from_others(self.file, name, abroad.doubtful) for name in names}
+        shifting = {name: shift_from_others(self.file, name, external_uses.doubtful) for name in names}
+        making = {name: frames_from_others(self.file, name, external_uses.doubtful) for name in names}
         shifts = [
-            Shift(int(self.positions.lines[row]), shifting[self.jobs[row]], Axes.BASE, (row,))
+            ProgramShift(int(self.positions.lines[row]), shifting[self.jobs[row]], ShiftAxes.BASE, (row,))
             for row, kind in enumerate(self.positions.kinds)
             if kind in (CARTESIAN, JOINTS) and shifting[self.jobs[row]]
         ]
         made = {
-            row: _MADE_BY.format(who)
-            for row, held in enumerate(self.rows)
-            if (who := _maker_of(held, making[self.jobs[row]]))
+            row: _MADE_BY.format(maker)
+            for row, job_row in enumerate(self.rows)
+            if (maker := _maker_of(job_row, making[self.jobs[row]]))
         }
         if not (shifts or made):
             return self
@@ -65,13 +78,13 @@ class JobProgram:
             shifts=(*self.positions.shifts, *shifts),
             barred={**made, **self.positions.barred},
         )
-        return replace(self, positions=positions, abroad=abroad)
+        return replace(self, positions=positions, external_uses=external_uses)
 
     def to_bytes(self) -> bytes:
         """Return the file."""
         return self.data
 
-    def changed(self, change: Change) -> "JobProgram":
+    def with_changes(self, change: PositionChange) -> "JobProgram":
         """Return the file with new coordinates.
 
         Raises
@@ -84,18 +97,20 @@ class JobProgram:
             pieces += [self.data[at:start], new.encode("ascii")]
             at = start + len(old)
         data = b"".join([*pieces, self.data[at:]])
-        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_abroad(self.abroad)
+        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_external_uses(
+            self.external_uses
+        )
 
 
-def _maker_of(row: Row, made: Mapping[tuple[str, str], str]) -> str:
+def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
     """Return the job that makes a row's user frame or tool, "" where none does."""
-    if row.held.mode != "RECTAN":
+    if row.state.mode != "RECTAN":
         return ""
-    user = row.held.user if row.held.postype == "USER" else None
-    for (what, number), who in made.items():
-        held = user if what == "UF" else row.held.tool
-        if held is not None and (not number.isdigit() or int(number) == int(held)):
-            return who
+    user = row.state.user if row.state.postype == "USER" else None
+    for (what, number), maker in made.items():
+        active_number = user if what == "UF" else row.state.tool
+        if active_number is not None and (not number.isdigit() or int(number) == int(active_number)):
+            return maker
     return ""
 
 
@@ -118,44 +133,44 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
     if ratios is not None and (ratios.ndim != 1 or not np.isfinite(ratios).all() or (ratios == 0).any()):
         raise ProgramFileError(name, "pulses per radian must be finite and not zero, one for each axis.")
     jobs = jobs_of(name, data.decode("latin-1"))
-    told = [remarks_of(job) for job in jobs]
+    remarks_by_job = [remarks_of(job) for job in jobs]
     rows = [row for job in jobs for row in job.rows if row.kind in ROBOT_ROWS]
     kinds = [
         kind_of(row, ratios, used.others, used.points)
-        for job, (_, used) in zip(jobs, told, strict=True)
+        for job, (_, used) in zip(jobs, remarks_by_job, strict=True)
         for row in job.rows
         if row.kind in ROBOT_ROWS
     ]
     groups = [
         2 if (row.kind, int(row.number)) in used.of_second_robot else 1
-        for job, (_, used) in zip(jobs, told, strict=True)
+        for job, (_, used) in zip(jobs, remarks_by_job, strict=True)
         for row in job.rows
         if row.kind in ROBOT_ROWS
     ]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
     positions = replace(positions, barred=barred, shifts=shifts)
-    remarks = [remark for notes, _ in told for remark in notes] + _kind_remarks(positions)
+    remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,
         data=data,
         name=jobs[0].name or name,
         positions=positions,
         remarks=tuple(sorted(remarks, key=lambda remark: remark.line)),
-        frames=_frames(jobs),
+        frames=_frames_without_number(jobs),
         rows=tuple(rows),
         jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
     )
 
 
-def _frames(jobs: list[Job]) -> Frames:
+def _frames_without_number(jobs: list[YaskawaJob]) -> ProgramFrames:
     """Return the frames that need no number: the robot's own, and the base's where nothing carries the robot."""
     carried = any(row.kind in ("BC", "BP") for job in jobs for row in job.rows) or any(
         word.startswith("GROUP") and "BS" in rest for job in jobs for _, word, rest in job.header
     )
     own = {"ROBOT": Pose((0.0, 0.0, 0.0))}
-    return Frames(base_frame=own if carried else own | {"BASE": Pose((0.0, 0.0, 0.0))})
+    return ProgramFrames(base_frame=own if carried else own | {"BASE": Pose((0.0, 0.0, 0.0))})
 
 
 def _kind_remarks(positions: Positions) -> list[Remark]:

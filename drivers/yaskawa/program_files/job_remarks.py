@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.yaskawa.program_files.job_text import Job
+from cellcal.drivers.yaskawa.program_files.job_text import YaskawaJob
 
 _MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
 _VARIABLE = re.compile(r"(?<!\$)\b(L?)P(X?)(\d{3,5})\b")
@@ -49,7 +49,7 @@ _WORTH_A_LOOK = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class Used:
+class UsedVariables:
     """Variables by number: those that moves of this job go to, and those that are used in any other way."""
 
     points: frozenset[int]
@@ -57,25 +57,25 @@ class Used:
     of_second_robot: frozenset[tuple[str, int]]  # rows, by kind and number, that a second robot goes to
 
 
-def remarks_of(job: Job) -> tuple[tuple[Remark, ...], Used]:
+def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
     """Return what else carries or changes positions, and how position variables are used."""
-    remarks = list(_head(job))
+    remarks = list(_header_remarks(job))
     points: set[int] = set()
     others: set[int] = set()
     second: set[tuple[str, int]] = set()
     two = any(re.match(r"GROUP[2-9]", word) and "RB" in rest for _, word, rest in job.header)
-    for line, text in _lines_worth_a_look(job):
+    for line, text in _notable_lines(job):
         word, _, rest = text.partition(" ")
         variables = _VARIABLE.findall(rest)
         used = {int(number) for local, _, number in variables if not local}
         (points if word in _MOVES else others).update(used)
-        remarks += _remark(line, word, rest, bool(variables))
+        remarks += _instruction_remarks(line, word, rest, bool(variables))
         if two and (plus := _TOGETHER.search(rest)) is not None:
             second.update((kind, int(number)) for kind, number in _NUMBERED.findall(rest, plus.end()))
-    return tuple(remarks), Used(frozenset(points - others), frozenset(others), frozenset(second))
+    return tuple(remarks), UsedVariables(frozenset(points - others), frozenset(others), frozenset(second))
 
 
-def _lines_worth_a_look(job: Job) -> Iterable[tuple[int, str]]:
+def _notable_lines(job: YaskawaJob) -> Iterable[tuple[int, str]]:
     """Yield the instructions, without comments, that name a variable or do more than move to a taught point."""
     text, line, counted, after = job.instructions, job.first_line, 0, 0
     for found in _WORTH_A_LOOK.finditer(text):
@@ -90,7 +90,7 @@ def _lines_worth_a_look(job: Job) -> Iterable[tuple[int, str]]:
             yield line, content
 
 
-def _head(job: Job) -> Iterable[Remark]:
+def _header_remarks(job: YaskawaJob) -> Iterable[Remark]:
     for line, word, rest in job.header:
         if word == "ATTR" and "RJ" in (part.strip() for part in rest.split(",")):
             yield Remark(
@@ -102,7 +102,7 @@ def _head(job: Job) -> Iterable[Remark]:
             yield Remark(line, "foreign", f"A second control group ({rest}) moves with this job.")
 
 
-def _remark(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Remark]:
+def _instruction_remarks(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Remark]:
     if _INDIRECT.search(rest):
         yield Remark(line, "indirect", f"{word} takes a position by a number that is known at run time only.")
     if word in _SHIFTS:

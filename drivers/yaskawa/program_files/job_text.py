@@ -48,7 +48,7 @@ _CURE = "Save the job on the controller again, or correct the line; the file was
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class RowState:
     """What pseudo instructions say for the rows that follow."""
 
     tool: str | None = None
@@ -59,7 +59,7 @@ class Held:
 
 
 @dataclass(slots=True)
-class Row:
+class JobRow:
     """One line of numbers: its kind, its number as written, where its numbers begin, and what holds for it."""
 
     kind: str
@@ -67,24 +67,24 @@ class Row:
     start: int
     text: str  # "1.000,2.000,…"
     line: int
-    held: Held
+    state: RowState
 
 
 @dataclass(slots=True)
-class Job:
+class YaskawaJob:
     """One job of a file."""
 
     line: int
     name: str = ""
     counts: tuple[int, ...] | None = None
-    rows: list[Row] = field(default_factory=list)
+    rows: list[JobRow] = field(default_factory=list)
     header: list[tuple[int, str, str]] = field(default_factory=list)  # line, word, rest; of the //INST part
     instructions: str = ""
     first_line: int = 0  # of the instructions
-    seen: set[tuple[str, int]] = field(default_factory=set)  # rows so far, by kind and number
+    row_keys: set[tuple[str, int]] = field(default_factory=set)  # rows so far, by kind and number
 
 
-def jobs_of(name: str, text: str) -> list[Job]:
+def jobs_of(name: str, text: str) -> list[YaskawaJob]:
     """Take a file apart.
 
     Raises
@@ -94,51 +94,54 @@ def jobs_of(name: str, text: str) -> list[Job]:
     """
     if len(text) > MAX_BYTES:
         raise ProgramFileError(name, f"{len(text) >> 20} MB is no job.", remedy="Give the job itself.")
-    reader = _Reader(name, text)
+    reader = _JobReader(name, text)
     widths = list(map(len, text.split("\n")))
     if max(widths) > MAX_LINE:
         line = next(i for i, width in enumerate(widths, 1) if width > MAX_LINE)
-        raise reader.error(line, MAX_LINE, f"the line has {widths[line - 1]} characters.")
-    reader.read()
+        raise reader.error_at(line, MAX_LINE, f"the line has {widths[line - 1]} characters.")
+    reader.read_jobs()
     return reader.jobs
 
 
-class _Reader:
+class _JobReader:
     def __init__(self, file: str, text: str) -> None:
         self.file, self.text = file, text
-        self.jobs: list[Job] = []
+        self.jobs: list[YaskawaJob] = []
         self.part = ""
-        self.held = Held()
-        self.passed = {"ARGINFO": self._arguments, "INST": self._instructions}  # parts of other lines
+        self.row_state = RowState()
+        self.passed = {
+            "ARGINFO": self._pass_arguments,
+            "INST": self._take_instructions,
+        }  # parts of other lines
 
-    def error(self, line: int, column: int, message: str) -> ProgramFileError:
+    def error_at(self, line: int, column: int, message: str) -> ProgramFileError:
         return ProgramFileError(self.file, message, line=line, column=column, remedy=_CURE)
 
-    def read(self) -> None:
+    def read_jobs(self) -> None:
         at, line, end = 0, 1, len(self.text)
         while at < end:
             found = _LINE.match(self.text, at)
             if found is None:
                 rest = self.text[at : at + 40].partition("\n")[0]
-                raise self.error(line, 1, f"{rest!r} is not understood.")
+                raise self.error_at(line, 1, f"{rest!r} is not understood.")
             if found[1] is not None:
-                self._row(line, found)
+                self._take_row(line, found)
             elif found[4] is not None:
-                self._word(line, found[4])
+                self._take_word(line, found[4])
             at, line = found.end(), line + 1
             if (passed := self.passed.get(self.part)) is not None:
                 at, line = passed(at, line)
         if not self.jobs:
             raise ProgramFileError(self.file, "there is no /JOB in it.", remedy="Give a job saved as .JBI.")
         if self.part or not self.jobs[-1].first_line:
-            raise self.error(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
+            raise self.error_at(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
 
-    def _arguments(self, start: int, line: int) -> tuple[int, int]:
+    def _pass_arguments(self, start: int, line: int) -> tuple[int, int]:
         """Pass what a job says of its arguments; return where its instructions are announced."""
         stop = self.text.find("\n//INST", start - 1) + 1 or len(self.text)
         return stop, line + self.text.count("\n", start, stop)
 
-    def _instructions(self, start: int, line: int) -> tuple[int, int]:
+    def _take_instructions(self, start: int, line: int) -> tuple[int, int]:
         """Take what follows //INST up to the next job; return where that begins."""
         job = self.jobs[-1]
         stop = self.text.find("\n/JOB", start - 1) + 1 or len(self.text)
@@ -147,46 +150,48 @@ class _Reader:
             where = line + job.instructions.count("\n", 0, found.start())
             word = _WORD.match(found[0])
             if word is None or len(word[1]) < 3:
-                raise self.error(where, 1, f"{found[0][:40]!r} is not understood.")
+                raise self.error_at(where, 1, f"{found[0][:40]!r} is not understood.")
             job.header.append((where, word[2], word[3] or ""))
         if _last_instruction(job.instructions) != "END":
-            raise self.error(job.line, 1, "the job ends without END; it is cut short.")
+            raise self.error_at(job.line, 1, "the job ends without END; it is cut short.")
         self._refuse_other_counts(job)
         self.part = ""
         return stop, line + job.instructions.count("\n")
 
-    def _refuse_other_counts(self, job: Job) -> None:
+    def _refuse_other_counts(self, job: YaskawaJob) -> None:
         kinds = ["EX" if row.kind == "EP" else row.kind for row in job.rows]
         if job.counts is None and kinds:
-            raise self.error(job.line, 1, "the job holds positions and no ///NPOS.")
-        for kind, said in zip(COUNTED, job.counts or (0,) * len(COUNTED), strict=True):
+            raise self.error_at(job.line, 1, "the job holds positions and no ///NPOS.")
+        for kind, stated_count in zip(COUNTED, job.counts or (0,) * len(COUNTED), strict=True):
             there = kinds.count(kind)
-            if said != there:
-                raise self.error(job.line, 1, f"///NPOS says {said} {kind} positions, {there} are there.")
+            if stated_count != there:
+                raise self.error_at(
+                    job.line, 1, f"///NPOS says {stated_count} {kind} positions, {there} are there."
+                )
 
-    def _word(self, line: int, content: str) -> None:
+    def _take_word(self, line: int, content: str) -> None:
         found = _WORD.match(content)
         if found is None:
-            raise self.error(line, 1, f"{content[:40]!r} is not understood.")
+            raise self.error_at(line, 1, f"{content[:40]!r} is not understood.")
         depth, word, rest = len(found[1]), found[2], found[3] or ""
         if depth == 1:
-            self._job(line, word, rest)
+            self._take_job(line, word, rest)
         elif not self.jobs:
-            raise self.error(line, 1, f"{content[:40]!r} stands before /JOB.")
+            raise self.error_at(line, 1, f"{content[:40]!r} stands before /JOB.")
         elif depth == 2:
-            self._part(line, word, rest)
+            self._take_part(line, word, rest)
         elif self.part == "POS":
-            self._held(line, found.start(3) + 1, word, rest)
+            self._take_state(line, found.start(3) + 1, word, rest)
         else:
-            raise self.error(line, 1, f"{content[:40]!r} stands neither under //POS nor under //INST.")
+            raise self.error_at(line, 1, f"{content[:40]!r} stands neither under //POS nor under //INST.")
 
-    def _job(self, line: int, word: str, rest: str) -> None:
+    def _take_job(self, line: int, word: str, rest: str) -> None:
         if word != "JOB" or rest or self.part or (self.jobs and not self.jobs[-1].first_line):
-            raise self.error(line, 1, f"/{word} is not understood here.")
-        self.jobs.append(Job(line))
-        self.held = Held()
+            raise self.error_at(line, 1, f"/{word} is not understood here.")
+        self.jobs.append(YaskawaJob(line))
+        self.row_state = RowState()
 
-    def _part(self, line: int, word: str, rest: str) -> None:
+    def _take_part(self, line: int, word: str, rest: str) -> None:
         job = self.jobs[-1]
         if word == "NAME" and rest and not job.name and not self.part and not job.first_line:
             job.name = rest
@@ -199,10 +204,10 @@ class _Reader:
         ) and not (rest or job.first_line):
             self.part = word
         else:
-            raise self.error(line, 1, f"//{word} is not understood here.")
+            raise self.error_at(line, 1, f"//{word} is not understood here.")
 
-    def _held(self, line: int, column: int, word: str, rest: str) -> None:
-        job, held = self.jobs[-1], self.held
+    def _take_state(self, line: int, column: int, word: str, rest: str) -> None:
+        job, row_state = self.jobs[-1], self.row_state
         if word == "NPOS":
             counts = rest.split(",")
             if (
@@ -210,37 +215,47 @@ class _Reader:
                 or len(counts) != 6
                 or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
             ):
-                raise self.error(line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once.")
+                raise self.error_at(
+                    line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once."
+                )
             job.counts = tuple(int(n.strip(" \t")) for n in counts)
         elif word in ("TOOL", "USER"):
             if not _WHOLE.match(rest):
-                raise self.error(line, max(column, 1), f"///{word} {rest[:40]} names no number.")
-            tool, user = (rest, held.user) if word == "TOOL" else (held.tool, rest)
-            self.held = Held(tool, user, held.postype, held.mode, held.configuration)
+                raise self.error_at(line, max(column, 1), f"///{word} {rest[:40]} names no number.")
+            tool, user = (rest, row_state.user) if word == "TOOL" else (row_state.tool, rest)
+            self.row_state = RowState(tool, user, row_state.postype, row_state.mode, row_state.configuration)
         elif word == "POSTYPE" and rest in _POSTYPES:
-            self.held = Held(held.tool, held.user, rest, held.mode, held.configuration)
+            self.row_state = RowState(
+                row_state.tool, row_state.user, rest, row_state.mode, row_state.configuration
+            )
         elif word in MODES and not rest:
-            self.held = Held(held.tool, held.user, held.postype, word, held.configuration)
+            self.row_state = RowState(
+                row_state.tool, row_state.user, row_state.postype, word, row_state.configuration
+            )
         elif word == "RCONF" and rest and all(_WHOLE.match(n.strip(" \t")) for n in rest.split(",")):
-            self.held = Held(held.tool, held.user, held.postype, held.mode, rest)
+            self.row_state = RowState(row_state.tool, row_state.user, row_state.postype, row_state.mode, rest)
         else:
-            raise self.error(line, 1, f"///{word} {rest[:40]} is not understood among positions.")
+            raise self.error_at(line, 1, f"///{word} {rest[:40]} is not understood among positions.")
 
-    def _row(self, line: int, found: re.Match[str]) -> None:
-        held = self.held
+    def _take_row(self, line: int, found: re.Match[str]) -> None:
+        row_state = self.row_state
         if self.part != "POS":
-            raise self.error(line, 1, f"{found[1]}{found[2]} stands outside of //POS.")
-        pulses = held.mode == "PULSE" if held.postype == "PULSE" else held.mode in ("RECTAN", "ANGLE")
-        if not held.mode or not held.postype or not pulses:
-            said = f"///POSTYPE {held.postype or 'missing'}, ///{held.mode or '(PULSE, RECTAN) missing'}"
-            raise self.error(line, 1, f"what this position holds is not said: {said}.")
-        if held.postype == "USER" and held.user is None:
-            raise self.error(line, 1, "the position is in a user frame, and ///USER does not say which.")
+            raise self.error_at(line, 1, f"{found[1]}{found[2]} stands outside of //POS.")
+        pulses = (
+            row_state.mode == "PULSE"
+            if row_state.postype == "PULSE"
+            else row_state.mode in ("RECTAN", "ANGLE")
+        )
+        if not row_state.mode or not row_state.postype or not pulses:
+            stated = f"///POSTYPE {row_state.postype or 'missing'}, ///{row_state.mode or '(PULSE, RECTAN) missing'}"
+            raise self.error_at(line, 1, f"what this position holds is not said: {stated}.")
+        if row_state.postype == "USER" and row_state.user is None:
+            raise self.error_at(line, 1, "the position is in a user frame, and ///USER does not say which.")
         job, key = self.jobs[-1], (found[1], int(found[2]))
-        if key in job.seen:
-            raise self.error(line, 1, f"{found[1]}{found[2]} is there a second time.")
-        job.seen.add(key)
-        job.rows.append(Row(found[1], found[2], found.start(3), found[3], line, held))
+        if key in job.row_keys:
+            raise self.error_at(line, 1, f"{found[1]}{found[2]} is there a second time.")
+        job.row_keys.add(key)
+        job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))
 
 
 def _last_instruction(instructions: str) -> str:

@@ -4,13 +4,13 @@ import re
 
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.yaskawa.program_files.configuration import JobConfigurations
-from cellcal.drivers.yaskawa.program_files.job_calls import said_by
+from cellcal.drivers.yaskawa.program_files.job_calls import declarations_of
 from cellcal.drivers.yaskawa.program_files.job_program import JobProgram, read_job
 
 read = read_job  # with pulses_per_rad=… pulse positions become angles
 
 
-def _plain(name: str, data: bytes) -> JobProgram:
+def _read_plain(name: str, data: bytes) -> JobProgram:
     return read_job(name, data)
 
 
@@ -21,9 +21,9 @@ def _is_job(data: bytes) -> bool:
 BRAND = ProgramBrand(
     brand="yaskawa",
     suffixes=(".jbi",),
-    read=_plain,
+    read=_read_plain,
     configurations=JobConfigurations(),
     writes_program=_is_job,
     tells=True,
-    says=said_by,
+    says=declarations_of,
 )

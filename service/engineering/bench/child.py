@@ -15,7 +15,7 @@ _BUDGET_S = 2.0
 _REPEATS = 7
 
 
-def measure(work: Callable[[], Any]) -> tuple[float, Any]:
+def measure_time(work: Callable[[], Any]) -> tuple[float, Any]:
     """Return the least processor time of up to seven runs within two seconds, and the last result.
 
     Everybody has one thread, so that this is what a run takes on a machine that does nothing else.
@@ -37,7 +37,7 @@ def main(arguments: list[str]) -> int:
     try:
         topics = runpy.run_path(program)
         with np.load(source) as inputs:
-            answers = topics[topic](dict(inputs), measure)
+            answers = topics[topic](dict(inputs), measure_time)
     except ModuleNotFoundError as error:
         sys.stderr.write(json.dumps({"missing": error.name}) + "\n")
         return MISSING

@@ -6,9 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.geometry import Array, log_rotation
-from cellcal.service.engineering.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
-from cellcal.service.engineering.bench.results import Result, Topic, take_turns
-from cellcal.service.engineering.bench.simulated import Arms, arms, draw_joints
+from cellcal.service.engineering.bench.contestants import (
+    OURS,
+    PEERS,
+    AbsentContestant,
+    Answers,
+    Contestant,
+    run_contestant,
+)
+from cellcal.service.engineering.bench.results import BenchResult, BenchTopic, take_turns
+from cellcal.service.engineering.bench.simulated import SimulatedArms, draw_arms, draw_joints
 
 POINTS = 10_000
 SMALLEST_SINGULAR = 0.08  # about two thirds of random postures: where every contestant can do well
@@ -16,19 +23,23 @@ BRANCH_RAD = 0.5
 _CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name not in ("figaroh", "pinocchio lean"))
 
 
-def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> Topic:
+def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> BenchTopic:
     """Give every contestant the same postures, `rounds` times in turn, and keep each one's best time."""
-    both = arms(seed)
-    results: list[Result] = []
-    absent: dict[str, Absent] = {}
-    for case, joints in _cases(both, seed).items():
-        inputs = {**both.inputs(), "joints": joints}
+    both = draw_arms(seed)
+    results: list[BenchResult] = []
+    absent: dict[str, AbsentContestant] = {}
+    for case, joints in _draw_cases(both, seed).items():
+        inputs = {**both.to_inputs(), "joints": joints}
 
-        def run_one(each: Contestant, given: Mapping[str, Array] = inputs) -> Answers | Absent:
-            return run(each, "compensate", given, interpreters)
+        def run_one(
+            each: Contestant, case_inputs: Mapping[str, Array] = inputs
+        ) -> Answers | AbsentContestant:
+            return run_contestant(each, "compensate", case_inputs, interpreters)
 
-        def judge_one(each: Contestant, answers: Answers, start: Array = joints, name: str = case) -> Result:
-            return judge(each, both, start, answers, name)
+        def judge_one(
+            each: Contestant, answers: Answers, start: Array = joints, name: str = case
+        ) -> BenchResult:
+            return judge_answers(each, both, start, answers, name)
 
         able = [each for each in _CONTESTANTS if each.name not in absent]
         found, missing = take_turns(able, rounds, run_one, judge_one)
@@ -38,18 +49,18 @@ def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> 
         f"{POINTS} postures of a simulated {both.nominal.title}, to below 1e-5 mm; regular: smallest singular "
         f"value above {SMALLEST_SINGULAR:g}; random: as they come"
     )
-    return Topic("compensate", question, tuple(results), tuple(absent.values()))
+    return BenchTopic("compensate", question, tuple(results), tuple(absent.values()))
 
 
-def _cases(both: Arms, seed: int) -> dict[str, Array]:
+def _draw_cases(both: SimulatedArms, seed: int) -> dict[str, Array]:
     joints = draw_joints(np.random.default_rng(seed), 3 * POINTS)
     smallest = np.linalg.svd(both.nominal.flange_jacobian(joints)[1], compute_uv=False)[:, -1]
     return {"regular": joints[smallest > SMALLEST_SINGULAR][:POINTS], "random": joints[:POINTS]}
 
 
-def judge(
-    contestant: Contestant, both: Arms, joints: Array, answers: Answers, case: str = "regular"
-) -> Result:
+def judge_answers(
+    contestant: Contestant, both: SimulatedArms, joints: Array, answers: Answers, case: str = "regular"
+) -> BenchResult:
     """Judge answers by forward kinematics apart from all contestants; only what one claims counts as solved."""
     found, claimed = answers["joints"], answers["claimed"].astype(bool)
     start = joints[: len(found)]
@@ -57,14 +68,14 @@ def judge(
     distance = np.linalg.norm(there[:, :3, 3] - here[:, :3, 3], axis=1)
     turn = np.linalg.norm(log_rotation(np.swapaxes(here[:, :3, :3], 1, 2) @ there[:, :3, :3]), axis=1)
     leapt = (np.abs(found - start) > BRANCH_RAD).any(axis=1)
-    kept = claimed & ~leapt
-    worst = float(distance[kept].max()) if kept.any() else float("inf")
+    solved = claimed & ~leapt
+    worst = float(distance[solved].max()) if solved.any() else float("inf")
     notes = {
         "solved_share": float(claimed.mean()),
         "leaps": float((claimed & leapt).sum()),
         "claimed_but_above_1e-5_mm": float((claimed & (distance > 1e-8)).sum()),
-        "worst_angle_deg": float(np.degrees(turn[kept].max())) if kept.any() else float("inf"),
+        "worst_angle_deg": float(np.degrees(turn[solved].max())) if solved.any() else float("inf"),
     }
-    return Result(
+    return BenchResult(
         contestant.name, case, len(found), float(answers["seconds"]), worst * 1e3, "mm worst", notes
     )

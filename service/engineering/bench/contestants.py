@@ -49,7 +49,7 @@ PEERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Absent:
+class AbsentContestant:
     """A contestant that did not run, and why, in words for the table."""
 
     contestant: Contestant
@@ -61,14 +61,14 @@ Answers = dict[str, Array]
 
 def parse_interpreters(words: tuple[str, ...]) -> dict[str, Path]:
     """Read ``NAME=PATH`` words: which interpreter a peer is installed for."""
-    known = {peer.name for peer in PEERS}
+    names = {peer.name for peer in PEERS}
     found = {}
     for word in words:
         name, separator, path = word.partition("=")
-        if not separator or name not in known:
+        if not separator or name not in names:
             raise BenchError(
                 f"--peer-python {word} is not NAME=PATH.",
-                remedy=f"NAME is one of {', '.join(sorted(known))}.",
+                remedy=f"NAME is one of {', '.join(sorted(names))}.",
             )
         if not os.access(path, os.X_OK):
             raise BenchError(f"{path} is not an interpreter.", remedy="Name the python of the peer's venv.")
@@ -76,9 +76,9 @@ def parse_interpreters(words: tuple[str, ...]) -> dict[str, Path]:
     return found
 
 
-def run(
+def run_contestant(
     contestant: Contestant, topic: str, inputs: Mapping[str, Array], interpreters: Mapping[str, Path]
-) -> Answers | Absent:
+) -> Answers | AbsentContestant:
     """Run one contestant on one topic, and return its answers or why there are none."""
     interpreter = interpreters.get(contestant.name, Path(sys.executable))
     paths = [str(Path(cellcal.__file__).resolve().parents[1])] if contestant.ours else []
@@ -105,14 +105,14 @@ def run(
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            return Absent(contestant, f"did not end within {_DEADLINE_S:g} s")
+            return AbsentContestant(contestant, f"did not end within {_DEADLINE_S:g} s")
         if done.returncode != 0:
-            return Absent(contestant, _reason(contestant, done.returncode, done.stderr))
+            return AbsentContestant(contestant, _failure_reason(contestant, done.returncode, done.stderr))
         with np.load(sink) as answers:
             return dict(answers)
 
 
-def _reason(contestant: Contestant, code: int, errors: str) -> str:
+def _failure_reason(contestant: Contestant, code: int, errors: str) -> str:
     last = errors.strip().splitlines()[-1] if errors.strip() else f"exit code {code}"
     if code != MISSING:
         return f"failed: {last}"

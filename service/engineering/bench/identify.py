@@ -8,9 +8,16 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array, exp_twist
-from cellcal.service.engineering.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
-from cellcal.service.engineering.bench.results import Result, Topic, take_turns
-from cellcal.service.engineering.bench.simulated import arms, device_and_target, draw_joints
+from cellcal.service.engineering.bench.contestants import (
+    OURS,
+    PEERS,
+    AbsentContestant,
+    Answers,
+    Contestant,
+    run_contestant,
+)
+from cellcal.service.engineering.bench.results import BenchResult, BenchTopic, take_turns
+from cellcal.service.engineering.bench.simulated import device_and_target, draw_arms, draw_joints
 
 ROWS = (100, 1000, 10_000)
 NOISE_M = 5e-5
@@ -23,7 +30,7 @@ _CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name != "roboticsto
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class IdentificationCase:
     """What everybody is given, and what they are judged by."""
 
     inputs: dict[str, Array]
@@ -32,10 +39,10 @@ class Case:
     bound_m: float
 
 
-def run_identify(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> Topic:
+def run_identify(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> BenchTopic:
     """Give every contestant the same rows, in three sizes, and judge all at the same unseen postures."""
-    results: list[Result] = []
-    absent: dict[str, Absent] = {}
+    results: list[BenchResult] = []
+    absent: dict[str, AbsentContestant] = {}
     for rows in ROWS:
         case = case_of(seed, rows)
         able = [
@@ -44,22 +51,22 @@ def run_identify(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> To
             if each.name not in absent and rows <= _MOST_ROWS.get(each.name, rows)
         ]
 
-        def run_one(each: Contestant, inputs: dict[str, Array] = case.inputs) -> Answers | Absent:
-            return run(each, "identify", inputs, interpreters)
+        def run_one(each: Contestant, inputs: dict[str, Array] = case.inputs) -> Answers | AbsentContestant:
+            return run_contestant(each, "identify", inputs, interpreters)
 
-        def judge_one(each: Contestant, answers: Answers, judged: Case = case) -> Result:
-            return _judge(each, judged, answers)
+        def judge_one(each: Contestant, answers: Answers, judged: IdentificationCase = case) -> BenchResult:
+            return _judge_answers(each, judged, answers)
 
         found, missing = take_turns(able, rounds, run_one, judge_one)
         results += [over_many_draws(each, case) if each.contestant == OURS.name else each for each in found]
         absent.update({each.contestant.name: each for each in missing})
     question = f"position only, noise {NOISE_M * 1e3:g} mm; error on {CHECK_ROWS} noise-free unseen postures"
-    return Topic("identify", question, tuple(results), tuple(absent.values()), per_pose=False)
+    return BenchTopic("identify", question, tuple(results), tuple(absent.values()), per_pose=False)
 
 
-def case_of(seed: int, rows: int) -> Case:
+def case_of(seed: int, rows: int) -> IdentificationCase:
     """Draw an arm, postures and noise, and work out the bound."""
-    both, rng = arms(seed), np.random.default_rng([seed, rows])
+    both, rng = draw_arms(seed), np.random.default_rng([seed, rows])
     device_base, target = device_and_target(rng)
     joints, check = draw_joints(rng, rows), draw_joints(rng, CHECK_ROWS)
     places = [
@@ -67,7 +74,7 @@ def case_of(seed: int, rows: int) -> Case:
         for each in (joints, check)
     ]
     inputs = {
-        **both.inputs(),
+        **both.to_inputs(),
         "joints": joints,
         "positions": places[0] + rng.normal(scale=NOISE_M, size=places[0].shape),
         "check_joints": check,
@@ -76,7 +83,7 @@ def case_of(seed: int, rows: int) -> Case:
         "target_start": target + np.array([5e-3, -5e-3, 5e-3]),
     }
     often = {"places": places[0], "check_places": places[1], "draws": np.array(DRAWS), "seed": np.array(seed)}
-    return Case(inputs, often, places[1], _cramer_rao(both.real, joints, check, target))
+    return IdentificationCase(inputs, often, places[1], _cramer_rao(both.real, joints, check, target))
 
 
 def _cramer_rao(real: RobotModel, joints: Array, check: Array, target: Array) -> float:
@@ -92,16 +99,16 @@ def _cramer_rao(real: RobotModel, joints: Array, check: Array, target: Array) ->
     return float(np.sqrt(variance.reshape(-1, 3).sum(axis=1).mean()))
 
 
-def over_many_draws(result: Result, case: Case) -> Result:
+def over_many_draws(result: BenchResult, case: IdentificationCase) -> BenchResult:
     """Say how near to the bound the fit comes on average: one draw of the noise is off by a tenth by chance."""
-    answers = run(OURS, "identify_often", {**case.inputs, **case.often}, {})
-    if isinstance(answers, Absent):
+    answers = run_contestant(OURS, "identify_often", {**case.inputs, **case.often}, {})
+    if isinstance(answers, AbsentContestant):
         return result
     ratio = float(np.sqrt(answers["squares"].mean())) / case.bound_m
     return replace(result, notes={f"over_cramer_rao_{len(answers['squares'])}_draws": ratio, **result.notes})
 
 
-def _judge(contestant: Contestant, case: Case, answers: Answers) -> Result:
+def _judge_answers(contestant: Contestant, case: IdentificationCase, answers: Answers) -> BenchResult:
     distance = np.linalg.norm(answers["check_positions"] - case.truth, axis=1)
     error = float(np.sqrt((distance**2).mean()))
     notes = {
@@ -110,6 +117,6 @@ def _judge(contestant: Contestant, case: Case, answers: Answers) -> Result:
         **{key: float(answers[key]) for key in ("parameters",) if key in answers},
     }
     rows = len(case.inputs["joints"])
-    return Result(
+    return BenchResult(
         contestant.name, f"{rows} rows", rows, float(answers["seconds"]), error * 1e3, "mm rms", notes
     )

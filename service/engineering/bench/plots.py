@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellcal.service.engineering.bench.results import Result, Topic
+from cellcal.service.engineering.bench.results import BenchResult, BenchTopic
 from cellcal.service.engineering.plots.style import (
     AFTER,
     BEFORE,
-    house_style,
+    figure_style,
     new_figure,
-    tidy,
+    tidy_axes,
     title_of,
     write_figures,
 )
@@ -27,45 +27,47 @@ _TITLE_LETTERS = 105
 _FEWFOLD = 20.0  # figures nearer together than this are compared by their lengths
 
 
-def write_results(document: dict[str, Any], topics: tuple[Topic, ...], folder: Path) -> list[Path]:
+def write_results(document: dict[str, Any], topics: tuple[BenchTopic, ...], folder: Path) -> list[Path]:
     """Write everything into a folder and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     text = folder / "bench.json"
     text.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    with house_style():
-        figures = {f"bench_{topic.name}": draw(topic) for topic in topics if topic.results}
+    with figure_style():
+        figures = {f"bench_{topic.name}": draw_topic(topic) for topic in topics if topic.results}
     return [text, *write_figures(figures, folder)]
 
 
-def draw(topic: Topic) -> Figure:
+def draw_topic(topic: BenchTopic) -> Figure:
     """Draw time beside figure of merit, one row of panels a case, fastest on top."""
     cases = list(dict.fromkeys(result.case for result in topic.results))
-    by_case = [sorted((r for r in topic.results if r.case == case), key=lambda r: r.rate) for case in cases]
+    by_case = [
+        sorted((r for r in topic.results if r.case == case), key=lambda r: r.poses_per_s) for case in cases
+    ]
     heights = [len(results) * _BAR_INCHES + 0.5 for results in by_case]
     title = wrap(f"{topic.name}: {topic.question}", _TITLE_LETTERS)
     figure = new_figure(11.0, sum(heights) + 1.0 + 0.2 * len(title))
     title_of(figure, "\n".join(title))
     grid = figure.subplots(len(cases), 2, squeeze=False, sharex="col", height_ratios=heights)
     for panels, case, results in zip(grid, cases, by_case, strict=True):
-        _bars(panels[0], results, [each.seconds / each.count * 1e6 for each in results])
-        _bars(panels[1], results, [each.error for each in results])
+        _draw_bars(panels[0], results, [each.seconds / each.count * 1e6 for each in results])
+        _draw_bars(panels[1], results, [each.error for each in results])
         panels[0].set_title(case, loc="left")
         panels[1].tick_params(labelleft=False)
     grid[-1, 0].set_xscale("log")
     grid[-1, 0].set_xlabel("microseconds of processor time a row or pose, one thread (log)")
-    wide = _spread([each.error for each in topic.results]) > _FEWFOLD
+    wide = _value_ratio([each.error for each in topic.results]) > _FEWFOLD
     grid[-1, 1].set_xscale("log" if wide else "linear")
     grid[-1, 1].xaxis.set_tick_params(which="both", rotation=0 if wide else 30)
     grid[-1, 1].set_xlabel(topic.results[0].error_unit + (" (log)" if wide else ""))
     return figure
 
 
-def _spread(values: list[float]) -> float:
+def _value_ratio(values: list[float]) -> float:
     sensible = [value for value in values if 0 < value < float("inf")]
     return max(sensible) / min(sensible) if sensible else 1.0
 
 
-def _bars(panel: "Axes", results: list[Result], values: list[float]) -> None:
+def _draw_bars(panel: "Axes", results: list[BenchResult], values: list[float]) -> None:
     names = [each.contestant for each in results]
     shown = np.array(values)
     sensible = np.isfinite(shown) & (shown > 0)
@@ -77,5 +79,5 @@ def _bars(panel: "Axes", results: list[Result], values: list[float]) -> None:
     ]
     panel.bar_label(bars, labels=labels, padding=3, fontsize=8)
     panel.margins(x=0.2)
-    tidy(panel)
+    tidy_axes(panel)
     panel.grid(visible=False, axis="y")

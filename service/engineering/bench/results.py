@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from cellcal.service.engineering.bench.contestants import Absent, Answers, Contestant
+from cellcal.service.engineering.bench.contestants import AbsentContestant, Answers, Contestant
 
 _SLOW_S = 5.0  # one turn of these is enough
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class BenchResult:
     """One contestant in one case. ``error`` is the figure of merit, in ``error_unit``."""
 
     contestant: str
@@ -25,44 +25,44 @@ class Result:
     notes: dict[str, float] = field(default_factory=dict)
 
     @property
-    def rate(self) -> float:
+    def poses_per_s(self) -> float:
         """Poses a second."""
         return self.count / self.seconds
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class BenchTopic:
     """All results of one topic, best time of the rounds each, in one run on one machine."""
 
     name: str
     question: str
-    results: tuple[Result, ...]
-    absent: tuple[Absent, ...] = ()
+    results: tuple[BenchResult, ...]
+    absent: tuple[AbsentContestant, ...] = ()
     per_pose: bool = True  # compare rates; otherwise whole times
 
-    def ratio(self, result: Result) -> float | None:
+    def speed_ratio(self, result: BenchResult) -> float | None:
         """Return how many times as fast ours was on the same case; None where ours did not run."""
         own = [r for r in self.results if r.case == result.case and r.contestant == "cellcal"]
         if not own:
             return None
-        return own[0].rate / result.rate if self.per_pose else result.seconds / own[0].seconds
+        return own[0].poses_per_s / result.poses_per_s if self.per_pose else result.seconds / own[0].seconds
 
 
 def take_turns(
     contestants: Iterable[Contestant],
     rounds: int,
-    run: Callable[[Contestant], Answers | Absent],
-    judge: Callable[[Contestant, Answers], Result],
-) -> tuple[tuple[Result, ...], tuple[Absent, ...]]:
+    run: Callable[[Contestant], Answers | AbsentContestant],
+    judge: Callable[[Contestant, Answers], BenchResult],
+) -> tuple[tuple[BenchResult, ...], tuple[AbsentContestant, ...]]:
     """Let all run in turn, several times, and keep each one's best time; slow ones run once."""
-    best: dict[str, Result] = {}
-    absent: dict[str, Absent] = {}
+    best: dict[str, BenchResult] = {}
+    absent: dict[str, AbsentContestant] = {}
     for _ in range(rounds):
         for each in contestants:
             if each.name in absent or (each.name in best and best[each.name].seconds > _SLOW_S):
                 continue
             answers = run(each)
-            if isinstance(answers, Absent):
+            if isinstance(answers, AbsentContestant):
                 absent[each.name] = answers
                 continue
             result = judge(each, answers)
@@ -71,7 +71,7 @@ def take_turns(
     return tuple(best.values()), tuple(absent.values())
 
 
-def as_document(topics: tuple[Topic, ...], seed: int, rounds: int) -> dict[str, Any]:
+def as_document(topics: tuple[BenchTopic, ...], seed: int, rounds: int) -> dict[str, Any]:
     """Return one JSON object with everything, the machine and its load included."""
     return {
         "machine": {
@@ -83,18 +83,18 @@ def as_document(topics: tuple[Topic, ...], seed: int, rounds: int) -> dict[str, 
         },
         "seed": seed,
         "rounds": rounds,
-        "topics": [_topic(topic) for topic in topics],
+        "topics": [_topic_to_json(topic) for topic in topics],
     }
 
 
-def _topic(topic: Topic) -> dict[str, Any]:
+def _topic_to_json(topic: BenchTopic) -> dict[str, Any]:
     rows = [
         {
             **asdict(result),
-            "error": _finite(result.error),
-            "notes": {key: _finite(value) for key, value in result.notes.items()},
-            "rate_per_s": result.rate,
-            "times_slower_than_cellcal": topic.ratio(result),
+            "error": _finite_or_none(result.error),
+            "notes": {key: _finite_or_none(value) for key, value in result.notes.items()},
+            "rate_per_s": result.poses_per_s,
+            "times_slower_than_cellcal": topic.speed_ratio(result),
         }
         for result in topic.results
     ]
@@ -102,6 +102,6 @@ def _topic(topic: Topic) -> dict[str, Any]:
     return {"name": topic.name, "question": topic.question, "results": rows, "absent": absent}
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     """Return None for what JSON cannot hold: nothing solved has no worst error."""
     return value if math.isfinite(value) else None

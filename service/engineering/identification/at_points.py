@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.table import MeasurementError
 
@@ -55,27 +55,27 @@ def read_points(options: AtOptions, axes: int) -> AtPoints:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
         raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")
-    names, attitude = [f"q{i + 1}_deg" for i in range(axes)], _attitude(options)
+    names, attitude = [f"q{i + 1}_deg" for i in range(axes)], _attitude_columns(options)
     words = {key: tuple(str(row.get(key) or "") for row in rows) for key in ("target",) if key in rows[0]}
     if set(names) <= rows[0].keys():
-        joints = np.deg2rad(_numbers(options.path, rows, names))
+        joints = np.deg2rad(_read_numbers(options.path, rows, names))
         return AtPoints(joints, None, words)
     if not {*_PLACE, *attitude} <= rows[0].keys():
         raise MeasurementError(
             f"{options.path} holds neither joints nor poses.",
             remedy=f"Joints are columns {', '.join(names)}; poses {', '.join((*_PLACE, *attitude))}.",
         )
-    places = _numbers(options.path, rows, _PLACE) * 1e-3
-    turns = _numbers(options.path, rows, attitude)
+    places = _read_numbers(options.path, rows, _PLACE) * 1e-3
+    turns = _read_numbers(options.path, rows, attitude)
     turns = turns if len(attitude) == len(_QUATERNION) else np.deg2rad(turns)
     try:
         rotations = rotation_from(options.convention or "abb_quaternion", turns)
     except CalibrationError as broken:
         raise MeasurementError(f"{options.path}: {broken}") from broken
-    return AtPoints(np.zeros((len(rows), axes)), homogeneous(rotations, places), words)
+    return AtPoints(np.zeros((len(rows), axes)), homogeneous_matrix(rotations, places), words)
 
 
-def solved(points: AtPoints, arm: Arm, known_rad: Array) -> Array:
+def solve_joints(points: AtPoints, arm: TipArm, known_rad: Array) -> Array:
     """Return the joints (N, n) of all points; an arm reaches poses with its flange.
 
     Raises
@@ -97,7 +97,7 @@ def solved(points: AtPoints, arm: Arm, known_rad: Array) -> Array:
     return found.joints_rad
 
 
-def _attitude(options: AtOptions) -> tuple[str, ...]:
+def _attitude_columns(options: AtOptions) -> tuple[str, ...]:
     if not options.convention:
         return _QUATERNION
     if options.convention not in CONVENTIONS:
@@ -108,7 +108,7 @@ def _attitude(options: AtOptions) -> tuple[str, ...]:
     return fields if len(fields) == len(_QUATERNION) else tuple(f"{field}_deg" for field in fields)
 
 
-def _numbers(path: Path, rows: list[dict[str, str]], names: list[str] | tuple[str, ...]) -> Array:
+def _read_numbers(path: Path, rows: list[dict[str, str]], names: list[str] | tuple[str, ...]) -> Array:
     try:
         numbers = np.array([[float(row[name]) for name in names] for row in rows])
     except (KeyError, TypeError, ValueError) as broken:

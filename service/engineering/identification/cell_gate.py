@@ -2,7 +2,7 @@
 
 import re
 
-from cellcal.calibration.cells.cell import Cell, Series
+from cellcal.calibration.cells.cell import CalibrationCell, CellSeries
 from cellcal.calibration.cells.identify import CellIdentification
 from cellcal.calibration.identification.misfit import (
     FileNames,
@@ -18,7 +18,7 @@ _UNITS = re.compile(r"`--units (\w+)=(\w+)`")
 _ROBOT = re.compile(r"`--robot (\w+)`")
 
 
-def refuse_misfit_of_series(cell: Cell, layout: CellLayoutFile) -> None:
+def refuse_misfit_of_series(cell: CalibrationCell, layout: CellLayoutFile) -> None:
     """Refuse a cell if the rows of one of its series fit its robot badly, and well with a known cause.
 
     Raises
@@ -27,18 +27,18 @@ def refuse_misfit_of_series(cell: Cell, layout: CellLayoutFile) -> None:
         With the series, the cause, and how a layout says it.
     """
     for series in cell.series:
-        seen = series.observations
-        if not isinstance(seen, PointObservations | LengthObservations):
+        observations = series.observations
+        if not isinstance(observations, PointObservations | LengthObservations):
             continue
         robot = cell.robot_of(series.target)
-        model = robot.model if robot.previous is None else robot.previous.arm
+        model = robot.model if robot.previous is None else robot.previous.arm_model
         try:
-            refuse_misfit(model, seen, _names(series, layout))
+            refuse_misfit(model, observations, _column_names(series, layout))
         except MisfitError as error:
             raise _of_layout(error, series.name) from error
 
 
-def refuse_gross_misfit_of_series(cell: Cell, found: CellIdentification) -> None:
+def refuse_gross_misfit_of_series(cell: CalibrationCell, found: CellIdentification) -> None:
     """Refuse a fit that leaves errors as large as the robot in one of its series.
 
     Raises
@@ -54,7 +54,7 @@ def refuse_gross_misfit_of_series(cell: Cell, found: CellIdentification) -> None
             raise _of_layout(error, series.name) from error
 
 
-def _names(series: Series, layout: CellLayoutFile) -> FileNames:
+def _column_names(series: CellSeries, layout: CellLayoutFile) -> FileNames:
     reading = next((r for r in layout.readings if series.name.partition(": ")[0] == r.name), None)
     position = reading.columns if reading is not None and len(reading.columns) == 3 else ("X", "Y", "Z")
     return FileNames(layout.joints, position, layout.units["readings"], layout.units["joints"])
@@ -62,8 +62,8 @@ def _names(series: Series, layout: CellLayoutFile) -> FileNames:
 
 def _of_layout(error: MisfitError, series: str) -> MisfitError:
     """Return the error with the series it is about, and the cure as it is written in a layout."""
-    remedy = _COLUMNS.sub(_listed, error.remedy)
-    remedy = _UNITS.sub(lambda m: f'`[units]` `{_key(m[1])} = "{m[2]}"`', remedy)
+    remedy = _COLUMNS.sub(_layout_entry, error.remedy)
+    remedy = _UNITS.sub(lambda m: f'`[units]` `{_unit_key(m[1])} = "{m[2]}"`', remedy)
     remedy = _ROBOT.sub(r'`model = "\1"` of its [[robot]]', remedy)
     remedy = remedy.replace(
         "`--joint-coupling geometric`", '`joint_coupling = "geometric"` in the layout'
@@ -71,7 +71,7 @@ def _of_layout(error: MisfitError, series: str) -> MisfitError:
     return MisfitError(f"series {series!r}: {error.message}", remedy=remedy, causes=error.causes)
 
 
-def _listed(found: re.Match[str]) -> str:
+def _layout_entry(found: re.Match[str]) -> str:
     words = ", ".join(f'"{word}"' for word in found[2].split(","))
     return (
         f"`[columns]` `joints = [{words}]`"
@@ -80,5 +80,5 @@ def _listed(found: re.Match[str]) -> str:
     )
 
 
-def _key(meaning: str) -> str:
+def _unit_key(meaning: str) -> str:
     return meaning if meaning in ("joints", "rotation") else "readings"

@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.arm.urdf import bare_urdf
-from cellcal.calibration.cells.cell import Series
+from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.free_parameters import values_of
+from cellcal.calibration.identification.free_parameters import parameter_values
 from cellcal.calibration.identification.lints import beyond_fitted_range
-from cellcal.calibration.identification.model_error import HeldOut, expanded_in_space, model_error
+from cellcal.calibration.identification.model_error import HeldOutErrors, expanded_in_space, model_error
 from cellcal.calibration.identification.parameters import FRAMES
-from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
-from cellcal.service.engineering.identification.cell_identify import ArmReport, CellReport
+from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
+from cellcal.service.engineering.identification.cell_identify import ArmReport, IdentifiedCellReport
 from cellcal.service.engineering.identification.identify_at import TipsAt, statement_of, tips_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
-from cellcal.service.engineering.parameters.parameter_files import Who
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ def serials_of(text: str, robots: tuple[str, ...]) -> Mapping[str, str]:
 
 
 def save_cell(
-    report: CellReport, measurements: Path, folder: Path, serials: Mapping[str, str], who: Who
+    report: IdentifiedCellReport, measurements: Path, folder: Path, serials: Mapping[str, str], who: SetOrigin
 ) -> tuple[ParameterSet, ...]:
     """Save every robot's identified parameters as its newest version.
 
@@ -70,7 +70,7 @@ def save_cell(
     digest = hashlib.sha256(read_plain_bytes(measurements)).hexdigest()
     sets = ParameterSets(folder)
     return tuple(
-        sets.save(
+        sets.save_draft(
             ParameterSet(
                 robot_serial=serials[arm.name],
                 model=arm.fit.state.nominal.name,
@@ -78,7 +78,7 @@ def save_cell(
                 made_at=who.made_at,
                 made_by=who.made_by,
                 source=f"identification of a cell: {measurements.name}, sha256 {digest}",
-                values=_values(arm),
+                values=_arm_values(arm),
                 note=who.note,
             )
         )
@@ -86,9 +86,9 @@ def save_cell(
     )
 
 
-def _values(arm: ArmReport) -> tuple[Value, ...]:
+def _arm_values(arm: ArmReport) -> tuple[ParameterValue, ...]:
     sigma = np.sqrt(np.diag(arm.fit.covariance))
-    values = values_of(arm.fit.layout, arm.fit.state)
+    values = parameter_values(arm.fit.layout, arm.fit.state)
     found = [
         IdentifiedParameter(item.name, item.unit, float(value), float(deviation), item.prior)
         for item, value, deviation in zip(arm.fit.layout.parameters, values, sigma, strict=True)
@@ -96,7 +96,9 @@ def _values(arm: ArmReport) -> tuple[Value, ...]:
     return values_of_identification(found, arm.fit)
 
 
-def write_cell_urdfs(report: CellReport, path: Path, *, geometric_joints: bool) -> tuple[WrittenUrdf, ...]:
+def write_cell_urdfs(
+    report: IdentifiedCellReport, path: Path, *, geometric_joints: bool
+) -> tuple[WrittenUrdf, ...]:
     """Write each arm as a bare description; of several robots, the name of each goes into that of its file.
 
     Raises
@@ -108,7 +110,7 @@ def write_cell_urdfs(report: CellReport, path: Path, *, geometric_joints: bool) 
     """
     _refuse_frames(report)
     kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}
-    texts = [bare_urdf(arm.fit.state.arm, geometric_joints=geometric_joints) for arm in report.arms]
+    texts = [bare_urdf(arm.fit.state.arm_model, geometric_joints=geometric_joints) for arm in report.arms]
     written = []
     for arm, text in zip(report.arms, texts, strict=True):
         one = path if len(report.arms) == 1 else path.with_stem(f"{path.stem}_{arm.name}")
@@ -118,7 +120,7 @@ def write_cell_urdfs(report: CellReport, path: Path, *, geometric_joints: bool) 
     return tuple(written)
 
 
-def cell_tips(options: AtOptions, report: CellReport) -> dict[str, TipsAt]:
+def cell_tips(options: AtOptions, report: IdentifiedCellReport) -> dict[str, TipsAt]:
     """Predict where targets are at the points of a file, seen from their robot's base; by target.
 
     The column ``target`` names a target or tool; it may be missing where there is only one.
@@ -129,19 +131,19 @@ def cell_tips(options: AtOptions, report: CellReport) -> dict[str, TipsAt]:
         Points that cannot be read or reached, or a target that the cell does not have.
     """
     cell = report.measurements.cell
-    known = list(dict.fromkeys(series.target for series in cell.series))
-    axes = {cell.robot_of(name).model.axes for name in known}
+    targets = list(dict.fromkeys(series.target for series in cell.series))
+    axes = {cell.robot_of(name).model.axis_count for name in targets}
     points = read_points(options, max(axes))
-    named = points.words.get("target", tuple(known[:1]) * len(points.joints_rad))
-    if "target" not in points.words and len(known) > 1:
+    named = points.words.get("target", tuple(targets[:1]) * len(points.joints_rad))
+    if "target" not in points.words and len(targets) > 1:
         raise MeasurementError(
             f"{options.path} does not say which target is meant.",
-            remedy=f"Add a column target with one of {', '.join(known)}.",
+            remedy=f"Add a column target with one of {', '.join(targets)}.",
         )
-    strange = sorted(set(named) - set(known))
+    strange = sorted(set(named) - set(targets))
     if strange:
         raise MeasurementError(
-            f"{options.path}: the cell has no target {strange[0]!r}.", remedy=f"It has {', '.join(known)}."
+            f"{options.path}: the cell has no target {strange[0]!r}.", remedy=f"It has {', '.join(targets)}."
         )
     found = {}
     for target in dict.fromkeys(named):
@@ -156,22 +158,24 @@ def cell_tips(options: AtOptions, report: CellReport) -> dict[str, TipsAt]:
             [s.observations.joints_rad for s in cell.series if cell.robot_of(s.target) is robot]
         )
         state = next(arm.fit.state for arm in report.arms if arm.name == robot.name)
-        joints = solved(mine, Arm.of_state(state) if options.identified else Arm(robot.model), measured)
-        found[target] = _tips(report, target, joints, measured)
+        joints = solve_joints(
+            mine, TipArm.of_state(state) if options.identified else TipArm(robot.model), measured
+        )
+        found[target] = _predict_tips(report, target, joints, measured)
     return found
 
 
-def _tips(report: CellReport, target: str, joints: Array, measured: Array) -> TipsAt:
+def _predict_tips(report: IdentifiedCellReport, target: str, joints: Array, measured: Array) -> TipsAt:
     found = report.identification
     covariances = tip_covariance(found.robust.fit, target, joints)
-    missed = _missed(report, target)
+    missed = _held_out_errors(report, target)
     freedom = max(found.robust.degrees_of_freedom, 1.0)
-    error = model_error(missed, HeldOut.none(), freedom)
+    error = model_error(missed, HeldOutErrors.without_rows(), freedom)
     beyond = np.zeros(len(joints), dtype=bool)
     for note in beyond_fitted_range(measured, joints):
         beyond[list(note.rows)] = True
     own = np.zeros(len(joints))
-    total = error.total(covariances, own)
+    total = error.total_covariance(covariances, own)
     return tips_of(
         joints,
         target_positions(found.robust.fit, target, joints),
@@ -187,7 +191,7 @@ def _tips(report: CellReport, target: str, joints: Array, measured: Array) -> Ti
     )
 
 
-def _missed(report: CellReport, target: str) -> HeldOut:
+def _held_out_errors(report: IdentifiedCellReport, target: str) -> HeldOutErrors:
     """Return the errors of held-out rows of a target; of its robot's other targets where it has none.
 
     They contain what the parameters miss: it is counted once more with the covariance, which errs to the safe side.
@@ -211,17 +215,17 @@ def _missed(report: CellReport, target: str) -> HeldOut:
     )
 
 
-def _by_channel(series: Series, sizes_m: Array) -> Array:
+def _by_channel(series: CellSeries, sizes_m: Array) -> Array:
     """Return errors per root of a channel (N,) [m]."""
     return np.asarray(sizes_m / np.sqrt(min(series.observations.channels, 3)))
 
 
-def _as_places(by_channel_m: Array) -> HeldOut:
+def _as_places(by_channel_m: Array) -> HeldOutErrors:
     nothing = np.zeros(len(by_channel_m))
-    return HeldOut(by_channel_m * np.sqrt(3.0), nothing, nothing, 3)
+    return HeldOutErrors(by_channel_m * np.sqrt(3.0), nothing, nothing, 3)
 
 
-def _refuse_frames(report: CellReport) -> None:
+def _refuse_frames(report: IdentifiedCellReport) -> None:
     if report.level == FRAMES:
         raise MeasurementError(
             "no parameter of the arms predicts unseen rows better than nominal ones: there is nothing to save.",

@@ -10,38 +10,42 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import Errors, Grouping, group_rows
-from cellcal.calibration.identification.free_parameters import PartLayout, values_of
-from cellcal.calibration.identification.identify import Identification, identify
+from cellcal.calibration.identification.cross_validation import ErrorSummary, Grouping, group_rows
+from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
+from cellcal.calibration.identification.identify import Identification, identify_arm
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.identification.residual_model import errors_with
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.uncertainty import coverage_factor
 from cellcal.service.engineering.identification.identify_check import (
-    Checked,
-    Prepared,
+    CheckedFile,
+    PreparedMeasurements,
     at_temperature,
     check_file,
     errors_of,
     file_names,
+    lint_repeated_postures,
     lints_of_fit,
     lints_of_start,
-    prepare,
-    seen_before,
+    prepare_measurements,
 )
 from cellcal.service.engineering.identification.identify_start import (
-    Start,
+    IdentificationStart,
     StartOptions,
     places_document,
     read_start,
 )
-from cellcal.service.engineering.identification.identify_verdicts import Limits, Verdicts, judge_limits
+from cellcal.service.engineering.identification.identify_verdicts import (
+    IdentificationLimits,
+    IdentificationVerdicts,
+    judge_limits,
+)
 from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, ReadOptions, RejectedRow
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
@@ -58,7 +62,7 @@ class IdentifyOptions:
     read: ReadOptions = field(default_factory=ReadOptions)
     start: StartOptions = field(default_factory=StartOptions)
     residual_model: bool = False
-    limits: Limits = field(default_factory=Limits)
+    limits: IdentificationLimits = field(default_factory=IdentificationLimits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +72,10 @@ class IdentifyReport:
     robot: str
     rows: int
     level: int
-    before: Errors
-    fit: Errors
-    held_out: Errors
-    check: Errors | None
+    before: ErrorSummary
+    fit: ErrorSummary
+    held_out: ErrorSummary
+    check: ErrorSummary | None
     rejected: tuple[RejectedRow, ...]
     seconds: float
     identification: Identification
@@ -84,9 +88,9 @@ class IdentifyReport:
     before_m: Array
     held_out_by: str
     start: str  # what the fit and the figures "before" start from
-    with_residual: Errors | None  # held out, if a residual model was asked for
-    check_with_residual: Errors | None
-    verdicts: Verdicts
+    with_residual: ErrorSummary | None  # held out, if a residual model was asked for
+    check_with_residual: ErrorSummary | None
+    verdicts: IdentificationVerdicts
     dh: HayatiTable | None  # of an arm that has a table
 
     @property
@@ -164,50 +168,53 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     options = options or IdentifyOptions()
     started = time.perf_counter()
     model = load_model(robot)
-    prepared = prepare(path, model, options.read)
+    prepared = prepare_measurements(path, model, options.read)
     start = read_start(options.start, model, prepared.observations.kind)
-    refuse_misfit(start.point.chain(model), prepared.observations, file_names(prepared.measurements))
-    train, held = _split(len(prepared.observations), options)
+    refuse_misfit(start.point.rigid_arm(model), prepared.observations, file_names(prepared.measurements))
+    train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
     grouping = Grouping(grouping.groups, prepared.grouping.kind)
     prepared = _at_one_temperature(model, prepared, train, grouping)
-    found = identify(
+    found = identify_arm(
         model,
-        prepared.observations.take(train),
+        prepared.observations.select_rows(train),
         grouping=grouping,
-        options=Options(
+        options=IdentificationOptions(
             level=options.level,
             seed=options.seed,
-            judge=not len(held) or options.residual_model,
+            judge=not len(held_out) or options.residual_model,
             start=start.point,
             residual_model=options.residual_model,
         ),
     )
     breaks = [int(train[item.row]) for item in found.breaks]
-    judged = _judged(prepared, found, (train, held), breaks)
+    judged = _judge_held_out(prepared, found, (train, held_out), breaks)
     refuse_gross_misfit(model, prepared.observations, judged.held_out_m)
     checked = None
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
     measurements = prepared.measurements
-    noticed = [*prepared.noticed, *(seen_before(measurements, train, held) if len(held) else ())]
+    noticed = [
+        *prepared.noticed,
+        *(lint_repeated_postures(measurements, train, held_out) if len(held_out) else ()),
+    ]
     noticed += [*lints_of_fit(found, judged.before_m, prepared, train), *lints_of_start(found, start)]
     noticed += _lints_of_free(start, judged)
     return IdentifyReport(
         robot=model.name,
         rows=measurements.read,
         level=found.level,
-        before=Errors.of(judged.before_m),
-        fit=found.fit,
-        held_out=Errors.of(judged.held_out_m),
-        check=None if checked is None else Errors.of(checked.errors_m),
-        rejected=_rejected(measurements, found, train),
+        before=ErrorSummary.from_sizes(judged.before_m),
+        fit=found.fit_errors,
+        held_out=ErrorSummary.from_sizes(judged.held_out_m),
+        check=None if checked is None else ErrorSummary.from_sizes(checked.errors_m),
+        rejected=_rejected_rows(measurements, found, train),
         seconds=time.perf_counter() - started,
         identification=found,
         measurements=measurements,
-        parameters=_parameters(found, start.sigmas),
+        parameters=_identified_parameters(found, start.sigmas),
         lints=(*noticed, *(() if checked is None else checked.lints)),
         breaks=tuple(int(measurements.rows[row]) for row in breaks),
         held_out_rows=measurements.rows[judged.rows],
@@ -217,60 +224,66 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         start=start.name,
         with_residual=judged.with_residual,
         check_with_residual=None if checked is None else checked.with_residual,
-        verdicts=_verdicts(options.limits, found, judged, checked),
+        verdicts=_build_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
 
 
-def _at_one_temperature(model: RobotModel, prepared: Prepared, train: Rows, grouping: Grouping) -> Prepared:
+def _at_one_temperature(
+    model: RobotModel, prepared: PreparedMeasurements, train: Rows, grouping: Grouping
+) -> PreparedMeasurements:
     """Return measurements brought to one temperature, where the rows that are fitted show that it matters."""
     temperature = prepared.measurements.temperature
     if temperature is None:
         return prepared
-    effect = temperature_effect(model, prepared.observations.take(train), temperature[train], grouping)
+    effect = temperature_effect(model, prepared.observations.select_rows(train), temperature[train], grouping)
     return prepared if effect is None else at_temperature(prepared, effect)
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _HeldOutErrors:
     """Errors of rows that were not fitted."""
 
     rows: Rows  # usable rows
     groups: Rows
     before_m: Array
     held_out_m: Array
-    with_residual: Errors | None
+    with_residual: ErrorSummary | None
     by: str
 
 
-def _judged(
-    prepared: Prepared, found: Identification, split: tuple[Rows, Rows], breaks: list[int]
-) -> _Judged:
-    train, held = split
+def _judge_held_out(
+    prepared: PreparedMeasurements, found: Identification, split: tuple[Rows, Rows], breaks: list[int]
+) -> _HeldOutErrors:
+    train, held_out = split
     judged, groups = found.judgement, prepared.grouping.groups
-    if not len(held):
+    if not len(held_out):
         smooth = None if found.residual is None else found.residual.held_out
-        by = judged.said(found.grouping)
-        return _Judged(train, groups[train], judged.before_m, judged.held_out_m, smooth, by)
-    others = with_mounting(prepared.observations, mounting_of(len(prepared.observations), breaks)).take(held)
-    by = f"{len(held)} rows, drawn at random, that neither fit nor any choice has seen"
+        by = judged.describe_method(found.grouping)
+        return _HeldOutErrors(train, groups[train], judged.before_m, judged.held_out_m, smooth, by)
+    others = with_mounting(
+        prepared.observations, mounting_of(len(prepared.observations), breaks)
+    ).select_rows(held_out)
+    by = f"{len(held_out)} rows, drawn at random, that neither fit nor any choice has seen"
     before, after = errors_of(found.frames, others), errors_of(found.state, others)
-    return _Judged(held, groups[held], before, after, _with_residual(found, others), by)
+    return _HeldOutErrors(held_out, groups[held_out], before, after, _with_residual(found, others), by)
 
 
-def _with_residual(found: Identification, others: Observations) -> Errors | None:
+def _with_residual(found: Identification, others: Observations) -> ErrorSummary | None:
     if found.residual is None:
         return None
-    return Errors.of(errors_with(found.residual.model, found.state, others))
+    return ErrorSummary.from_sizes(errors_with(found.residual.model, found.state, others))
 
 
-def _verdicts(limits: Limits, found: Identification, judged: _Judged, checked: Checked | None) -> Verdicts:
+def _build_verdicts(
+    limits: IdentificationLimits, found: Identification, judged: _HeldOutErrors, checked: CheckedFile | None
+) -> IdentificationVerdicts:
     if checked is not None:
         return judge_limits(limits, found, checked.errors_m, checked.groups, "check file")
     return judge_limits(limits, found, judged.held_out_m, judged.groups, "held-out rows")
 
 
-def _lints_of_free(start: Start, judged: _Judged) -> list[Lint]:
+def _lints_of_free(start: IdentificationStart, judged: _HeldOutErrors) -> list[Lint]:
     """Say if more than was named is free, or if what was named does not help rows that were not fitted."""
     if not start.point.free:
         return []
@@ -282,7 +295,7 @@ def _lints_of_free(start: Start, judged: _Judged) -> list[Lint]:
                 "base and tool are fitted, too: the start does not tell where they are for these rows.",
             )
         )
-    before, after = Errors.of(judged.before_m), Errors.of(judged.held_out_m)
+    before, after = ErrorSummary.from_sizes(judged.before_m), ErrorSummary.from_sizes(judged.held_out_m)
     if after.rmse_m < before.rmse_m:
         return noticed
     return [
@@ -295,7 +308,7 @@ def _lints_of_free(start: Start, judged: _Judged) -> list[Lint]:
     ]
 
 
-def _split(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
+def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
     """Return training rows, in order, and all other rows."""
     if options.train_rows is None:
         return np.arange(count), np.arange(0)
@@ -308,7 +321,7 @@ def _split(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
 
 
-def _rejected(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:
+def _rejected_rows(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:
     standing = [
         RejectedRow(
             int(measurements.rows[train[row]]),
@@ -321,7 +334,9 @@ def _rejected(measurements: Measurements, found: Identification, train: Rows) ->
     return tuple(sorted([*measurements.rejected, *standing], key=lambda item: item.row))
 
 
-def _parameters(found: Identification, known: Mapping[str, float]) -> tuple[IdentifiedParameter, ...]:
+def _identified_parameters(
+    found: Identification, prior_sigmas: Mapping[str, float]
+) -> tuple[IdentifiedParameter, ...]:
     """Return the arm's and wire's parameters, held ones too; places of devices and tools are told apart."""
     fit = found.robust.fit
     layout = fit.layout.whole if isinstance(fit.layout, PartLayout) else fit.layout
@@ -331,10 +346,10 @@ def _parameters(found: Identification, known: Mapping[str, float]) -> tuple[Iden
             item.name,
             item.unit,
             float(value),
-            float(sigma.get(item.name, known.get(item.name, item.prior))),
+            float(sigma.get(item.name, prior_sigmas.get(item.name, item.prior))),
             item.prior,
             held=item.name not in sigma,
         )
-        for item, value in zip(layout.parameters, values_of(layout, fit.state), strict=True)
+        for item, value in zip(layout.parameters, parameter_values(layout, fit.state), strict=True)
         if item.role not in ("base", "anchor", "tool") and (item.name in sigma or value != 0.0)
     )

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
 from cellcal.service.csv_writing import write_rows
-from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
+from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
 
@@ -72,9 +72,11 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
     """
     found = report.identification
     state = found.state
-    points = read_points(options, state.nominal.axes)
-    arm = replace(Arm.of_state(state), flange_tip=np.eye(4)) if options.identified else Arm(state.nominal)
-    joints = solved(points, arm, found.robust.problem.observations.joints_rad)
+    points = read_points(options, state.nominal.axis_count)
+    arm = (
+        replace(TipArm.of_state(state), flange_tip=np.eye(4)) if options.identified else TipArm(state.nominal)
+    )
+    joints = solve_joints(points, arm, found.robust.problem.observations.joints_rad)
     readings = predict_readings(found, joints)
     lengths = report.measurements.observations.kind == "length"
     error = readings.model_error
@@ -119,21 +121,21 @@ def tips_of(
 
 def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[str, ...]:
     """Say what the 95 % are about, and what they do not cover."""
-    said = [
+    sentences = [
         "95 %: a further reading of the same target by the same device lies within this distance in space, all "
         f"coordinates together; parameters, device and what the model lacks are counted, the last from {learnt}."
     ]
     if rejected:
-        said.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
+        sentences.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
     if far:
-        said.append(
+        sentences.append(
             "Points marked * turn a joint further than any fitted row, or are known worse than the postures among "
             "the rows: what levels of the model disagree about is added there, but no row proves it."
         )
-    said.append(
+    sentences.append(
         "Not covered: another payload, another temperature, wear, or a device or target that was moved since."
     )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def write_tips(tips: TipsAt, path: Path) -> None:

@@ -9,10 +9,20 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification import lints
-from cellcal.calibration.identification.cross_validation import Errors, Grouping, group_rows, same_postures
+from cellcal.calibration.identification.cross_validation import (
+    ErrorSummary,
+    Grouping,
+    group_rows,
+    same_postures,
+)
 from cellcal.calibration.identification.drift_lint import order_drift, temperature_drift
 from cellcal.calibration.identification.effect_lint import misfit_notes
-from cellcal.calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
+from cellcal.calibration.identification.estimator import (
+    FitProblem,
+    errors_m,
+    estimate_arm,
+    whitened_residuals,
+)
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import FileNames, refuse_misfit
@@ -23,7 +33,7 @@ from cellcal.calibration.identification.series_breaks import assign_mountings
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.calibration.identification.temperature import TemperatureEffect, temperature_note
 from cellcal.calibration.identification.unrounding import unround_joints
-from cellcal.service.engineering.identification.identify_start import Start
+from cellcal.service.engineering.identification.identify_start import IdentificationStart
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 
@@ -32,7 +42,7 @@ _MOVED = 1.5  # times better with device and target placed anew: one of them was
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedMeasurements:
     """Measurements with sharpened joints, groups by the joints as written, and what was noticed."""
 
     measurements: Measurements
@@ -43,16 +53,16 @@ class Prepared:
 
 
 @dataclass(frozen=True, eq=False)
-class Checked:
+class CheckedFile:
     """Errors of another file's rows, by the finished model."""
 
     errors_m: Array  # (N,)
     groups: Rows
-    with_residual: Errors | None
+    with_residual: ErrorSummary | None
     lints: tuple[Lint, ...]
 
 
-def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
+def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) -> PreparedMeasurements:
     """Read a file, look it over, and sharpen rounded joints with the controller's positions.
 
     Raises
@@ -64,13 +74,13 @@ def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
     raw = measurements.observations
     noticed = [
         *lints.sign_flips(raw.joints_rad, model.joint_names),
-        *lints.duplicates(raw.joints_rad),
+        *lints.find_duplicates(raw.joints_rad),
         *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
     ]
     observations = raw
     if measurements.controller_m is not None and len(raw) >= 8:
-        known = np.isfinite(measurements.controller_m).all(axis=1)
-        if known.all():
+        has_position = np.isfinite(measurements.controller_m).all(axis=1)
+        if has_position.all():
             sharp = unround_joints(
                 model,
                 raw.joints_rad,
@@ -83,7 +93,7 @@ def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
                 sharp.doubtful_rows, sharp.disagreement_m, used=sharp.useful
             )
     grouping = group_rows(raw.joints_rad, measurements.groups)
-    return Prepared(measurements, observations, grouping, in_file(noticed, measurements))
+    return PreparedMeasurements(measurements, observations, grouping, in_file(noticed, measurements))
 
 
 def file_names(measurements: Measurements) -> FileNames:
@@ -97,12 +107,14 @@ def file_names(measurements: Measurements) -> FileNames:
     )
 
 
-def at_temperature(prepared: Prepared, effect: TemperatureEffect) -> Prepared:
+def at_temperature(prepared: PreparedMeasurements, effect: TemperatureEffect) -> PreparedMeasurements:
     """Return measurements brought to the temperature of an effect; without a column of temperatures as they are."""
     temperature = prepared.measurements.temperature
     if temperature is None:
         return prepared
-    return replace(prepared, observations=effect.without(prepared.observations, temperature), effect=effect)
+    return replace(
+        prepared, observations=effect.remove_effect(prepared.observations, temperature), effect=effect
+    )
 
 
 def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ...]:
@@ -113,10 +125,10 @@ def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ..
     )
 
 
-def seen_before(measurements: Measurements, train: Rows, held: Rows) -> list[Lint]:
+def lint_repeated_postures(measurements: Measurements, train: Rows, held_out: Rows) -> list[Lint]:
     """Name held-out rows in a posture that was fitted."""
     postures = same_postures(measurements.observations.joints_rad)
-    again = held[np.isin(postures[held], postures[train])]
+    again = held_out[np.isin(postures[held_out], postures[train])]
     if not len(again):
         return []
     return [
@@ -131,42 +143,44 @@ def seen_before(measurements: Measurements, train: Rows, held: Rows) -> list[Lin
 
 def errors_of(state: ArmState, observations: Observations) -> Array:
     """Return the errors (N,) [m] of rows by a state."""
-    return errors_m(state, Problem.of(state, observations))
+    return errors_m(state, FitProblem.from_observations(state, observations))
 
 
-def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train: Rows) -> tuple[Lint, ...]:
+def lints_of_fit(
+    found: Identification, before_m: Array, fitted: PreparedMeasurements, train: Rows
+) -> tuple[Lint, ...]:
     """Return what the residuals of a fit say about measurements and model."""
     measurements = fitted.measurements
-    kept = np.ones(len(train), dtype=bool)
-    kept[found.rejected] = False
-    residuals = whitened_residuals(found.state, found.robust.problem)[:, kept]
-    seen = found.robust.problem.observations
-    left_m = residuals[:3] * seen.sigma_m[kept]
-    groups = found.grouping.groups[kept]
+    accepted = np.ones(len(train), dtype=bool)
+    accepted[found.rejected] = False
+    residuals = whitened_residuals(found.state, found.robust.problem)[:, accepted]
+    observations = found.robust.problem.observations
+    left_m = residuals[:3] * observations.sigma_m[accepted]
+    groups = found.grouping.groups[accepted]
     return (
-        *lints.not_a_measurement(before_m, measurements.value_step_m),
-        *lints.alike_neighbours(residuals),
+        *lints.find_nominal_positions(before_m, measurements.value_step_m),
+        *lints.find_alike_neighbours(residuals),
         *sweep_lint(
-            seen.joints_rad[kept],
+            observations.joints_rad[accepted],
             left_m,
             groups,
             found.state.nominal.joint_names,
-            lengths=seen.kind == "length",
+            lengths=observations.kind == "length",
         ),
-        *_temperature(fitted, train[kept], left_m, groups),
+        *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
         *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
 
 
-def _temperature(fitted: Prepared, rows: Rows, left_m: Array, groups: Rows) -> list[Lint]:
+def _lint_temperature(fitted: PreparedMeasurements, rows: Rows, left_m: Array, groups: Rows) -> list[Lint]:
     temperature = fitted.measurements.temperature
     if fitted.effect is not None:
         return temperature_note(fitted.effect)
     return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
 
 
-def lints_of_start(found: Identification, start: Start) -> list[Lint]:
+def lints_of_start(found: Identification, start: IdentificationStart) -> list[Lint]:
     """Name what these rows contradict of an earlier fit, whose deviations were taken as this one's priors."""
     if not found.contradicted:
         return []
@@ -181,7 +195,9 @@ def lints_of_start(found: Identification, start: Start) -> list[Lint]:
     ]
 
 
-def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Prepared) -> Checked:
+def check_file(
+    path: Path, read: ReadOptions, found: Identification, fitted: PreparedMeasurements
+) -> CheckedFile:
     """Evaluate the finished model, frames included, on another file.
 
     Raises
@@ -189,7 +205,7 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
     MeasurementError
         The file cannot be understood, or holds what another instrument measured.
     """
-    other = prepare(path, found.state.nominal, read)
+    other = prepare_measurements(path, found.state.nominal, read)
     refuse_misfit(found.state.nominal, other.observations, file_names(other.measurements))
     if fitted.effect is not None:
         other = at_temperature(other, fitted.effect)
@@ -199,7 +215,7 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
             remedy="Check with a file of the same instrument.",
         )
     pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
-    noticed = [*lints.leakage(*pair), *lints.beyond_fitted_range(*pair)]
+    noticed = [*lints.find_leakage(*pair), *lints.beyond_fitted_range(*pair)]
     count = len(other.observations)
     by_mounting = np.array(
         [
@@ -207,9 +223,9 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
             for mounting in range(len(found.state.devices))
         ]
     )
-    chosen = assign_mountings(by_mounting, max(found.fit.rmse_m, 1e-6))
+    chosen = assign_mountings(by_mounting, max(found.fit_errors.rmse_m, 1e-6))
     sizes = by_mounting[chosen, np.arange(count)]
-    noticed += _moved(found, other.observations, Errors.of(sizes))
+    noticed += _lint_moved_device(found, other.observations, ErrorSummary.from_sizes(sizes))
     if len(by_mounting) > 1:
         parts = ", ".join(f"{int((chosen == i).sum())} rows on mounting {i + 1}" for i in np.unique(chosen))
         noticed.append(
@@ -217,12 +233,12 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
         )
     smooth = None
     if found.residual is not None:
-        seen = with_mounting(other.observations, chosen)
-        smooth = Errors.of(errors_with(found.residual.model, found.state, seen))
-    return Checked(sizes, other.grouping.groups, smooth, tuple(noticed))
+        observations = with_mounting(other.observations, chosen)
+        smooth = ErrorSummary.from_sizes(errors_with(found.residual.model, found.state, observations))
+    return CheckedFile(sizes, other.grouping.groups, smooth, tuple(noticed))
 
 
-def _moved(found: Identification, observations: Observations, stood: Errors) -> list[Lint]:
+def _lint_moved_device(found: Identification, observations: Observations, stood: ErrorSummary) -> list[Lint]:
     anew = _placed_anew(found, observations)
     if len(observations) < _ENOUGH_TO_PLACE or stood.rmse_m <= _MOVED * anew.rmse_m:
         return []
@@ -235,9 +251,9 @@ def _moved(found: Identification, observations: Observations, stood: Errors) -> 
     ]
 
 
-def _placed_anew(found: Identification, observations: Observations) -> Errors:
+def _placed_anew(found: Identification, observations: Observations) -> ErrorSummary:
     """Return the errors of the identified arm when base or anchor, and tool, are fitted to the check rows."""
     state = replace(found.state, devices=found.state.devices[:1])
     layout = make_layout(state.nominal, observations.kind, 1, level=FRAMES)
-    problem = Problem.of(state, observations)
-    return Errors.of(errors_m(estimate(layout, state, problem).state, problem))
+    problem = FitProblem.from_observations(state, observations)
+    return ErrorSummary.from_sizes(errors_m(estimate_arm(layout, state, problem).state, problem))

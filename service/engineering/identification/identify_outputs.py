@@ -9,11 +9,13 @@ from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
-from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
 
 
-def save_identification(report: IdentifyReport, measurements: Path, folder: Path, who: Who) -> ParameterSet:
+def save_identification(
+    report: IdentifyReport, measurements: Path, folder: Path, who: SetOrigin
+) -> ParameterSet:
     """Save the identified parameters as the robot's newest version.
 
     Raises
@@ -38,7 +40,7 @@ def save_identification(report: IdentifyReport, measurements: Path, folder: Path
         ),
         note=who.note,
     )
-    return ParameterSets(folder).save(draft)
+    return ParameterSets(folder).save_draft(draft)
 
 
 def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joints: bool = False) -> list[str]:
@@ -53,12 +55,12 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
     """
     _refuse_frames(report)
     state = report.identification.state
-    path.write_text(bare_urdf(state.arm, geometric_joints=geometric_joints), encoding="utf-8")
+    path.write_text(bare_urdf(state.arm_model, geometric_joints=geometric_joints), encoding="utf-8")
     kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}
     return sorted({kinds[term.kind] for term in state.terms})
 
 
-def refuse_to_keep(save: Path | None, urdf: Path | None) -> None:
+def refuse_saving(save: Path | None, urdf: Path | None) -> None:
     """Refuse, before any work, to keep an arm whose residual model would be lost.
 
     Raises
@@ -66,10 +68,10 @@ def refuse_to_keep(save: Path | None, urdf: Path | None) -> None:
     MeasurementError
         A parameter set or a description was asked for.
     """
-    wanted = [option for option, path in (("--save", save), ("--urdf", urdf)) if path is not None]
-    if wanted:
+    options = [option for option, path in (("--save", save), ("--urdf", urdf)) if path is not None]
+    if options:
         raise MeasurementError(
-            f"a residual model cannot be kept by {' and '.join(wanted)}: parameter sets and descriptions hold the "
+            f"a residual model cannot be kept by {' and '.join(options)}: parameter sets and descriptions hold the "
             "arm's parameters only, and `program compensate` works with these alone.",
             remedy="Leave out `--residual-model` to keep the arm, or leave out the other to see what it would gain.",
         )

@@ -12,12 +12,12 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.free_parameters import Places, StartingPoint
-from cellcal.calibration.identification.observations import Device
+from cellcal.calibration.identification.free_parameters import KnownPlaces, StartingPoint
+from cellcal.calibration.identification.observations import DevicePlacement
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse_set
 
 _PLACES = 4  # numbers in a row of a matrix
 
@@ -33,7 +33,7 @@ class StartOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class IdentificationStart:
     """A starting point with what it is called, and the uncertainties that its values had."""
 
     point: StartingPoint
@@ -41,7 +41,7 @@ class Start:
     sigmas: Mapping[str, float] = field(default_factory=dict)
 
 
-def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> Start:
+def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> IdentificationStart:
     """Return the starting point that the options name, for this robot and kind of observation.
 
     Raises
@@ -53,32 +53,34 @@ def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> Start:
     """
     free = tuple(word.strip() for part in options.free for word in part.split(",") if word.strip())
     if options.start == "nominal":
-        return Start(StartingPoint(free=free), "nominal")
+        return IdentificationStart(StartingPoint(free=free), "nominal")
     if options.start == "previous":
         if options.sets is None or not options.serial:
             raise MeasurementError(
                 "nobody said which robot's previous parameters to start from.",
                 remedy="Give `--save FOLDER` and `--serial`, or `--start FILE`.",
             )
-        return _of_set(ParameterSets(options.sets).load(options.serial), nominal, free)
+        return _of_set(ParameterSets(options.sets).load_set(options.serial), nominal, free)
     path = Path(options.start)
     text = read_plain_text(path)
     if path.suffix.lower() == ".json":
         return _of_report(path, text, nominal, (kind, free))
-    return _of_set(parse(text, str(path)), nominal, free)
+    return _of_set(parse_set(text, str(path)), nominal, free)
 
 
-def _of_set(found: Any, nominal: RobotModel, free: tuple[str, ...]) -> Start:
+def _of_set(found: Any, nominal: RobotModel, free: tuple[str, ...]) -> IdentificationStart:
     calibrated_model(nominal, found)  # refuses what belongs to another model
     values = {value.name: value.value for value in found.values}
     sigmas = {v.name: v.standard_uncertainty for v in found.values if v.standard_uncertainty is not None}
     name = f"version {found.version} of robot {found.robot_serial}"
     names = tuple(value.name for value in found.values)
     point = StartingPoint(values, free, names=names, covariance=covariance_of(found))
-    return Start(point, name, sigmas)
+    return IdentificationStart(point, name, sigmas)
 
 
-def _of_report(path: Path, text: str, nominal: RobotModel, what: tuple[str, tuple[str, ...]]) -> Start:
+def _of_report(
+    path: Path, text: str, nominal: RobotModel, what: tuple[str, tuple[str, ...]]
+) -> IdentificationStart:
     kind, free = what
     try:
         document = parse_json(text)
@@ -87,7 +89,7 @@ def _of_report(path: Path, text: str, nominal: RobotModel, what: tuple[str, tupl
         sigmas = {item["name"]: float(item["sigma"]) for item in parameters}
         # A tool of poses serves for points; a point on the tool does not tell its attitude.
         fits = document["places"]["kind"] in {"point": ("point", "pose")}.get(kind, (kind,))
-        places = _places(document["places"]) if fits else None
+        places = _read_places(document["places"]) if fits else None
     except (ValueError, KeyError, TypeError, CalibrationError) as broken:
         raise MeasurementError(
             f"{path} is no report of an identification.", remedy="Write it with `cellcal identify --json`."
@@ -98,7 +100,7 @@ def _of_report(path: Path, text: str, nominal: RobotModel, what: tuple[str, tupl
             remedy=f"It must be of a {nominal.name}.",
         )
     arm = {name: value for name, value in values.items() if not name.startswith("wire ")}
-    return Start(StartingPoint(arm, free, places), f"the report {path.name}", sigmas)
+    return IdentificationStart(StartingPoint(arm, free, places), f"the report {path.name}", sigmas)
 
 
 def places_document(state: ArmState, kind: str) -> dict[str, Any]:
@@ -118,18 +120,20 @@ def places_document(state: ArmState, kind: str) -> dict[str, Any]:
     }
 
 
-def _places(document: Mapping[str, Any]) -> Places:
+def _read_places(document: Mapping[str, Any]) -> KnownPlaces:
     """Read the places of the last mounting: that is where the device stands now."""
     last = document["devices"][-1]
     anchor = np.array(last["anchor_in_base_m"], dtype=float)
     numbers = np.array([last["zero_m"], last["scale"], *anchor], dtype=float)
     if anchor.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError("no anchor")
-    device = Device(_matrix(last["device_base"]), anchor, float(last["zero_m"]), float(last["scale"]))
-    return Places(device, _matrix(document["flange_tool"]))
+    device = DevicePlacement(
+        _read_matrix(last["device_base"]), anchor, float(last["zero_m"]), float(last["scale"])
+    )
+    return KnownPlaces(device, _read_matrix(document["flange_tool"]))
 
 
-def _matrix(rows: Any) -> Array:
+def _read_matrix(rows: Any) -> Array:
     matrix = np.array(rows, dtype=float)
     turn = matrix[:3, :3] if matrix.shape == (_PLACES, _PLACES) else np.zeros((3, 3))
     if not (np.isfinite(matrix).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)):

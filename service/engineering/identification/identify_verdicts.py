@@ -7,11 +7,11 @@ from cellcal.calibration.identification.cross_validation import rmse_uncertainty
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.offset_acceptance import OffsetAcceptance, accept_offsets
-from cellcal.calibration.uncertainty import Decision, Verdict, decide
+from cellcal.calibration.uncertainty import Decision, Verdict, decide_conformity
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class IdentificationLimits:
     """What must be kept for the result to be accepted; None is not asked."""
 
     error_m: float | None = None  # RMSE of rows that were not fitted
@@ -20,7 +20,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdicts:
+class IdentificationVerdicts:
     """What became of the limits; None where there was none."""
 
     error: Decision | None = None
@@ -28,15 +28,15 @@ class Verdicts:
     offsets: OffsetAcceptance | None = None
 
     @property
-    def proved(self) -> bool:
+    def is_proved(self) -> bool:
         """Whether every limit that was set is proved to be kept."""
         every = [item.verdict for item in (self.error, self.offsets) if item is not None]
         return all(verdict is Verdict.PASS for verdict in every)
 
 
 def judge_limits(
-    limits: Limits, found: Identification, errors_m: Array, groups: Rows, judged: str
-) -> Verdicts:
+    limits: IdentificationLimits, found: Identification, errors_m: Array, groups: Rows, judged: str
+) -> IdentificationVerdicts:
     """Judge errors (N,) of rows that were not fitted, and the offsets.
 
     Raises
@@ -48,6 +48,8 @@ def judge_limits(
     if limits.offset_sigma_rad is not None:
         offsets = accept_offsets(found.robust, limits.offset_sigma_rad, limits.offsets)
     if limits.error_m is None:
-        return Verdicts(offsets=offsets)
+        return IdentificationVerdicts(offsets=offsets)
     value, sigma, freedom = rmse_uncertainty(errors_m, groups)
-    return Verdicts(decide(value, sigma, limits.error_m, degrees_of_freedom=freedom), judged, offsets)
+    return IdentificationVerdicts(
+        decide_conformity(value, sigma, limits.error_m, degrees_of_freedom=freedom), judged, offsets
+    )

@@ -20,20 +20,20 @@ from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.motion.collision import CollisionCheck, assumed_shape
 from cellcal.calibration.motion.description_collision import DescriptionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
-from cellcal.calibration.poses.enough_poses import Acceptance, enough_poses
+from cellcal.calibration.poses.enough_poses import AcceptanceLimits, enough_poses
 from cellcal.calibration.poses.measurement_poses import (
-    Criterion,
-    Instrument,
-    Outlook,
+    AccuracyPrediction,
+    DesignCriterion,
+    DesignInstrument,
+    MeasurementOutlook,
     PosePlan,
-    Prediction,
     TestPoses,
     choose_poses,
     measurable_postures,
     outlook_after,
     outlook_on,
     plan_efficiency,
-    predict,
+    predict_accuracy,
 )
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.csv_writing import write_rows
@@ -52,7 +52,7 @@ class PlanError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class Description:
+class RobotDescription:
     """A URDF whose collision shapes are those of the arm."""
 
     path: Path
@@ -65,12 +65,12 @@ class PlanRequest:
     """What a person may ask of a plan; SI."""
 
     robot: str
-    instrument: Instrument
+    instrument: DesignInstrument
     tool_in_flange_m: Place = (0.0, 0.0, 0.0)
     wire_range_m: float | None = None
     poses: int = 30
-    acceptance: Acceptance | None = None  # given: as few poses as it needs, at most ``poses``
-    criterion: Criterion | None = None
+    acceptance: AcceptanceLimits | None = None  # given: as few poses as it needs, at most ``poses``
+    criterion: DesignCriterion | None = None
     level: int = GEOMETRY
     drop_redundant: bool = False
     candidates: int = 1000
@@ -78,7 +78,7 @@ class PlanRequest:
     after: Path | None = None
     tests: Path | None = None
     shape: Path | None = None
-    description: Description | None = None
+    description: RobotDescription | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +88,10 @@ class PlanReport:
     request: PlanRequest
     plan: PosePlan | None  # None: the acceptance is not reachable
     reason: str  # about the acceptance; empty without one
-    prediction: Prediction
+    prediction: AccuracyPrediction
     not_identified: tuple[NotIdentified, ...]
-    before: Prediction
-    random: Prediction | None  # the median of as many poses drawn at random
+    before: AccuracyPrediction
+    random: AccuracyPrediction | None  # the median of as many poses drawn at random
     efficiency: float | None
     order: tuple[int, ...]  # of the plan's rows, for short ways
     ways_free: tuple[
@@ -132,22 +132,22 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     if not 1 <= request.poses <= request.candidates:
         raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
     model = load_model(request.robot)
-    outlook = _outlook(request, model)
-    limits, check = MotionLimits(wire=_wire(request)), _check(request, model)
-    described = _described(request, model, check)
-    filters = (check.free,) if described is None else (check.free, described.free)
+    outlook = _prediction_basis(request, model)
+    limits, check = MotionLimits(wire=_wire_path(request)), _collision_check(request, model)
+    described = _description_check(request, model, check)
+    filters = (check.is_free,) if described is None else (check.is_free, described.is_free)
     tip = request.tool_in_flange_m
     drawn = measurable_postures(
         model, limits, request.candidates, tip_in_flange_m=tip, filters=filters, seed=request.seed
     )
     tests = TestPoses(_test_joints(request, model, check))
-    before = predict(outlook, tests)
-    plan, prediction, reason, after = _choose(request, outlook, drawn, tests)
+    before = predict_accuracy(outlook, tests)
+    plan, prediction, reason, after = _choose_poses(request, outlook, drawn, tests)
     order: tuple[int, ...] = ()
     free: tuple[bool, ...] = ()
     if plan is not None and len(plan.indices):
         order = visiting_order(model, plan.joints_rad)
-        free = (True, *(bool(way) for way in check.ways_free(plan.joints_rad[list(order)])))
+        free = (True, *(bool(way) for way in check.is_path_free(plan.joints_rad[list(order)])))
     return PlanReport(
         request,
         plan,
@@ -155,7 +155,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         prediction,
         after.not_identified(),
         before,
-        _random(outlook, drawn, tests, plan),
+        _predict_random(outlook, drawn, tests, plan),
         plan_efficiency(outlook, drawn, plan, tests) if order and plan is not None else None,
         order,
         free,
@@ -166,11 +166,11 @@ def plan_poses(request: PlanRequest) -> PlanReport:
 
 def visiting_order(model: RobotModel, joints_rad: Array) -> tuple[int, ...]:
     """Return an order with short ways: the next pose is the one that the slowest joint reaches soonest."""
-    left = list(range(len(joints_rad)))
-    order = [left.pop(0)]
-    while left:
-        times = np.abs(joints_rad[left] - joints_rad[order[-1]]) / model.max_speed_rad_s
-        order.append(left.pop(int(np.argmin(times.max(axis=1)))))
+    remaining = list(range(len(joints_rad)))
+    order = [remaining.pop(0)]
+    while remaining:
+        times = np.abs(joints_rad[remaining] - joints_rad[order[-1]]) / model.max_speed_rad_s
+        order.append(remaining.pop(int(np.argmin(times.max(axis=1)))))
     return tuple(order)
 
 
@@ -204,7 +204,7 @@ def read_joints(path: Path, axes: int) -> Array:
     return np.deg2rad(rows)
 
 
-def _outlook(request: PlanRequest, model: RobotModel) -> Outlook:
+def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementOutlook:
     if request.after is None:
         return outlook_on(
             model,
@@ -221,14 +221,14 @@ def _outlook(request: PlanRequest, model: RobotModel) -> Outlook:
         )
     last = len(fit.state.devices) - 1
 
-    def observe(joints_rad: Array) -> Observations:
-        seen = request.instrument.observe(joints_rad)
-        return with_mounting(seen, np.full(len(joints_rad), last, dtype=np.intp))
+    def simulate_readings(joints_rad: Array) -> Observations:
+        observations = request.instrument.make_observations(joints_rad)
+        return with_mounting(observations, np.full(len(joints_rad), last, dtype=np.intp))
 
-    return outlook_after(fit, observe)
+    return outlook_after(fit, simulate_readings)
 
 
-def _wire(request: PlanRequest) -> WirePath | None:
+def _wire_path(request: PlanRequest) -> WirePath | None:
     if request.instrument.kind != "length":
         return None
     if request.wire_range_m is None:
@@ -237,36 +237,38 @@ def _wire(request: PlanRequest) -> WirePath | None:
     return WirePath(anchor, request.tool_in_flange_m, request.wire_range_m)
 
 
-def _check(request: PlanRequest, model: RobotModel) -> CollisionCheck:
-    tip, wire = request.tool_in_flange_m, _wire(request)
+def _collision_check(request: PlanRequest, model: RobotModel) -> CollisionCheck:
+    tip, wire = request.tool_in_flange_m, _wire_path(request)
     if request.shape is None:
         shape = assumed_shape(model, tip_in_flange_m=tip, wire=wire)
     else:
         shape = read_cell_shape(request.shape, model, tip_in_flange_m=tip, wire=wire)
-    return CollisionCheck.prepare(model, shape)
+    return CollisionCheck.from_model(model, shape)
 
 
-def _described(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> DescriptionCheck | None:
+def _description_check(
+    request: PlanRequest, model: RobotModel, check: CollisionCheck
+) -> DescriptionCheck | None:
     if request.description is None:
         return None
-    wanted = request.description
+    description = request.description
     try:
-        arm = read_urdf(read_plain_text(wanted.path), tip_link=wanted.tip_link)
+        arm = read_urdf(read_plain_text(description.path), tip_link=description.tip_link)
     except (OSError, DocumentError) as broken:
-        raise PlanError(f"{wanted.path} cannot be read: {broken}") from broken
+        raise PlanError(f"{description.path} cannot be read: {broken}") from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))
-    matrix = np.eye(model.axes) if plain else coupling
+    matrix = np.eye(model.axis_count) if plain else coupling
     _same_arm(model, arm.model, matrix)
-    return DescriptionCheck.prepare(
-        arm, check.shape.obstacles, mesh_folders=wanted.mesh_folders, joint_matrix=matrix,
+    return DescriptionCheck.from_description(
+        arm, check.shape.obstacles, mesh_folders=description.mesh_folders, joint_matrix=matrix,
         margin_m=check.shape.margin_m,
     )  # fmt: skip
 
 
 def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
-    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axes))
-    if described.axes == model.axes:
+    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axis_count))
+    if described.axis_count == model.axis_count:
         apart = model.base_flange(joints) - described.base_flange(joints @ matrix.T)
         if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
             return
@@ -285,18 +287,18 @@ def _not_checked(check: CollisionCheck, described: DescriptionCheck | None) -> t
 
 def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> Array:
     if request.tests is not None:
-        return read_joints(request.tests, model.axes)
+        return read_joints(request.tests, model.axis_count)
     return measurable_postures(
-        model, MotionLimits(), _TEST_POSES, filters=(check.free,), seed=request.seed + 1
+        model, MotionLimits(), _TEST_POSES, filters=(check.is_free,), seed=request.seed + 1
     )
 
 
-def _choose(
-    request: PlanRequest, outlook: Outlook, drawn: Array, tests: TestPoses
-) -> tuple[PosePlan | None, Prediction, str, Outlook]:
+def _choose_poses(
+    request: PlanRequest, outlook: MeasurementOutlook, drawn: Array, tests: TestPoses
+) -> tuple[PosePlan | None, AccuracyPrediction, str, MeasurementOutlook]:
     if request.acceptance is None:
         plan = choose_poses(
-            outlook, drawn, request.poses, tests, criterion=request.criterion or Criterion.TEST_POSES
+            outlook, drawn, request.poses, tests, criterion=request.criterion or DesignCriterion.TEST_POSES
         )
         return plan, plan.prediction, "", plan.after
     found = enough_poses(
@@ -305,13 +307,15 @@ def _choose(
     return found.plan, found.prediction, found.reason, found.after
 
 
-def _random(outlook: Outlook, drawn: Array, tests: TestPoses, plan: PosePlan | None) -> Prediction | None:
+def _predict_random(
+    outlook: MeasurementOutlook, drawn: Array, tests: TestPoses, plan: PosePlan | None
+) -> AccuracyPrediction | None:
     if plan is None or not len(plan.indices):
         return None
     generator = np.random.default_rng(0)
-    draws: Sequence[Prediction] = sorted(
+    draws: Sequence[AccuracyPrediction] = sorted(
         (
-            predict(
+            predict_accuracy(
                 outlook.with_measured(drawn[generator.choice(len(drawn), len(plan.indices), replace=False)]),
                 tests,
             )

@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from cellcal.calibration.cells.cell import (
+    CalibrationCell,
+    CellDevice,
+    CellRobot,
+    CellSeries,
+    CellTarget,
+    CellTool,
+)
 from cellcal.calibration.cells.contact_observations import (
     BarLengths,
     CellObservations,
@@ -16,7 +23,7 @@ from cellcal.calibration.cells.contact_observations import (
     PlaneContacts,
     SphereContacts,
 )
-from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.frame_priors import FramePrior
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import (
     LengthObservations,
@@ -25,11 +32,11 @@ from cellcal.calibration.identification.observations import (
     Rows,
 )
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
-from cellcal.service.engineering.measured.cells import CellLayoutFile, Named, Reading
+from cellcal.service.engineering.measured.cells import CellLayoutFile, LayoutItem, LayoutReading
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.no_readings import no_readings
-from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
-from cellcal.service.engineering.measured.typed_columns import columns_typed
+from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
+from cellcal.service.engineering.measured.typed_columns import parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _UNITS = {**ANGLE_UNITS, **LENGTH_UNITS}
@@ -40,7 +47,7 @@ _UNBELIEVABLE = 1e9
 class CellMeasurements:
     """A cell from a file; ``lines`` of every series say where its rows stand in the file, counted from one."""
 
-    cell: Cell
+    cell: CalibrationCell
     lines: Mapping[str, Rows]
     read: int
     left_out: tuple[tuple[str, int], ...]  # reading, and how many rows it did not fill
@@ -60,10 +67,10 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
         No such robot model; or what a `Cell` refuses.
     """
     table = read_table(path, sheet=layout.sheet)
-    file = _File(path, table, layout)
-    robots = layout.robots or (Named("robot", None),)
+    file = _CellTable(path, table, layout)
+    robots = layout.robots or (LayoutItem("robot", None),)
     models = {entry.name: load_model(entry.words.get("model", robot)) for entry in robots}
-    parts = [part for reading in layout.readings for part in file.parts(reading, models)]
+    parts = [part for reading in layout.readings for part in file.read_parts(reading, models)]
     if not parts:
         raise MeasurementError(
             f"{path}: no reading of the layout fills a row.", remedy="Check columns and where."
@@ -73,30 +80,30 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
         for tool in layout.tools
     }
     targets = [CellTarget(t.name, t.words["tool"], t.place) for t in layout.targets if t.place is not None]
-    known = {*tools, *(target.name for target in targets)}
+    target_names = {*tools, *(target.name for target in targets)}
     for part in parts:
-        if part.target not in known:
+        if part.target not in target_names:
             tools.setdefault(part.target, CellTool(part.target, part.robot))
-    standings = _standings(path, layout, parts)
+    standings = _device_placements(path, layout, parts)
     owner = {name: device for device, names in standings.items() for name in names}
     entries = {device.name: device for device in layout.devices}
-    cell = Cell(
+    cell = CalibrationCell(
         [CellRobot(entry.name, models[entry.name], entry.place) for entry in robots],
         list(tools.values()),
         [
             CellDevice(
                 device,
-                tuple(_place(name, entries.get(name), parts) for name in names),
+                tuple(_find_place(name, entries.get(name), parts) for name in names),
                 entries[device].numbers if device in entries else {},
             )
             for device, names in standings.items()
         ],
         [
-            Series(
+            CellSeries(
                 part.name,
                 owner[part.device],
                 part.target,
-                _mounted(part.observations, standings[owner[part.device]].index(part.device)),
+                _with_mounting_of(part.observations, standings[owner[part.device]].index(part.device)),
                 groups=part.groups,
             )
             for part in parts
@@ -112,7 +119,9 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
     )
 
 
-def _standings(path: Path, layout: CellLayoutFile, parts: list["_Part"]) -> dict[str, tuple[str, ...]]:
+def _device_placements(
+    path: Path, layout: CellLayoutFile, parts: list["_SeriesPart"]
+) -> dict[str, tuple[str, ...]]:
     """Return the names under which every device stands somewhere: it and its moves, as far as rows use them."""
     entries = {device.name: device for device in layout.devices}
     found: dict[str, list[str]] = {}
@@ -127,14 +136,14 @@ def _standings(path: Path, layout: CellLayoutFile, parts: list["_Part"]) -> dict
     return {device: tuple(names) for device, names in found.items()}
 
 
-def _mounted(seen: CellObservations, mounting: int) -> CellObservations:
-    return replace(seen, mounting=np.full(len(seen), mounting, dtype=np.intp))
+def _with_mounting_of(observations: CellObservations, mounting: int) -> CellObservations:
+    return replace(observations, mounting=np.full(len(observations), mounting, dtype=np.intp))
 
 
-def _place(name: str, entry: Named | None, parts: list["_Part"]) -> Place:
+def _find_place(name: str, entry: LayoutItem | None, parts: list["_SeriesPart"]) -> FramePrior:
     """Return where a device stands; a place without attitude will do for a point, not for a frame or an axis."""
     if entry is None:
-        return Place.unknown()
+        return FramePrior.without_prior()
     turning = any(part.device == name and set(part.observations.place_axes) - {0, 1, 2} for part in parts)
     place = entry.place
     if place is not None and turning and not entry.turned:
@@ -144,11 +153,11 @@ def _place(name: str, entry: Named | None, parts: list["_Part"]) -> Place:
                 remedy="Write quaternion = [w, x, y, z] beside place_mm, or leave known_to_mm out.",
             )
         place = None
-    return place or Place.unknown()
+    return place or FramePrior.without_prior()
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _SeriesPart:
     name: str
     device: str
     target: str
@@ -158,17 +167,17 @@ class _Part:
     groups: Rows | None
 
 
-class _File:
+class _CellTable:
     """A table with its layout."""
 
-    def __init__(self, path: Path, table: Table, layout: CellLayoutFile) -> None:
+    def __init__(self, path: Path, table: MeasurementTable, layout: CellLayoutFile) -> None:
         self._path, self._table, self._layout = path, table, layout
         self.left_out: dict[str, int] = {}
 
-    def parts(self, reading: Reading, models: Mapping[str, RobotModel]) -> Iterator[_Part]:
+    def read_parts(self, reading: LayoutReading, models: Mapping[str, RobotModel]) -> Iterator[_SeriesPart]:
         """Yield one part for every device, target and robot that the rows of a reading name."""
-        rows = self._filled(reading)
-        words = {key: self._words(key, rows) for key in ("robot", "device", "target")}
+        rows = self._filled_rows(reading)
+        words = {key: self._read_words(key, rows) for key in ("robot", "device", "target")}
         named = {
             "robot": words["robot"] or [next(iter(models))] * len(rows),
             "device": [reading.device] * len(rows) if reading.device else words["device"],
@@ -186,88 +195,92 @@ class _File:
             many = len(set(labels)) > 1
             name = f"{reading.name}: {device}, {target}" if many else reading.name
             mine = self._with_readings(reading, mine, models[robot])
-            seen = self._observations(reading, mine, models[robot])
-            yield _Part(name, device, target, robot, seen, self._table.lines[mine], self._groups(mine))
+            observations = self._build_observations(reading, mine, models[robot])
+            yield _SeriesPart(
+                name, device, target, robot, observations, self._table.lines[mine], self._read_groups(mine)
+            )
 
-    def _filled(self, reading: Reading) -> Rows:
+    def _filled_rows(self, reading: LayoutReading) -> Rows:
         """Return the rows that the reading is about and that have all its numbers."""
-        wanted = np.ones(len(self._table), dtype=bool)
+        selected = np.ones(len(self._table), dtype=bool)
         for column, entry in reading.where.items():
-            wanted &= self._equal(column, entry)
+            selected &= self._rows_equal(column, entry)
         names = (*self._layout.joints, *reading.columns, *reading.rotation, *reading.joints_to)
         with np.errstate(invalid="ignore"):
-            filled = (np.abs(self._columns(names)) < _UNBELIEVABLE).all(axis=1)
-        if bool((wanted & ~filled).any()):
-            self.left_out[reading.name] = int((wanted & ~filled).sum())
-        return np.flatnonzero(wanted & filled)
+            filled = (np.abs(self._read_columns(names)) < _UNBELIEVABLE).all(axis=1)
+        if bool((selected & ~filled).any()):
+            self.left_out[reading.name] = int((selected & ~filled).sum())
+        return np.flatnonzero(selected & filled)
 
-    def _with_readings(self, reading: Reading, rows: Rows, model: RobotModel) -> Rows:
+    def _with_readings(self, reading: LayoutReading, rows: Rows, model: RobotModel) -> Rows:
         """Return the rows in which the device read something."""
         if reading.kind not in ("point", "pose", "length", "guided length") or not reading.columns:
             return rows
-        flange = model.tip_positions(self._joints(self._layout.joints, model)[rows], np.zeros(3))
-        silent = list(no_readings(self._columns(reading.columns)[rows], flange))
+        flange = model.tip_positions(self._read_joints(self._layout.joints, model)[rows], np.zeros(3))
+        silent = list(no_readings(self._read_columns(reading.columns)[rows], flange))
         if silent:
             self.left_out[reading.name] = self.left_out.get(reading.name, 0) + len(silent)
         return np.delete(rows, silent)
 
-    def _equal(self, column: str, entry: str | float) -> np.typing.NDArray[np.bool_]:
-        self._known((column,))
+    def _rows_equal(self, column: str, entry: str | float) -> np.typing.NDArray[np.bool_]:
+        self._require_columns((column,))
         if isinstance(entry, str):
-            return np.array([word == entry for word in self._table.words(column)], dtype=bool)
-        return np.asarray(self._table.column(column) == entry)
+            return np.array([word == entry for word in self._table.column_texts(column)], dtype=bool)
+        return np.asarray(self._table.column_values(column) == entry)
 
-    def _words(self, key: str, rows: Rows) -> list[str]:
+    def _read_words(self, key: str, rows: Rows) -> list[str]:
         column = self._layout.names_in.get(key)
         if column is None:
             return []
-        self._known((column,))
-        words = self._table.words(column)
+        self._require_columns((column,))
+        words = self._table.column_texts(column)
         return [words[row] for row in rows]
 
-    def _groups(self, rows: Rows) -> Rows | None:
-        words = self._words("group", np.arange(len(self._table)))
+    def _read_groups(self, rows: Rows) -> Rows | None:
+        words = self._read_words("group", np.arange(len(self._table)))
         return np.unique(words, return_inverse=True)[1].reshape(-1)[rows] if words else None
 
-    def _columns(self, names: tuple[str, ...]) -> Array:
+    def _read_columns(self, names: tuple[str, ...]) -> Array:
         """Return columns as they are typed, a turned sign included."""
-        typed = columns_typed(self._table.names, names)
-        return np.column_stack([column.sign * self._table.column(column.name) for column in typed])
+        typed = parse_columns(self._table.names, names)
+        return np.column_stack([column.sign * self._table.column_values(column.name) for column in typed])
 
-    def _joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
+    def _read_joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
         """Return the joints of all rows as the controller counts them [rad]."""
-        zeros = [column.zero_deg for column in columns_typed(self._table.names, names)]
+        zeros = [column.zero_deg for column in parse_columns(self._table.names, names)]
         unit = _UNITS[self._layout.units["joints"]]
-        angles = self._columns(names) * unit + np.deg2rad(zeros)
+        angles = self._read_columns(names) * unit + np.deg2rad(zeros)
         return controller_joints(angles, model, self._layout.joint_coupling)
 
-    def _known(self, names: tuple[str, ...]) -> None:
+    def _require_columns(self, names: tuple[str, ...]) -> None:
         for name in names:
             if name not in self._table.names:
                 raise MeasurementError(
                     f"{self._path} has no column {name!r}.", remedy=f"It has {', '.join(self._table.names)}."
                 )
 
-    def _observations(  # noqa: PLR0911  # one for each kind
-        self, reading: Reading, rows: Rows, model: RobotModel
+    def _build_observations(  # noqa: PLR0911  # one for each kind
+        self, reading: LayoutReading, rows: Rows, model: RobotModel
     ) -> CellObservations:
         layout, count = self._layout, len(rows)
         unit = _UNITS[layout.units["readings"]]
-        joints = self._joints(layout.joints, model)[rows]
+        joints = self._read_joints(layout.joints, model)[rows]
         sigma, once = np.full(count, reading.sigma_m), np.zeros(count, dtype=np.intp)
         values = np.full((count, 1), reading.nominal_m)
         if reading.columns:
-            values = self._columns(reading.columns)[rows] * unit
+            values = self._read_columns(reading.columns)[rows] * unit
         one = values[:, 0]
         if reading.kind == "point":
             return PointObservations(joints, values, sigma, once)
         if reading.kind == "pose":
             sigma_rad = np.full(count, reading.sigma_rad)
-            return PoseObservations(joints, values, sigma, once, self._attitudes(reading, rows), sigma_rad)
+            return PoseObservations(
+                joints, values, sigma, once, self._read_attitudes(reading, rows), sigma_rad
+            )
         if reading.kind == "bar":
-            return BarLengths(joints, one, sigma, once, self._joints(reading.joints_to, model)[rows])
+            return BarLengths(joints, one, sigma, once, self._read_joints(reading.joints_to, model)[rows])
         if reading.kind == "pin":
-            return PinTouches.of(joints, sigma, once)
+            return PinTouches.on_pin(joints, sigma, once)
         if reading.kind == "plane":
             return PlaneContacts(joints, one, sigma, once)
         if reading.kind == "sphere":
@@ -275,9 +288,9 @@ class _File:
         kind = GuidedLengthObservations if reading.kind == "guided length" else LengthObservations
         return kind(joints, one, sigma, once)
 
-    def _attitudes(self, reading: Reading, rows: Rows) -> Array:
+    def _read_attitudes(self, reading: LayoutReading, rows: Rows) -> Array:
         convention = CONVENTIONS[self._layout.convention]
-        turns = self._columns(reading.rotation)[rows]
+        turns = self._read_columns(reading.rotation)[rows]
         if turns.shape[1] != len(convention.fields):
             raise MeasurementError(
                 f"{self._path}: {self._layout.convention} has {len(convention.fields)} numbers, not {turns.shape[1]}."

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.cells.cell import Scalar
-from cellcal.calibration.cells.places import Place
-from cellcal.calibration.geometry import Array, homogeneous, rotation_from_quaternion
+from cellcal.calibration.cells.cell import DeviceScalar
+from cellcal.calibration.cells.frame_priors import FramePrior
+from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_from_quaternion
 from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.service.engineering.measured.layouts import layout_data, refuse_unknown
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -38,18 +38,18 @@ _FRAME, _POINT = "frame", "point"
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
+class LayoutItem:
     """A robot, tool, target or device of a layout."""
 
     name: str
-    place: Place | None
+    place: FramePrior | None
     words: Mapping[str, str] = field(default_factory=dict)  # model, robot, tool, moved
-    numbers: Mapping[str, Scalar] = field(default_factory=dict)
+    numbers: Mapping[str, DeviceScalar] = field(default_factory=dict)
     turned: bool = True  # its attitude is given, too
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class LayoutReading:
     """Columns that one device fills: which rows, of which target, and how well."""
 
     name: str
@@ -75,11 +75,11 @@ class CellLayoutFile:
     convention: str
     sheet: str | None
     joint_coupling: str  # empty, controller or geometric
-    robots: tuple[Named, ...]
-    tools: tuple[Named, ...]
-    targets: tuple[Named, ...]
-    devices: tuple[Named, ...]
-    readings: tuple[Reading, ...]
+    robots: tuple[LayoutItem, ...]
+    tools: tuple[LayoutItem, ...]
+    targets: tuple[LayoutItem, ...]
+    devices: tuple[LayoutItem, ...]
+    readings: tuple[LayoutReading, ...]
 
 
 def describes_a_cell(path: Path) -> bool:
@@ -101,8 +101,10 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
     refuse_unknown(path, columns, _COLUMNS)
     for meaning, unit in units.items():
         if unit not in _UNITS.get(meaning, ()):
-            known = "; ".join(f"{key} in {', '.join(names)}" for key, names in _UNITS.items())
-            raise MeasurementError(f"{path}: {meaning} cannot be in {unit!r}.", remedy=f"Units: {known}.")
+            valid_units = "; ".join(f"{key} in {', '.join(names)}" for key, names in _UNITS.items())
+            raise MeasurementError(
+                f"{path}: {meaning} cannot be in {unit!r}.", remedy=f"Units: {valid_units}."
+            )
     if not columns.get("joints"):
         raise MeasurementError(f"{path} names no joints.", remedy='Write `[columns]`, `joints = ["q1", …]`.')
     convention = str(data.get("convention", ""))
@@ -110,8 +112,10 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         raise MeasurementError(
             f"{path}: no orientation is called {convention!r}.", remedy=f"There are {', '.join(CONVENTIONS)}."
         )
-    tables = {key: [_Entry(path, key, entry) for entry in _tables(path, data, key)] for key in _KEYS}
-    readings = tuple(_reading(entry, columns, convention) for entry in tables["reading"])
+    tables = {
+        key: [_LayoutTable(path, key, entry) for entry in _table_list(path, data, key)] for key in _KEYS
+    }
+    readings = tuple(_read_reading(entry, columns, convention) for entry in tables["reading"])
     return CellLayoutFile(
         tuple(columns.pop("joints")),
         columns,
@@ -119,10 +123,10 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         convention,
         data.get("sheet"),
         _joint_coupling(path, data),
-        tuple(_named(entry, _FRAME, ("model",)) for entry in tables["robot"]),
-        tuple(_named(entry, _POINT, ("robot",)) for entry in tables["tool"]),
-        tuple(_target(entry) for entry in tables["target"]),
-        tuple(_device(entry) for entry in tables["device"]),
+        tuple(_read_item(entry, _FRAME, ("model",)) for entry in tables["robot"]),
+        tuple(_read_item(entry, _POINT, ("robot",)) for entry in tables["tool"]),
+        tuple(_read_target(entry) for entry in tables["target"]),
+        tuple(_read_device(entry) for entry in tables["device"]),
         readings,
     )
 
@@ -138,50 +142,50 @@ def _joint_coupling(path: Path, data: Mapping[str, Any]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Entry:
+class _LayoutTable:
     """One table of a layout, such as a ``[[device]]``."""
 
     path: Path
     kind: str
     data: Mapping[str, Any]
 
-    def error(self, what: str, remedy: str = "") -> MeasurementError:
+    def make_error(self, what: str, remedy: str = "") -> MeasurementError:
         """Return an error that names the entry."""
         return MeasurementError(
             f"{self.path}: {self.kind} {self.data.get('name', '')!r}: {what}.", remedy=remedy
         )
 
-    def word(self, key: str, *, needed: bool = False) -> str:
+    def read_text(self, key: str, *, needed: bool = False) -> str:
         """Return a text."""
         value = self.data.get(key, "")
         if not isinstance(value, str) or (needed and not value):
-            raise self.error(f"{key} is no text", f'Write {key} = "…".')
+            raise self.make_error(f"{key} is no text", f'Write {key} = "…".')
         return value
 
-    def words(self, key: str) -> tuple[str, ...]:
+    def read_texts(self, key: str) -> tuple[str, ...]:
         """Return a list of texts."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-            raise self.error(f"{key} is no list of column names")
+            raise self.make_error(f"{key} is no list of column names")
         return tuple(value)
 
-    def number(self, key: str, otherwise: float) -> float:
+    def read_number(self, key: str, otherwise: float) -> float:
         """Return a finite number."""
         value = self.data.get(key, otherwise)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error(f"{key} is no number")
+            raise self.make_error(f"{key} is no number")
         if key in self.data and not np.isfinite(value):
-            raise self.error(f"{key} is not finite")
+            raise self.make_error(f"{key} is not finite")
         return float(value)
 
-    def deviation(self, key: str, otherwise: float) -> float:
+    def read_deviation(self, key: str, otherwise: float) -> float:
         """Return a number of zero or more."""
-        value = self.number(key, otherwise)
+        value = self.read_number(key, otherwise)
         if value < 0:
-            raise self.error(f"{key} is below zero")
+            raise self.make_error(f"{key} is below zero")
         return value
 
-    def vector(self, key: str, size: int) -> Array | None:
+    def read_vector(self, key: str, size: int) -> Array | None:
         """Return so many finite numbers, or None."""
         if key not in self.data:
             return None
@@ -190,11 +194,11 @@ class _Entry:
             isinstance(v, int | float) and not isinstance(v, bool) for v in value
         )
         if not numbers or len(value) != size or not np.isfinite(value).all():
-            raise self.error(f"{key} is no list of {size} numbers")
+            raise self.make_error(f"{key} is no list of {size} numbers")
         return np.array(value, dtype=float)
 
 
-def _tables(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mapping[str, Any]]:
+def _table_list(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mapping[str, Any]]:
     found = data.get(key, [])
     if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
         raise MeasurementError(f"{path}: {key} is no list of tables.", remedy=f"Write `[[{key}]]`.")
@@ -203,117 +207,130 @@ def _tables(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mapping[s
     return found
 
 
-def _reading(entry: _Entry, columns: Mapping[str, Any], convention: str) -> Reading:
-    kind, names = entry.word("kind", needed=True), entry.words("columns")
+def _read_reading(entry: _LayoutTable, columns: Mapping[str, Any], convention: str) -> LayoutReading:
+    kind, names = entry.read_text("kind", needed=True), entry.read_texts("columns")
     _refuse_unfit(entry, kind, convention)
     for key in ("device", "target"):
-        if not entry.word(key) and key not in columns:
-            raise entry.error(f"it names no {key}", f'Write {key} = "…", or name the column that does.')
+        if not entry.read_text(key) and key not in columns:
+            raise entry.make_error(f"it names no {key}", f'Write {key} = "…", or name the column that does.')
     where = entry.data.get("where", {})
     if not isinstance(where, dict) or not all(isinstance(v, str | int | float) for v in where.values()):
-        raise entry.error("where is no table of column = entry")
-    sigma = entry.deviation("sigma_mm", 0.0), entry.deviation("sigma_deg", 0.01)
+        raise entry.make_error("where is no table of column = entry")
+    sigma = entry.read_deviation("sigma_mm", 0.0), entry.read_deviation("sigma_deg", 0.01)
     if not min(sigma) > 0:
-        raise entry.error(
+        raise entry.make_error(
             "sigma_mm is missing", "Give one standard deviation of the device, from its certificate."
         )
-    return Reading(
-        entry.word("name", needed=True),
+    return LayoutReading(
+        entry.read_text("name", needed=True),
         kind,
         names,
-        entry.words("rotation"),
-        entry.words("joints_to"),
-        entry.word("device"),
-        entry.word("target"),
+        entry.read_texts("rotation"),
+        entry.read_texts("joints_to"),
+        entry.read_text("device"),
+        entry.read_text("target"),
         sigma[0] * 1e-3,
         float(np.deg2rad(sigma[1])),
-        entry.number("nominal_mm", 0.0) * 1e-3,
+        entry.read_number("nominal_mm", 0.0) * 1e-3,
         where,
     )
 
 
-def _refuse_unfit(entry: _Entry, kind: str, convention: str) -> None:
+def _refuse_unfit(entry: _LayoutTable, kind: str, convention: str) -> None:
     """Refuse a reading that lacks what its kind needs."""
     if kind not in KINDS:
-        raise entry.error(f"there is no kind {kind!r}", f"Kinds are {', '.join(KINDS)}.")
-    count, nominal = len(entry.words("columns")), "nominal_mm" in entry.data
+        raise entry.make_error(f"there is no kind {kind!r}", f"Kinds are {', '.join(KINDS)}.")
+    count, nominal = len(entry.read_texts("columns")), "nominal_mm" in entry.data
     wants = {KINDS[kind]} | ({0} if nominal else set()) | ({1} if kind == "plane" else set())
     if count not in wants:
-        raise entry.error(f"a {kind} has {KINDS[kind]} columns, not {count}")
+        raise entry.make_error(f"a {kind} has {KINDS[kind]} columns, not {count}")
     needed = {
         "pose": (
-            bool(entry.words("rotation")) and bool(convention),
+            bool(entry.read_texts("rotation")) and bool(convention),
             "rotation columns and a convention on top",
         ),
         "sphere": (nominal, "nominal_mm: the ball's radius plus that of the tip"),
-        "bar": (bool(entry.words("joints_to")), "joints_to, the columns of the second posture"),
+        "bar": (bool(entry.read_texts("joints_to")), "joints_to, the columns of the second posture"),
     }
     there, what = needed.get(kind, (True, ""))
     if not there:
-        raise entry.error(f"a {kind} needs {what}")
+        raise entry.make_error(f"a {kind} needs {what}")
 
 
-def _named(entry: _Entry, shape: str, words: tuple[str, ...]) -> Named:
-    found = {key: entry.word(key) for key in words if key in entry.data}
-    return Named(entry.word("name", needed=True), _place(entry, shape), found)
+def _read_item(entry: _LayoutTable, shape: str, words: tuple[str, ...]) -> LayoutItem:
+    found = {key: entry.read_text(key) for key in words if key in entry.data}
+    return LayoutItem(entry.read_text("name", needed=True), _read_place(entry, shape), found)
 
 
-def _target(entry: _Entry) -> Named:
-    place = _place(entry, _POINT)
+def _read_target(entry: _LayoutTable) -> LayoutItem:
+    place = _read_place(entry, _POINT)
     if place is None:
-        raise entry.error(
+        raise entry.make_error(
             "its place in the tool is missing", "Write place_mm = [x, y, z], or drop the entry."
         )
     if "known_to_mm" not in entry.data:
-        place = Place(place.pose, np.zeros(6))
-    return Named(entry.word("name", needed=True), place, {"tool": entry.word("tool", needed=True)})
-
-
-def _device(entry: _Entry) -> Named:
-    numbers = {
-        "zero_m": _scalar(entry, "zero_mm", 0.0, "zero_known_to_mm", 1e-3),
-        "scale": _scalar(entry, "scale", 1.0, "scale_known_to", 1.0),
-        # What is stated of a ball is in nominal_mm: the device holds what it is larger by.
-        "radius_m": _scalar(entry, "radius_mm", 0.0, "radius_known_to_mm", 1e-3),
-    }
-    known = {key: scalar for key, scalar in numbers.items() if scalar is not None}
-    words = {"moved": entry.word("moved", needed=True)} if "moved" in entry.data else {}
-    if words and known:
-        raise entry.error(
-            f"its numbers are those of {words['moved']!r}", f"Write {', '.join(_NUMBERS[::2])} there only."
-        )
-    return Named(
-        entry.word("name", needed=True), _place(entry, _POINT), words, known, "quaternion" in entry.data
+        place = FramePrior(place.pose, np.zeros(6))
+    return LayoutItem(
+        entry.read_text("name", needed=True), place, {"tool": entry.read_text("tool", needed=True)}
     )
 
 
-def _scalar(entry: _Entry, key: str, usual: float, spread: str, unit: float) -> Scalar | None:
+def _read_device(entry: _LayoutTable) -> LayoutItem:
+    numbers = {
+        "zero_m": _read_scalar(entry, "zero_mm", 0.0, "zero_known_to_mm", 1e-3),
+        "scale": _read_scalar(entry, "scale", 1.0, "scale_known_to", 1.0),
+        # What is stated of a ball is in nominal_mm: the device holds what it is larger by.
+        "radius_m": _read_scalar(entry, "radius_mm", 0.0, "radius_known_to_mm", 1e-3),
+    }
+    scalars = {key: scalar for key, scalar in numbers.items() if scalar is not None}
+    words = {"moved": entry.read_text("moved", needed=True)} if "moved" in entry.data else {}
+    if words and scalars:
+        raise entry.make_error(
+            f"its numbers are those of {words['moved']!r}", f"Write {', '.join(_NUMBERS[::2])} there only."
+        )
+    return LayoutItem(
+        entry.read_text("name", needed=True),
+        _read_place(entry, _POINT),
+        words,
+        scalars,
+        "quaternion" in entry.data,
+    )
+
+
+def _read_scalar(
+    entry: _LayoutTable, key: str, usual: float, spread: str, unit: float
+) -> DeviceScalar | None:
     if key not in entry.data and spread not in entry.data:
         return None
-    return Scalar(entry.number(key, usual) * unit, entry.deviation(spread, 0.0) * unit)
+    return DeviceScalar(entry.read_number(key, usual) * unit, entry.read_deviation(spread, 0.0) * unit)
 
 
-def _place(entry: _Entry, shape: str) -> Place | None:
+def _read_place(entry: _LayoutTable, shape: str) -> FramePrior | None:
     """Return a place that is known to a deviation, or roughly; None if nothing is said of it."""
-    position, quaternion = entry.vector("place_mm", 3), entry.vector("quaternion", 4)
-    known = "known_to_mm" in entry.data
+    position, quaternion = entry.read_vector("place_mm", 3), entry.read_vector("quaternion", 4)
+    has_deviation = "known_to_mm" in entry.data
     if position is None:
         return None
     if quaternion is None:
-        if shape == _FRAME and not known:
+        if shape == _FRAME and not has_deviation:
             return None  # without its attitude a rough frame is worse than the fit's own guess
         if shape == _FRAME:
-            raise entry.error("a known frame needs its quaternion", "Write quaternion = [w, x, y, z].")
+            raise entry.make_error("a known frame needs its quaternion", "Write quaternion = [w, x, y, z].")
         point = position * 1e-3
         return (
-            Place.known_point(point, entry.deviation("known_to_mm", 0.0) * 1e-3)
-            if known
-            else Place.unknown_point(point)
+            FramePrior.from_point(point, entry.read_deviation("known_to_mm", 0.0) * 1e-3)
+            if has_deviation
+            else FramePrior.point_without_prior(point)
         )
     if not abs(float(np.linalg.norm(quaternion)) - 1.0) < 1e-3:
-        raise entry.error("its quaternion is not of unit length")
-    pose = homogeneous(rotation_from_quaternion(quaternion / np.linalg.norm(quaternion)), position * 1e-3)
-    if not known:
-        return Place.unknown(pose)
-    spread = entry.deviation("known_to_mm", 0.0) * 1e-3, np.deg2rad(entry.deviation("known_to_deg", 0.0))
-    return Place.known(pose, spread[0], float(spread[1]))
+        raise entry.make_error("its quaternion is not of unit length")
+    pose = homogeneous_matrix(
+        rotation_from_quaternion(quaternion / np.linalg.norm(quaternion)), position * 1e-3
+    )
+    if not has_deviation:
+        return FramePrior.without_prior(pose)
+    spread = (
+        entry.read_deviation("known_to_mm", 0.0) * 1e-3,
+        np.deg2rad(entry.read_deviation("known_to_deg", 0.0)),
+    )
+    return FramePrior.from_pose(pose, spread[0], float(spread[1]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.table_heads import are_numbered
-from cellcal.service.engineering.measured.typed_columns import TypedColumn, columns_typed
+from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
 
 _MEASURED = {
     "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
@@ -67,7 +67,7 @@ _BY_MAKER = (
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TableLayout:
     """Column names by meaning, and the units that the names themselves tell."""
 
     joints: tuple[str, ...]
@@ -82,7 +82,7 @@ class Layout:
     units: Mapping[str, str] = field(default_factory=dict)  # meaning -> unit
     typed: Mapping[str, TypedColumn] = field(default_factory=dict)  # columns whose sign or zero was named
 
-    def sign(self, name: str) -> float:
+    def column_sign(self, name: str) -> float:
         """Return what a column is to be multiplied with."""
         return self.typed[name].sign if name in self.typed else 1.0
 
@@ -92,12 +92,12 @@ class Layout:
 
     def as_typed(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return columns as ``--columns`` takes them."""
-        return tuple(self.typed[name].text if name in self.typed else name for name in names)
+        return tuple(self.typed[name].typed_text if name in self.typed else name for name in names)
 
 
 def detect_layout(
     names: Sequence[str], joint_names: Sequence[str], columns: Mapping[str, Sequence[str]] | None = None
-) -> Layout:
+) -> TableLayout:
     """Find out what each column is; ``columns`` names those that the user knows better.
 
     Raises
@@ -105,15 +105,15 @@ def detect_layout(
     MeasurementError
         Joints or measurements are not found, with the option that names them.
     """
-    typed = _given(names, columns or {})
-    given = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
+    typed = _typed_columns(names, columns or {})
+    typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
     plain = {name: plain_name(name) for name in names}
-    joints = given.get("joints") or _joints(names, plain, joint_names)
+    joints = typed_names.get("joints") or _find_joints(names, plain, joint_names)
     rest = [name for name in names if name not in joints]
-    length = "".join(given.get("length", ())) or _length(rest, plain)
-    measured, controller = _positions(rest, plain, has_length=bool(length))
-    measured = given.get("position") or measured
-    controller = given.get("controller") or controller
+    length = "".join(typed_names.get("length", ())) or _find_length(rest, plain)
+    measured, controller = _find_positions(rest, plain, has_length=bool(length))
+    measured = typed_names.get("position") or measured
+    controller = typed_names.get("controller") or controller
     if length:
         measured = ()
     if not measured and not length:
@@ -121,8 +121,8 @@ def detect_layout(
             f"no measurement found among the columns {', '.join(names)}.",
             remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
         )
-    turn, fields = _turn(rest, plain, measured) if measured else ((), ())
-    chosen = given.get("rotation") or turn
+    turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
+    chosen = typed_names.get("rotation") or turn
     layout = {
         "joints": joints,
         "position": measured,
@@ -130,29 +130,31 @@ def detect_layout(
         "controller": controller,
         "length": (length,) if length else (),
     }
-    return Layout(
+    return TableLayout(
         joints=joints,
         position=measured,
-        spread=_spread(rest, plain, measured or ((length,) if length else ())),
+        spread=_find_deviations(rest, plain, measured or ((length,) if length else ())),
         turn=chosen,
         turn_fields=fields if chosen == turn else tuple(plain[name] for name in chosen),
         length=length,
         controller=controller,
         temperature=next((n for n in rest if "temp" in plain[n]), ""),
-        group="".join(given.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
+        group="".join(typed_names.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
         units={key: unit for key, found in layout.items() if (unit := _common_unit(found))},
-        typed={column.name: column for found in typed.values() for column in found if column.changes},
+        typed={column.name: column for found in typed.values() for column in found if column.is_modified},
     )
 
 
-def _given(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> dict[str, tuple[TypedColumn, ...]]:
-    known = {"joints", "position", "length", "controller", "rotation", "group"}
+def _typed_columns(
+    names: Sequence[str], columns: Mapping[str, Sequence[str]]
+) -> dict[str, tuple[TypedColumn, ...]]:
+    meanings = {"joints", "position", "length", "controller", "rotation", "group"}
     for meaning in columns:
-        if meaning not in known:
+        if meaning not in meanings:
             raise MeasurementError(
-                f"--columns knows no {meaning!r}.", remedy=f"It knows {', '.join(sorted(known))}."
+                f"--columns knows no {meaning!r}.", remedy=f"It knows {', '.join(sorted(meanings))}."
             )
-    return {meaning: columns_typed(names, wanted) for meaning, wanted in columns.items()}
+    return {meaning: parse_columns(names, texts) for meaning, texts in columns.items()}
 
 
 def _common_unit(names: Sequence[str]) -> str:
@@ -166,11 +168,13 @@ def _common_unit(names: Sequence[str]) -> str:
     return units.pop() if units else ""
 
 
-def _joints(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> tuple[str, ...]:
+def _find_joints(
+    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
+) -> tuple[str, ...]:
     by_plain = {text: name for name, text in plain.items()}
-    for wanted in (joint_names, *_BY_MAKER):
-        if len(wanted) == len(joint_names) and all(plain_name(text) in by_plain for text in wanted):
-            return tuple(by_plain[plain_name(text)] for text in wanted)
+    for candidate in (joint_names, *_BY_MAKER):
+        if len(candidate) == len(joint_names) and all(plain_name(text) in by_plain for text in candidate):
+            return tuple(by_plain[plain_name(text)] for text in candidate)
     families: dict[tuple[str, str, str], dict[int, str]] = {}
     for name in names:
         match = _JOINT.match(plain[name])
@@ -187,14 +191,14 @@ def _joints(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequenc
             f"no {len(joint_names)} joint columns found among {', '.join(names)}.",
             remedy=_joints_remedy(names, plain, len(joint_names)),
         )
-    _, numbered = min(full, key=lambda item: _rank(item[0]))
+    _, numbered = min(full, key=lambda item: _preference_rank(item[0]))
     first = _first_number(numbered, len(joint_names))
     return tuple(numbered[first + i] for i in range(len(joint_names)))
 
 
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], count: int) -> str:
     """Return what helps where joints are missing: what the file is tells what it can be used for."""
-    places = _triples(names, plain, "xyz")
+    places = _find_triples(names, plain, "xyz")
     some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
     if places and len(names) < count + 3 and not some_joints:
         return (
@@ -217,7 +221,7 @@ def _first_number(numbered: Mapping[int, str], count: int) -> int:
     return -1
 
 
-def _rank(key: tuple[str, str, str]) -> int:
+def _preference_rank(key: tuple[str, str, str]) -> int:
     """Prefer the joints that the arm really had to those that it was told, and positions to anything else."""
     words = set(f"{key[0]}_{key[2]}".split("_"))
     order = _STEMS.index(key[1])
@@ -232,7 +236,7 @@ def _rank(key: tuple[str, str, str]) -> int:
     )
 
 
-def _triples(
+def _find_triples(
     names: Sequence[str], plain: Mapping[str, str], axes: Sequence[str]
 ) -> dict[tuple[str, str], tuple[str, ...]]:
     """Return the columns that spell one word for each of the axes, by what surrounds it."""
@@ -247,33 +251,37 @@ def _triples(
     }
 
 
-def _words(key: tuple[str, str]) -> set[str]:
+def _key_words(key: tuple[str, str]) -> set[str]:
     return set(re.split(r"[_\d]+", "_".join(key))) - {""}
 
 
 def _is_place(key: tuple[str, str]) -> bool:
     """Tell whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
-    return not _words(key) & (_SPREAD | _DIFFERENCE | _ATTITUDE)
+    return not _key_words(key) & (_SPREAD | _DIFFERENCE | _ATTITUDE)
 
 
-def _positions(
+def _find_positions(
     names: Sequence[str], plain: Mapping[str, str], *, has_length: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return measured and controller positions: called a measurement, else not called a command."""
-    triples = {key: names for key, names in _triples(names, plain, "xyz").items() if _is_place(key)}
-    measured = [found for key, found in triples.items() if _words(key) & _MEASURED]
-    told = [found for key, found in triples.items() if _words(key) & _CONTROLLER and found not in measured]
-    neutral = [found for found in triples.values() if found not in measured and found not in told]
-    actual = {found for key, found in triples.items() if _words(key) & {"actual", "act"}}
+    triples = {key: names for key, names in _find_triples(names, plain, "xyz").items() if _is_place(key)}
+    measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
+    controller_triples = [
+        found for key, found in triples.items() if _key_words(key) & _CONTROLLER and found not in measured
+    ]
+    neutral = [
+        found for found in triples.values() if found not in measured and found not in controller_triples
+    ]
+    actual = {found for key, found in triples.items() if _key_words(key) & {"actual", "act"}}
     neutral.sort(key=lambda found: found not in actual)
     if has_length:
-        return (), (*told, *neutral, ())[0]
+        return (), (*controller_triples, *neutral, ())[0]
     if not measured:
         measured, neutral = neutral[:1], neutral[1:]
-    return (*measured, ())[0], (*told, *neutral, ())[0]
+    return (*measured, ())[0], (*controller_triples, *neutral, ())[0]
 
 
-def _length(names: Sequence[str], plain: Mapping[str, str]) -> str:
+def _find_length(names: Sequence[str], plain: Mapping[str, str]) -> str:
     exact = [name for name in names if plain[name] in _LENGTHS]
     worded = [
         name
@@ -284,19 +292,19 @@ def _length(names: Sequence[str], plain: Mapping[str, str]) -> str:
     return (*exact, *worded, "")[0]
 
 
-def _turn(
+def _find_rotation(
     names: Sequence[str], plain: Mapping[str, str], measured: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the attitude that belongs to the measured position: the one whose names are built alike."""
-    places = _triples(names, plain, "xyz")
-    wanted = next((key for key, found in places.items() if found == measured), None)
+    places = _find_triples(names, plain, "xyz")
+    position_key = next((key for key, found in places.items() if found == measured), None)
     for fields in _TURNS:
-        for key, found in _triples(names, plain, fields).items():
-            if key == wanted:
+        for key, found in _find_triples(names, plain, fields).items():
+            if key == position_key:
                 return found, fields
-    if wanted is None:
+    if position_key is None:
         return (), ()
-    return _worded_turn(names, plain, _words(wanted) - _PLACE)
+    return _worded_turn(names, plain, _key_words(position_key) - _PLACE)
 
 
 def _worded_turn(
@@ -310,17 +318,17 @@ def _worded_turn(
     ):
         found = {
             key: columns
-            for key, columns in _triples(names, plain, axes).items()
-            if (_words(key) & _ATTITUDE or axes == fields)
-            and not _words(key) & (_SPREAD | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
+            for key, columns in _find_triples(names, plain, axes).items()
+            if (_key_words(key) & _ATTITUDE or axes == fields)
+            and not _key_words(key) & (_SPREAD | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
         }
-        alike = [columns for key, columns in found.items() if _words(key) - _ATTITUDE - _PLACE == place]
+        alike = [columns for key, columns in found.items() if _key_words(key) - _ATTITUDE - _PLACE == place]
         if alike:
             return alike[0], fields
     return (), ()
 
 
-def _spread(names: Sequence[str], plain: Mapping[str, str], of: tuple[str, ...]) -> tuple[str, ...]:
+def _find_deviations(names: Sequence[str], plain: Mapping[str, str], of: tuple[str, ...]) -> tuple[str, ...]:
     """Return the columns named like the measured ones with a word for standard deviation between."""
     by_words = {tuple(sorted(plain[name].split("_"))): name for name in names}
     for word in ("std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc"):

@@ -15,8 +15,8 @@ def controller_joints(angles_rad: Array, model: RobotModel, joint_coupling: str)
     MeasurementError
         Joints are neither of the two.
     """
-    known = ("", "controller", "geometric")
-    if joint_coupling not in known:
+    conventions = ("", "controller", "geometric")
+    if joint_coupling not in conventions:
         raise MeasurementError(
             f"joints cannot be {joint_coupling!r}.",
             remedy="joint_coupling is controller (as on the pendant) or geometric.",

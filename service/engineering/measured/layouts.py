@@ -41,13 +41,13 @@ def read_layout(path: Path) -> ReadOptions:
     """
     data = layout_data(path)
     refuse_unknown(path, data, ("columns", "units", *_WORDS))
-    columns, units = _table(path, data, "columns"), _table(path, data, "units")
+    columns, units = _read_table(path, data, "columns"), _read_table(path, data, "units")
     refuse_unknown(path, columns, _COLUMNS)
     refuse_unknown(path, units, _UNITS)
-    words = {key: _word(path, key, data[key]) for key in _WORDS if key in data}
+    words = {key: _read_word(path, key, data[key]) for key in _WORDS if key in data}
     return ReadOptions(
-        columns={key: _names(path, key, value) for key, value in columns.items()},
-        units={key: _word(path, key, value) for key, value in units.items()},
+        columns={key: _read_names(path, key, value) for key, value in columns.items()},
+        units={key: _read_word(path, key, value) for key, value in units.items()},
         convention=words.get("convention", ""),
         sheet=words.get("sheet"),
         joint_coupling=words.get("joint_coupling", ""),
@@ -57,7 +57,7 @@ def read_layout(path: Path) -> ReadOptions:
 _EXAMPLE = 'Write such as `[columns]`, `joints = ["q1", "q2", …]`, `[units]`, `joints = "deg"`.'
 
 
-def overlaid(below: ReadOptions, above: ReadOptions) -> ReadOptions:
+def overlay_options(below: ReadOptions, above: ReadOptions) -> ReadOptions:
     """Return the options of a layout file with those of the command line over them."""
     return ReadOptions(
         {**below.columns, **above.columns},
@@ -91,44 +91,44 @@ def layout_document(found: Measurements, options: ReadOptions) -> dict[str, Any]
 
 def layout_text(document: Mapping[str, Any]) -> str:
     """Return the text of a layout file."""
-    lines = [f"{key} = {_quoted(document[key])}" for key in _WORDS if document[key]]
+    lines = [f"{key} = {_quote_toml(document[key])}" for key in _WORDS if document[key]]
     for table in ("columns", "units"):
         lines += ["", f"[{table}]"]
         for key, value in document[table].items():
             words = [value] if isinstance(value, str) else value
-            quoted = ", ".join(_quoted(word) for word in words)
+            quoted = ", ".join(_quote_toml(word) for word in words)
             lines.append(f"{key} = {quoted}" if isinstance(value, str) else f"{key} = [{quoted}]")
     return "\n".join(lines).strip() + "\n"
 
 
-def _quoted(text: str) -> str:
+def _quote_toml(text: str) -> str:
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\t", "\\t").replace("\n", "\\n")
     return f'"{escaped}"'
 
 
-def refuse_unknown(path: Path, found: Mapping[str, Any], known: tuple[str, ...]) -> None:
+def refuse_unknown(path: Path, found: Mapping[str, Any], valid_keys: tuple[str, ...]) -> None:
     """Refuse a key that is not among those known."""
-    unknown = [key for key in found if key not in known]
+    unknown = [key for key in found if key not in valid_keys]
     if unknown:
         raise MeasurementError(
-            f"{path}: a layout knows no {unknown[0]!r}.", remedy=f"It knows {', '.join(known)}."
+            f"{path}: a layout knows no {unknown[0]!r}.", remedy=f"It knows {', '.join(valid_keys)}."
         )
 
 
-def _table(path: Path, data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def _read_table(path: Path, data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     table = data.get(key, {})
     if not isinstance(table, dict):
         raise MeasurementError(f"{path}: {key} is no table.", remedy=_EXAMPLE)
     return table
 
 
-def _word(path: Path, key: str, value: object) -> str:
+def _read_word(path: Path, key: str, value: object) -> str:
     if not isinstance(value, str):
         raise MeasurementError(f"{path}: {key} is no text.", remedy=_EXAMPLE)
     return value
 
 
-def _names(path: Path, key: str, value: object) -> tuple[str, ...]:
+def _read_names(path: Path, key: str, value: object) -> tuple[str, ...]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise MeasurementError(f"{path}: columns of {key} are no list of names.", remedy=_EXAMPLE)

@@ -18,14 +18,14 @@ from cellcal.calibration.identification.observations import (
     Rows,
     pose_from_points,
 )
-from cellcal.calibration.identification.unrounding import resolution
+from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
-from cellcal.service.engineering.measured.columns import Layout, detect_layout
+from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
-from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
+from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
-from cellcal.service.engineering.measured.units import celsius
+from cellcal.service.engineering.measured.units import to_celsius
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
@@ -74,7 +74,7 @@ class Measurements:
     temperature: Array | None
     groups: Rows | None
     guesses: tuple[str, ...]
-    layout: Layout
+    layout: TableLayout
     units: Mapping[str, str]  # meaning -> unit, stated or guessed
     convention: str  # of the attitude; empty if none is used
 
@@ -91,22 +91,22 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     table = read_table(path, sheet=options.sheet)
     layout = detect_layout(table.names, model.joint_names, options.columns)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
-    numbers = {name: table.column(name) for name in (*names, *layout.spread, *layout.controller)}
-    good, rejected = _usable(table, names, numbers)
+    numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
+    good, rejected = _usable_rows(table, names, numbers)
     _refuse_none(path, good, rejected)
     _refuse_mostly_text(path, rejected, len(table))
     guesses = [table.dialect] if table.dialect else []
     units = UnitChoice({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name][good] for name in layout.joints])
-    unit = units.angle("joints", layout.joints, raw)
+    unit = units.angle_factor("joints", layout.joints, raw)
     joints = controller_joints(_as_typed(raw * unit, layout), model, options.joint_coupling)
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
     _refuse_none(path, good, rejected)
-    numbers = {name: values[good] * layout.sign(name) for name, values in numbers.items()}
+    numbers = {name: values[good] * layout.column_sign(name) for name, values in numbers.items()}
     raw = np.column_stack([numbers[name] for name in layout.joints])
-    source = _Source(layout, numbers, model, options, units, joints)
-    controller, controller_step = source.controller()
+    source = _NumberSource(layout, numbers, model, options, units, joints)
+    controller, controller_step = source.controller_positions()
     observations, value_step = source.observations()
     rows = np.flatnonzero(good)
     return Measurements(
@@ -114,12 +114,12 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         rows=rows,
         read=len(table),
         rejected=rejected,
-        joint_step_rad=np.array([resolution(column) for column in raw.T]) * unit,
+        joint_step_rad=np.array([find_resolution(column) for column in raw.T]) * unit,
         controller_m=controller,
         controller_step_m=controller_step,
         value_step_m=value_step,
-        temperature=_temperature(table, layout.temperature, rows),
-        groups=_groups(table, layout.group, rows),
+        temperature=_read_temperature(table, layout.temperature, rows),
+        groups=_read_groups(table, layout.group, rows),
         guesses=tuple(guesses),
         layout=layout,
         units={key: unit for key, unit in units.used.items() if key != "convention"},
@@ -127,14 +127,14 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     )
 
 
-def _temperature(table: Table, name: str, rows: Rows) -> Array | None:
+def _read_temperature(table: MeasurementTable, name: str, rows: Rows) -> Array | None:
     """Return the temperature of rows [deg C], if a column holds one."""
-    return celsius(table.column(name)[rows], name) if name else None
+    return to_celsius(table.column_values(name)[rows], name) if name else None
 
 
-def _as_typed(joints_rad: Array, layout: Layout) -> Array:
+def _as_typed(joints_rad: Array, layout: TableLayout) -> Array:
     """Return joints with the signs and zeros that were typed with their columns."""
-    signs = np.array([layout.sign(name) for name in layout.joints])
+    signs = np.array([layout.column_sign(name) for name in layout.joints])
     typed: Array = joints_rad * signs + np.deg2rad([layout.zero_deg(name) for name in layout.joints])
     return typed
 
@@ -146,13 +146,13 @@ def _refuse_none(path: Path, good: np.typing.NDArray[np.bool_], rejected: tuple[
 
 
 def _with_readings(
-    table: Table,
+    table: MeasurementTable,
     good: np.typing.NDArray[np.bool_],
     joints_rad: Array,
-    known: tuple[Layout, Mapping[str, Array], RobotModel],
+    inputs: tuple[TableLayout, Mapping[str, Array], RobotModel],
 ) -> tuple[np.typing.NDArray[np.bool_], Array, list[RejectedRow]]:
     """Return usable rows and their joints without those in which the device read nothing."""
-    layout, numbers, model = known
+    layout, numbers, model = inputs
     names = (layout.length,) if layout.length else layout.position
     values = np.column_stack([numbers[name][good] for name in names])
     found = no_readings(values, model.tip_positions(joints_rad, np.zeros(3)))
@@ -166,11 +166,11 @@ def _with_readings(
     return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
 
 
-def _usable(
-    table: Table, names: Sequence[str], numbers: Mapping[str, Array]
+def _usable_rows(
+    table: MeasurementTable, names: Sequence[str], numbers: Mapping[str, Array]
 ) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
-    wanted = np.column_stack([numbers[name] for name in names])
-    missing = ~(np.abs(wanted) < _UNBELIEVABLE)  # and what is no number at all
+    values = np.column_stack([numbers[name] for name in names])
+    missing = ~(np.abs(values) < _UNBELIEVABLE)  # and what is no number at all
     good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
     rejected = []
     for row in np.flatnonzero(~good).tolist():
@@ -194,17 +194,17 @@ def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class _NumberSource:
     """The usable numbers of a file with what is known about them."""
 
-    layout: Layout
+    layout: TableLayout
     numbers: Mapping[str, Array]
     model: RobotModel
     options: ReadOptions
     units: UnitChoice
     joints_rad: Array
 
-    def columns(self, names: Sequence[str]) -> Array:
+    def stack_columns(self, names: Sequence[str]) -> Array:
         """Return some columns side by side (N, k)."""
         return np.column_stack([self.numbers[name] for name in names])
 
@@ -214,15 +214,15 @@ class _Source:
         reach = self.model.tip_positions(some, np.zeros(3))
         return float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
-    def controller(self) -> tuple[Array | None, float]:
+    def controller_positions(self) -> tuple[Array | None, float]:
         """Return the controller's own positions and their resolution [m]."""
         if not self.layout.controller:
             return None, 0.0
-        raw = self.columns(self.layout.controller)
+        raw = self.stack_columns(self.layout.controller)
         if not np.isfinite(raw).all():
             return None, 0.0
-        unit = self.units.length("controller", self.layout.controller, raw, self.spread_m())
-        return raw * unit, max(resolution(column) for column in raw.T) * unit
+        unit = self.units.length_factor("controller", self.layout.controller, raw, self.spread_m())
+        return raw * unit, max(find_resolution(column) for column in raw.T) * unit
 
     def observations(self) -> tuple[Observations, float]:
         """Return what the device read, and its resolution [m]."""
@@ -230,34 +230,34 @@ class _Source:
         once = np.zeros(count, dtype=np.intp)
         if layout.length:
             raw = self.numbers[layout.length]
-            unit = self.units.length(
+            unit = self.units.length_factor(
                 "length",
                 (layout.length,),
                 raw[:, None],
                 0.0,
                 lambda units: unit_of_lengths(self.model, self.joints_rad, raw, units),
             )
-            sigma = self._sigma(unit)
-            return LengthObservations(self.joints_rad, raw * unit, sigma, once), resolution(raw) * unit
-        raw = self.columns(layout.position)
-        unit = self.units.length(
+            sigma = self._row_sigmas(unit)
+            return LengthObservations(self.joints_rad, raw * unit, sigma, once), find_resolution(raw) * unit
+        raw = self.stack_columns(layout.position)
+        unit = self.units.length_factor(
             "position",
             layout.position,
             raw,
             self.spread_m(),
             lambda units: unit_of_points(self.model, self.joints_rad, raw, units),
         )
-        points = PointObservations(self.joints_rad, raw * unit, self._sigma(unit), once)
-        step = max(resolution(column) for column in raw.T) * unit
+        points = PointObservations(self.joints_rad, raw * unit, self._row_sigmas(unit), once)
+        step = max(find_resolution(column) for column in raw.T) * unit
         if not layout.turn or self.options.convention == "none":
             return points, step
         return self._with_attitudes(points), step
 
-    def _sigma(self, unit: float) -> Array:
+    def _row_sigmas(self, unit: float) -> Array:
         """Return one sigma a row [m]: the instrument's own, and what any arm adds to it."""
         count = len(self.joints_rad)
         names = self.layout.spread
-        own = np.nan_to_num(self.columns(names)) ** 2 if names else np.zeros((count, 1))
+        own = np.nan_to_num(self.stack_columns(names)) ** 2 if names else np.zeros((count, 1))
         sigma: Array = np.sqrt(_LEAST_SIGMA_M**2 + own.mean(axis=1) * unit**2)
         return sigma
 
@@ -265,7 +265,7 @@ class _Source:
         """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
         written = ", ".join(self.layout.turn)
         try:
-            expected, read = _expected_attitudes(self.model, points), self._rotations()
+            expected, read = _expected_attitudes(self.model, points), self._read_rotations()
             wobble = {name: _wobble_rad(expected, rotations) for name, rotations in read.items()}
         except CalibrationError as error:
             self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
@@ -283,23 +283,23 @@ class _Source:
         self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
         return pose_from_points(points, read[best], np.full(len(points), _SIGMA_RAD))
 
-    def _rotations(self) -> Mapping[str, Array]:
+    def _read_rotations(self) -> Mapping[str, Array]:
         """Return the attitudes (N, 3, 3) by every convention that they may be written in."""
-        turns, wanted = self.columns(self.layout.turn), self.options.convention
-        if wanted and wanted not in CONVENTIONS:
+        turns, convention = self.stack_columns(self.layout.turn), self.options.convention
+        if convention and convention not in CONVENTIONS:
             raise MeasurementError(
-                f"no orientation is called {wanted!r}.",
+                f"no orientation is called {convention!r}.",
                 remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
             )
         if len(self.layout.turn) == 4:
-            return self._quaternions(turns)
-        turns = turns * self.units.angle("rotation", self.layout.turn, turns)
+            return self._read_quaternions(turns)
+        turns = turns * self.units.angle_factor("rotation", self.layout.turn, turns)
         others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
-        return {n: rotation_from(n, turns) for n in ([wanted] if wanted else [*_LIKELY, *others])}
+        return {n: rotation_from(n, turns) for n in ([convention] if convention else [*_LIKELY, *others])}
 
-    def _quaternions(self, turns: Array) -> Mapping[str, Array]:
+    def _read_quaternions(self, turns: Array) -> Mapping[str, Array]:
         """Return attitudes from quaternions: by their names; numbered ones may begin or end with the scalar."""
-        fields, wanted = self.layout.turn_fields, self.options.convention
+        fields, convention = self.layout.turn_fields, self.options.convention
         # Printed quaternions are rounded; anything further from unit length is refused later.
         length = np.linalg.norm(turns, axis=1, keepdims=True)
         turns = np.where(np.abs(length - 1.0) < _ROUNDED, turns / np.maximum(length, _ROUNDED), turns)
@@ -311,14 +311,14 @@ class _Source:
         return {
             name: rotation_from("abb_quaternion", turns[:, order])
             for name, order in orders.items()
-            if wanted in ("", name)
+            if convention in ("", name)
         }
 
 
-def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
+def _read_groups(table: MeasurementTable, name: str, rows: Rows) -> Rows | None:
     if not name:
         return None
-    cells = table.words(name)
+    cells = table.column_texts(name)
     codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
     count = int(codes.max()) + 1
     return codes if 2 < count <= len(rows) // 2 else None

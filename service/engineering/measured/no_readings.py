@@ -42,8 +42,8 @@ def no_readings(values: Array, flange_m: Array) -> dict[int, str]:
     """
     found: dict[int, str] = {}
     _fill_ins(values, found)
-    _zeros(values, found)
-    _frozen(values, flange_m, found)
+    _mark_zeros(values, found)
+    _mark_frozen(values, flange_m, found)
     return found
 
 
@@ -65,7 +65,7 @@ def _stands_out(few: Array, others: Array) -> bool:
     return bool(few.min() > others.max() or few.max() < others.min())
 
 
-def _zeros(values: Array, found: dict[int, str]) -> None:
+def _mark_zeros(values: Array, found: dict[int, str]) -> None:
     zero = (values == 0.0).all(axis=1)
     if zero.mean() > _MOST_ZEROS:
         return
@@ -73,14 +73,14 @@ def _zeros(values: Array, found: dict[int, str]) -> None:
         found.setdefault(row, f"{', '.join(['0'] * values.shape[1])} is no reading")
 
 
-def _frozen(values: Array, flange_m: Array, found: dict[int, str]) -> None:
+def _mark_frozen(values: Array, flange_m: Array, found: dict[int, str]) -> None:
     """Find readings that repeat the one before to the last digit although the arm moved."""
     rows = [row for row in range(len(values)) if row not in found]
     fewest = _FEWEST_FROZEN[1 if values.shape[1] == 1 else 3]
     stood: list[int] = []
     run: list[int] = []
     for row in [*rows, -1]:
-        if row >= 0 and run and _repeats(values, flange_m, run[-1], row):
+        if row >= 0 and run and _is_repeat(values, flange_m, run[-1], row):
             run.append(row)
             continue
         # The first may be a reading; nothing tells whether it is, and one row is no loss.
@@ -90,7 +90,7 @@ def _frozen(values: Array, flange_m: Array, found: dict[int, str]) -> None:
         found |= dict.fromkeys(stood, "the same reading stands in neighbouring rows although the arm moved")
 
 
-def _repeats(values: Array, flange_m: Array, before: int, row: int) -> bool:
+def _is_repeat(values: Array, flange_m: Array, before: int, row: int) -> bool:
     moved = float(np.linalg.norm(flange_m[row] - flange_m[before]))
     return bool((values[row] == values[before]).all()) and moved > _STOOD_M
 

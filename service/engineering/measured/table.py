@@ -46,7 +46,7 @@ class MeasurementError(CellError):
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class MeasurementTable:
     """Names and cells; a cell is a number, or the text that is not one. Rows may have been ragged."""
 
     names: tuple[str, ...]
@@ -59,12 +59,12 @@ class Table:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def column(self, name: str) -> Array:
+    def column_values(self, name: str) -> Array:
         """Return the numbers of a column."""
         found: Array = self.numbers[:, self.names.index(name)]
         return found
 
-    def words(self, name: str) -> list[str]:
+    def column_texts(self, name: str) -> list[str]:
         """Return the cells of a column as text."""
         at = self.names.index(name)
         return [
@@ -73,7 +73,7 @@ class Table:
         ]
 
 
-def read_table(path: Path, *, sheet: str | None = None) -> Table:
+def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
     """Read a CSV file or the first usable sheet of an Excel file.
 
     Raises
@@ -91,22 +91,22 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
         raise MeasurementError(f"{path}: {error.why}", remedy=error.remedy) from error
 
 
-def _read_text(path: Path) -> Table:
+def _read_text(path: Path) -> MeasurementTable:
     content = read_plain_bytes(path)
     lines = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
-    separator, comma = _dialect(
+    separator, comma = _detect_dialect(
         list(islice((line for line in lines if line.strip() and not is_remark([line])), _LOOK_AHEAD))
     )
     lines.seek(0)
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
-    cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in lines)
-    return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
+    cells = ([_parse_cell(cell, comma) for cell in _split_line(line, separator)] for line in lines)
+    return _build_table(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
 
 
 _LONGEST_LINE, _MOST_EXCEL_CELLS = 200_000, 5_000_000
 
 
-def _split(line: str, separator: str) -> list[str]:
+def _split_line(line: str, separator: str) -> list[str]:
     if separator == " ":
         return _UNIT_APART.sub(r"\1", line).split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
@@ -115,7 +115,7 @@ def _split(line: str, separator: str) -> list[str]:
     return split_row(line.rstrip("\r\n"), separator)
 
 
-def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
+def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
     """Return separator and whether the decimal mark is a comma: those that make most numbers of most rows."""
     best: tuple[float, str, bool] = (0.0, ",", False)
     for separator in _SEPARATORS:
@@ -123,7 +123,7 @@ def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
             if separator == "," and comma:
                 continue
             counts = [
-                sum(isinstance(_cell(cell, comma), float) for cell in _split(line, separator))
+                sum(isinstance(_parse_cell(cell, comma), float) for cell in _split_line(line, separator))
                 for line in lines
             ]
             common, often = (
@@ -137,7 +137,7 @@ def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
     return best[1], best[2]
 
 
-def _cell(text: str, comma: bool) -> float | str:
+def _parse_cell(text: str, comma: bool) -> float | str:
     cleaned = text.strip().strip('"').strip()
     number = cleaned.replace("\u2212", "-").replace("\u00a0", "")
     if _GROUPED.match(number):
@@ -155,7 +155,7 @@ def _cell(text: str, comma: bool) -> float | str:
     return value if math.isfinite(value) else cleaned
 
 
-def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> Table:
+def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -> MeasurementTable:
     rows = iter(cells)
     head = list(islice(rows, _HEAD))
     counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
@@ -167,11 +167,11 @@ def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> T
         )
     usual = widths.most_common(1)[0][0]
     first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
-    names = heading_names(head[:first], _width(head[first]))
+    names = heading_names(head[:first], _filled_width(head[first]))
     has_heading = names is not None
     if names is None:
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
-        names = names_without_heading(head[first][: _width(head[first])], remarks)
+        names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
     if twice := doubled_name(names):
         raise MeasurementError(
             f"{path}: the column name {twice!r} occurs twice.", remedy="Rename one of them."
@@ -187,15 +187,15 @@ def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> T
         numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
         lines.append(line)
     shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
-    return Table(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect, has_heading)
+    return MeasurementTable(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect, has_heading)
 
 
-def _width(row: list[float | str]) -> int:
+def _filled_width(row: list[float | str]) -> int:
     """Return how many cells of a row hold something; separators at its end make no columns."""
     return max((at + 1 for at, cell in enumerate(row) if cell != ""), default=0)
 
 
-def _read_excel(path: Path, sheet: str | None) -> Table:
+def _read_excel(path: Path, sheet: str | None) -> MeasurementTable:
     import warnings  # noqa: PLC0415  # openpyxl takes 100 ms that a CSV file need not pay
 
     from openpyxl import load_workbook  # noqa: PLC0415
@@ -214,7 +214,7 @@ def _read_excel(path: Path, sheet: str | None) -> Table:
         for name in [sheet] if sheet is not None else book.sheetnames:
             cells = _excel_rows(path, book[name])
             if sum(sum(isinstance(c, float) for c in row) >= _FEWEST_COLUMNS for row in cells) >= 2:
-                return _assemble(path, cells, f"Excel sheet {name!r}")
+                return _build_table(path, cells, f"Excel sheet {name!r}")
     finally:
         book.close()
     raise MeasurementError(f"{path} holds no table of numbers.", remedy="Name the sheet with `--sheet`.")
@@ -241,4 +241,4 @@ def _excel_cell(value: object) -> float | str:
         return "" if value is None else str(value)
     if isinstance(value, int | float):
         return float(value) if math.isfinite(value) else str(value)
-    return _cell(str(value), "," in str(value) and "." not in str(value))
+    return _parse_cell(str(value), "," in str(value) and "." not in str(value))

@@ -33,7 +33,7 @@ def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     names, units = lines[at], [""] * len(lines[at])
     if len(header) > 1 and _are_units(lines[at]):
         names, units, at = lines[header[-2]], lines[at], header[-2]
-    if _doubled(names):
+    if _duplicate_names(names):
         names = _with_groups(names, lines[:at])
     joined = [
         f"{n} [{u.strip(_BRACKETS)}]" if u and u not in n else n
@@ -44,7 +44,7 @@ def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
 
 def doubled_name(names: Sequence[str]) -> str:
     """Return a name that occurs twice; empty if none does."""
-    return next(iter(_doubled(names)), "")
+    return next(iter(_duplicate_names(names)), "")
 
 
 def names_without_heading(first: Cells, lines: Sequence[str]) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def names_without_heading(first: Cells, lines: Sequence[str]) -> tuple[str, ...]
     return tuple(names)
 
 
-def _doubled(names: Sequence[str]) -> list[str]:
+def _duplicate_names(names: Sequence[str]) -> list[str]:
     return [name for name, count in Counter(n for n in names if n).items() if count > 1]
 
 
@@ -75,7 +75,7 @@ def _with_groups(names: list[str], above: Sequence[list[str]]) -> list[str]:
         for at, name in enumerate(names):
             last = groups[at] if at < len(groups) and groups[at] else last
             filled.append(f"{last} {name}".strip())
-        if not _doubled(filled):
+        if not _duplicate_names(filled):
             return filled
     return names
 

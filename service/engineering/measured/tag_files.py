@@ -14,12 +14,12 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.calibration.points.tag_points import TagPath
-from cellcal.service.engineering.measured.carried import file_of, is_carried
-from cellcal.service.engineering.measured.columns import Layout, detect_layout
+from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
+from cellcal.service.engineering.measured.embedded_files import file_of, is_embedded
 from cellcal.service.engineering.measured.headings import plain_name
-from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
+from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
 from cellcal.service.engineering.measured.table_heads import are_numbered
-from cellcal.service.engineering.measured.typed_columns import columns_typed
+from cellcal.service.engineering.measured.typed_columns import parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS as _ANGLES
 from cellcal.service.engineering.measured.units import LENGTH_UNITS as LENGTHS
 
@@ -50,7 +50,7 @@ class TagOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class ReadTags:
+class TagFileContent:
     """A path, and what was guessed about its file."""
 
     path: TagPath
@@ -67,20 +67,20 @@ def tags_of_setting(value: Any, what: str) -> TagPath:
     MeasurementError
         The setting names no file, or the file cannot be understood.
     """
-    given: dict[str, Any] = {"file": value} if isinstance(value, str) else {}
+    setting: dict[str, Any] = {"file": value} if isinstance(value, str) else {}
     if isinstance(value, dict):
-        given = {"file": value} if is_carried(value) else dict(value)
-    known = {"file", "columns", "units", "convention", "sheet"}
-    if "file" not in given or given.keys() - known:
+        setting = {"file": value} if is_embedded(value) else dict(value)
+    valid_keys = {"file", "columns", "units", "convention", "sheet"}
+    if "file" not in setting or setting.keys() - valid_keys:
         raise MeasurementError(
             f"{what} names no file of tags: {json.dumps(value, default=str)[:80]}.",
             remedy=f'Write {what}=tags.csv, or {what}={{"file": "tags.csv", "units": {{"position": "mm"}}}}.',
         )
-    with file_of(given.pop("file"), what) as path:
-        return read_tags(path, TagOptions(**given)).path
+    with file_of(setting.pop("file"), what) as path:
+        return read_tags(path, TagOptions(**setting)).path
 
 
-def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
+def read_tags(path: Path, options: TagOptions | None = None) -> TagFileContent:
     """Read one path of tags.
 
     Raises
@@ -93,33 +93,37 @@ def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
     options = options or TagOptions()
     table = read_table(path, sheet=options.sheet)
     guesses = [table.dialect] if table.dialect else []
-    name = _given_name(table, options) or _name_column(table)
-    layout = _layout(table, options, name)
-    numbers = {c: table.column(c) for c in (*layout.joints, *layout.position, *layout.turn)}
+    name = _find_name_column(table, options) or _name_column(table)
+    layout = _detect_tag_layout(table, options, name)
+    numbers = {c: table.column_values(c) for c in (*layout.joints, *layout.position, *layout.turn)}
     _refuse_gaps(path, table, numbers)
     units = {**layout.units, **options.units}
-    joints = _scaled(layout.joints, numbers, _unit("joints", units, _ANGLES, _MOST_RADIANS, guesses))
-    positions = _scaled(layout.position, numbers, _unit("position", units, LENGTHS, _MOST_METRES, guesses))
+    joints = _scale_numbers(
+        layout.joints, numbers, _unit_factor("joints", units, _ANGLES, _MOST_RADIANS, guesses)
+    )
+    positions = _scale_numbers(
+        layout.position, numbers, _unit_factor("position", units, LENGTHS, _MOST_METRES, guesses)
+    )
     joints = _as_typed(layout.joints, joints, layout, joints=True)
     positions = _as_typed(layout.position, positions, layout)
-    return ReadTags(
+    return TagFileContent(
         TagPath(
             source=path.name,
-            positions_m=_rows(positions) if positions.shape[1] else ((0.0, 0.0, 0.0),) * len(table),
-            names=tuple(table.words(name)) if name else (),
-            quaternions=_attitudes(layout, numbers, units, options, guesses),
-            joints_rad=_rows(joints) if joints.shape[1] else (),
+            positions_m=_to_tuples(positions) if positions.shape[1] else ((0.0, 0.0, 0.0),) * len(table),
+            names=tuple(table.column_texts(name)) if name else (),
+            quaternions=_read_attitudes(layout, numbers, units, options, guesses),
+            joints_rad=_to_tuples(joints) if joints.shape[1] else (),
         ),
         tuple(guesses),
     )
 
 
-def _given_name(table: Table, options: TagOptions) -> str:
-    wanted = options.columns.get("name", "")
-    return columns_typed(table.names, (wanted,))[0].name if wanted else ""
+def _find_name_column(table: MeasurementTable, options: TagOptions) -> str:
+    typed_name = options.columns.get("name", "")
+    return parse_columns(table.names, (typed_name,))[0].name if typed_name else ""
 
 
-def _name_column(table: Table) -> str:
+def _name_column(table: MeasurementTable) -> str:
     plain = {plain_name(name): name for name in table.names}
     found = next((plain[word] for word in _NAMES if word in plain), "")
     if found:
@@ -129,30 +133,30 @@ def _name_column(table: Table) -> str:
     return first if texts and all(texts) else ""
 
 
-def _layout(table: Table, options: TagOptions, name: str) -> Layout:
+def _detect_tag_layout(table: MeasurementTable, options: TagOptions, name: str) -> TableLayout:
     """Find joints where there are any, and places; a robot's path may have joints alone."""
     names = [column for column in table.names if column != name]
-    given = {
+    column_names = {
         key: tuple(part.strip() for part in text.split(","))
         for key, text in options.columns.items()
         if key != "name"
     }
-    typed = {key: columns_typed(table.names, found) for key, found in given.items()}
-    given = {key: tuple(column.name for column in found) for key, found in typed.items()}
-    changed = {column.name: column for found in typed.values() for column in found if column.changes}
-    joints = given.pop("joints", ()) or _joint_columns(names, given)
+    typed = {key: parse_columns(table.names, found) for key, found in column_names.items()}
+    column_names = {key: tuple(column.name for column in found) for key, found in typed.items()}
+    changed = {column.name: column for found in typed.values() for column in found if column.is_modified}
+    joints = column_names.pop("joints", ()) or _joint_columns(names, column_names)
     rest = [column for column in names if column not in joints]
-    if not table.has_heading and "position" not in given:
-        given |= _only_numbers(table, rest)
+    if not table.has_heading and "position" not in column_names:
+        column_names |= _only_numbers(table, rest)
     try:
-        found = detect_layout(rest, (), given)
+        found = detect_layout(rest, (), column_names)
     except MeasurementError as error:
         if not joints and are_numbered(rest):
             raise MeasurementError(error.message, remedy=_BY_NUMBER) from error
-        if not joints or given:
+        if not joints or column_names:
             raise
-        return Layout(joints=joints, units=_joint_unit(names, joints), typed=changed)
-    return Layout(
+        return TableLayout(joints=joints, units=_joint_unit(names, joints), typed=changed)
+    return TableLayout(
         joints=joints,
         position=found.position,
         turn=found.turn,
@@ -162,11 +166,11 @@ def _layout(table: Table, options: TagOptions, name: str) -> Layout:
     )
 
 
-def _only_numbers(table: Table, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def _only_numbers(table: MeasurementTable, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the three columns of numbers of a list without heading, if it has no more: x, y and z."""
     if _triples_named(names):
         return {}
-    numbers = tuple(name for name in names if np.isfinite(table.column(name)).all())
+    numbers = tuple(name for name in names if np.isfinite(table.column_values(name)).all())
     return {"position": numbers} if len(numbers) == 3 else {}
 
 
@@ -174,13 +178,13 @@ def _triples_named(names: Sequence[str]) -> bool:
     return {"x", "y", "z"} <= {plain_name(name) for name in names}
 
 
-def _joint_columns(names: list[str], given: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+def _joint_columns(names: list[str], typed_names: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
     for count in range(_MOST_AXES, _FEWEST_AXES - 1, -1):
         try:
             return detect_layout([*names, "x", "y", "z"], [f"j{k + 1}" for k in range(count)]).joints
         except MeasurementError:
             continue
-    del given
+    del typed_names
     return ()
 
 
@@ -193,7 +197,7 @@ def _joint_unit(names: list[str], joints: tuple[str, ...]) -> dict[str, str]:
     return {"joints": found.units["joints"]} if "joints" in found.units else {}
 
 
-def _refuse_gaps(path: Path, table: Table, numbers: Mapping[str, Array]) -> None:
+def _refuse_gaps(path: Path, table: MeasurementTable, numbers: Mapping[str, Array]) -> None:
     for column, values in numbers.items():
         gaps = np.flatnonzero(~np.isfinite(values))
         if len(gaps):
@@ -205,7 +209,7 @@ def _refuse_gaps(path: Path, table: Table, numbers: Mapping[str, Array]) -> None
             )
 
 
-def _scaled(columns: tuple[str, ...], numbers: Mapping[str, Array], unit: Any) -> Array:
+def _scale_numbers(columns: tuple[str, ...], numbers: Mapping[str, Array], unit: Any) -> Array:
     if not columns:
         return np.empty((0, 0))
     values = np.column_stack([numbers[column] for column in columns])
@@ -213,19 +217,19 @@ def _scaled(columns: tuple[str, ...], numbers: Mapping[str, Array], unit: Any) -
     return scaled
 
 
-def _as_typed(columns: tuple[str, ...], values: Array, layout: Layout, *, joints: bool = False) -> Array:
+def _as_typed(columns: tuple[str, ...], values: Array, layout: TableLayout, *, joints: bool = False) -> Array:
     """Return values (N, k) with the signs, and the zeros of joints, that were typed with their columns."""
     if not values.shape[1]:
         return values
     zeros = np.deg2rad([layout.zero_deg(column) for column in columns]) if joints else 0.0
-    typed: Array = values * np.array([layout.sign(column) for column in columns]) + zeros
+    typed: Array = values * np.array([layout.column_sign(column) for column in columns]) + zeros
     return typed
 
 
-def _unit(
+def _unit_factor(
     meaning: str, units: Mapping[str, str], table: Mapping[str, float], most: float, guesses: list[str]
 ) -> Any:
-    def factor(values: Array) -> float:
+    def to_factor(values: Array) -> float:
         unit = units.get(meaning, "")
         if unit and unit not in table:
             raise MeasurementError(f"{meaning} cannot be in {unit!r}.", remedy=f"Units: {', '.join(table)}.")
@@ -235,11 +239,11 @@ def _unit(
             guesses.append(f"{meaning} taken as {unit}")
         return table[unit]
 
-    return factor
+    return to_factor
 
 
-def _attitudes(
-    layout: Layout,
+def _read_attitudes(
+    layout: TableLayout,
     numbers: Mapping[str, Array],
     units: Mapping[str, str],
     options: TagOptions,
@@ -261,12 +265,14 @@ def _attitudes(
         length = np.linalg.norm(turns, axis=1, keepdims=True)
         turns = np.where(np.abs(length - 1.0) < 0.01, turns / np.maximum(length, 0.01), turns)
     else:
-        turns = _scaled(layout.turn, numbers, _unit("rotation", units, _ANGLES, _MOST_RADIANS, guesses))
+        turns = _scale_numbers(
+            layout.turn, numbers, _unit_factor("rotation", units, _ANGLES, _MOST_RADIANS, guesses)
+        )
     quaternions = [quaternion_from_rotation(rotation) for rotation in rotation_from(convention, turns)]
     return tuple((float(w), float(x), float(y), float(z)) for w, x, y, z in quaternions)
 
 
-def _rows(values: Array) -> Any:
+def _to_tuples(values: Array) -> Any:
     return tuple(tuple(float(v) for v in row) for row in values)
 
 

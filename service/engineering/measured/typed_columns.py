@@ -20,18 +20,18 @@ class TypedColumn:
     zero_deg: float = 0.0
 
     @property
-    def changes(self) -> bool:
+    def is_modified(self) -> bool:
         """Whether it is not taken as it is written."""
         return self.sign < 0 or self.zero_deg != 0.0
 
     @property
-    def text(self) -> str:
+    def typed_text(self) -> str:
         """As one types it."""
         zero = f"{self.zero_deg:+g}" if self.zero_deg else ""
         return f"{'-' if self.sign < 0 else ''}{self.name}{zero}"
 
 
-def columns_typed(names: Sequence[str], wanted: Sequence[str]) -> tuple[TypedColumn, ...]:
+def parse_columns(names: Sequence[str], texts: Sequence[str]) -> tuple[TypedColumn, ...]:
     """Return columns by what was typed: a name, its number counted from 1, ``-J2``, ``J2+90``.
 
     Raises
@@ -39,11 +39,11 @@ def columns_typed(names: Sequence[str], wanted: Sequence[str]) -> tuple[TypedCol
     MeasurementError
         No such column.
     """
-    return tuple(_column(names, text.strip()) for text in wanted)
+    return tuple(_parse_column(names, text.strip()) for text in texts)
 
 
-def _column(names: Sequence[str], text: str) -> TypedColumn:
-    found = _parsed(names, text)
+def _parse_column(names: Sequence[str], text: str) -> TypedColumn:
+    found = _parse_text(names, text)
     if found is None or abs(found.zero_deg) > _MOST_DEG:
         raise MeasurementError(
             f"there is no column {text!r}.",
@@ -52,11 +52,11 @@ def _column(names: Sequence[str], text: str) -> TypedColumn:
     return found
 
 
-def _parsed(names: Sequence[str], text: str) -> TypedColumn | None:
+def _parse_text(names: Sequence[str], text: str) -> TypedColumn | None:
     """Return what a text names; several signs and zeros one after the other add up."""
     sign, zero = 1.0, 0.0
     for _ in range(_MOST_MARKS):
-        name = _named(names, text)
+        name = _find_name(names, text)
         if name:
             return TypedColumn(name, sign, zero)
         match = _ZERO.match(text)
@@ -69,7 +69,7 @@ def _parsed(names: Sequence[str], text: str) -> TypedColumn | None:
     return None
 
 
-def _named(names: Sequence[str], text: str) -> str:
+def _find_name(names: Sequence[str], text: str) -> str:
     if text in names:
         return text
     number = int(text) if text.isdecimal() and text.isascii() and len(text) < 5 else 0

@@ -19,19 +19,19 @@ FitUnit = Callable[[Mapping[str, float]], str]
 class UnitChoice:
     """What was stated, what was guessed, and the guesses in words."""
 
-    known: Mapping[str, str]
+    stated: Mapping[str, str]
     guesses: list[str]
     used: dict[str, str] = field(default_factory=dict)
 
-    def angle(self, meaning: str, columns: Sequence[str], values: Array) -> float:
+    def angle_factor(self, meaning: str, columns: Sequence[str], values: Array) -> float:
         """Return rad per unit: degrees if any angle is beyond a turn and a third."""
-        if meaning in self.known:
-            return self._stated(meaning, ANGLE_UNITS)
+        if meaning in self.stated:
+            return self._stated_factor(meaning, ANGLE_UNITS)
         name = "deg" if float(np.abs(values).max()) > _MOST_RADIANS else "rad"
-        self._note(meaning, columns, name)
+        self._note_guess(meaning, columns, name)
         return ANGLE_UNITS[name]
 
-    def length(
+    def length_factor(
         self,
         meaning: str,
         columns: Sequence[str],
@@ -40,8 +40,8 @@ class UnitChoice:
         by_fit: FitUnit | None = None,
     ) -> float:
         """Return m per unit: the one that fits the arm, else in which the values spread as wide as it moved."""
-        if meaning in self.known:
-            return self._stated(meaning, LENGTH_UNITS)
+        if meaning in self.stated:
+            return self._stated_factor(meaning, LENGTH_UNITS)
         name = by_fit(LENGTH_UNITS) if by_fit is not None else ""
         if not name and spread_m > 0:
             spread = float(np.sqrt(((values - values.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -49,11 +49,11 @@ class UnitChoice:
             name = min(misfits, key=lambda n: misfits[n])
         elif not name:
             name = "mm" if float(np.median(np.abs(values))) > 20.0 else "m"
-        self._note(meaning, columns, name)
+        self._note_guess(meaning, columns, name)
         return LENGTH_UNITS[name]
 
-    def _stated(self, meaning: str, table: Mapping[str, float]) -> float:
-        unit = self.known[meaning]
+    def _stated_factor(self, meaning: str, table: Mapping[str, float]) -> float:
+        unit = self.stated[meaning]
         if unit not in table:
             raise MeasurementError(
                 f"{meaning} cannot be in {unit!r}.",
@@ -62,6 +62,6 @@ class UnitChoice:
         self.used[meaning] = unit
         return table[unit]
 
-    def _note(self, meaning: str, columns: Sequence[str], unit: str) -> None:
+    def _note_guess(self, meaning: str, columns: Sequence[str], unit: str) -> None:
         self.used[meaning] = unit
         self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")

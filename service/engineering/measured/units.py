@@ -18,10 +18,10 @@ ANGLE_UNITS = {
     "gon": float(np.pi / 200),
 }
 
-__all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "celsius"]
+__all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "to_celsius"]
 
 
-def celsius(temperatures: Array, heading: str) -> Array:
+def to_celsius(temperatures: Array, heading: str) -> Array:
     """Return temperatures in degrees Celsius, from the unit that their heading names."""
     if _FAHRENHEIT.search(heading):
         return (temperatures - 32.0) / 1.8

@@ -11,18 +11,22 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.mounting import FLOOR
 from cellcal.calibration.arm.urdf import calibrated_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
-from cellcal.calibration.identification.estimator import Fit
-from cellcal.calibration.identification.identifiability import correlations, is_learnt
+from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
+from cellcal.calibration.identification.estimator import ArmFit
+from cellcal.calibration.identification.identifiability import is_learnt, parameter_correlations
 from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
-from cellcal.calibration.orientation import elementary
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSetError, Value
+from cellcal.calibration.orientation import elementary_rotation
+from cellcal.service.engineering.parameters.parameter_sets import (
+    ParameterSet,
+    ParameterSetError,
+    ParameterValue,
+)
 
 _ROUNDED = 1e-6  # of an eigenvalue of stored correlations
 _SAME_AXIS = 1e-3  # m and rad: descriptions round their numbers
 
 
-class Identified(Protocol):
+class IdentifiedLike(Protocol):
     """A parameter as an identification reports it."""
 
     @property
@@ -68,8 +72,8 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
             f"model than {nominal.name} as it is here.",
             remedy="Identify again, or use the release with which the set was made.",
         )
-    entries = _entries(nominal)
-    errors = np.zeros((nominal.axes, 5) if nominal.dh is not None else (nominal.axes + 1, 6))
+    entries = _geometry_entries(nominal)
+    errors = np.zeros((nominal.axis_count, 5) if nominal.dh is not None else (nominal.axis_count + 1, 6))
     left_out = []
     for value in parameter_set.values:
         entry = entries.get(value.name)
@@ -81,18 +85,21 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
     return CalibratedModel(moved, tuple(left_out))
 
 
-def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[Value, ...]:
+def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
     """Return how a model with a DH table deviates from nominal; nobody knows how certainly."""
-    if nominal.dh is None or model.dh is None or model.axes != nominal.axes:
+    if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
         raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
-    errors = model.dh.rows() - nominal.dh.rows()
+    errors = model.dh.to_rows() - nominal.dh.to_rows()
     units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
     return tuple(
-        Value(name, units[entry[1]], float(errors[entry])) for name, entry in _entries(nominal).items()
+        ParameterValue(name, units[entry[1]], float(errors[entry]))
+        for name, entry in _geometry_entries(nominal).items()
     )
 
 
-def values_of_identification(parameters: Iterable[Identified], fit: Fit | None = None) -> tuple[Value, ...]:
+def values_of_identification(
+    parameters: Iterable[IdentifiedLike], fit: ArmFit | None = None
+) -> tuple[ParameterValue, ...]:
     """Return what an identification found, with its standard uncertainties; from its fit, correlations too."""
     some = list(parameters)
     rho = np.eye(len(some))
@@ -100,15 +107,15 @@ def values_of_identification(parameters: Iterable[Identified], fit: Fit | None =
         at = {p.name: i for i, p in enumerate(fit.layout.parameters)}
         mine = [i for i, p in enumerate(some) if p.name in at]
         theirs = [at[some[i].name] for i in mine]
-        rho[np.ix_(mine, mine)] = correlations(fit)[np.ix_(theirs, theirs)]
-    told = np.clip(rho, -1.0, 1.0)
+        rho[np.ix_(mine, mine)] = parameter_correlations(fit)[np.ix_(theirs, theirs)]
+    clipped = np.clip(rho, -1.0, 1.0)
     return tuple(
-        Value(
+        ParameterValue(
             p.name,
             p.unit,
             float(p.value),
             float(p.sigma),
-            tuple(told[i, :i].tolist()) if fit else (),
+            tuple(clipped[i, :i].tolist()) if fit else (),
             determined=is_learnt(p.sigma, p.prior),
         )
         for i, p in enumerate(some)
@@ -140,7 +147,7 @@ def covariance_of(parameter_set: ParameterSet) -> Array | None:
     return covariance
 
 
-def _entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:
+def _geometry_entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:
     layout = make_layout(nominal, "point", 1, level=GEOMETRY)
     names = [p.name for p in layout.parameters if p.role in ("offset", "geometry")]
     return dict(zip(names, layout.geometry, strict=True))
@@ -158,13 +165,13 @@ def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibr
         The axes of the description are not those of the nominal model.
     """
     arm = read_urdf(text, tip_link=tip_link)
-    if arm.model.axes != nominal.axes:
+    if arm.model.axis_count != nominal.axis_count:
         raise CalibrationError(
-            f"the description has {arm.model.axes} joints, {nominal.name} has {nominal.axes}"
+            f"the description has {arm.model.axis_count} joints, {nominal.name} has {nominal.axis_count}"
         )
-    ours, theirs = _steps(nominal), _steps(arm.model)
+    ours, theirs = _joint_steps(nominal), _joint_steps(arm.model)
     beside = np.array(
-        [inverse_transform(a) @ b for a, b in zip(_chained(ours), _chained(theirs), strict=True)]
+        [inverse_transform(a) @ b for a, b in zip(_chain_steps(ours), _chain_steps(theirs), strict=True)]
     )
     off_axis = np.abs(beside[:-1, :2, 2:]).max()
     directions = np.sign(np.diag(nominal.joint_coupling))
@@ -174,18 +181,21 @@ def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibr
             remedy="Name the link at the flange, and see that the description's root is the robot's base.",
         )
     before = np.concatenate([np.eye(4)[None], inverse_transform(beside[:-1])])
-    placements = before @ _steps(calibrated) @ beside
+    placements = before @ _joint_steps(calibrated) @ beside
     moved = replace(arm.model, placements=placements)
     return calibrated_urdf(arm, moved)
 
 
-def _steps(model: RobotModel) -> Array:
+def _joint_steps(model: RobotModel) -> Array:
     """Return (n + 1, 4, 4): from the frame in which a joint turns to the next, all joints at zero."""
-    turns = [homogeneous(elementary("z", np.array(t)), np.zeros(3)) for t in (*model.theta0_rad, 0.0)]
+    turns = [
+        homogeneous_matrix(elementary_rotation("z", np.array(t)), np.zeros(3))
+        for t in (*model.theta0_rad, 0.0)
+    ]
     return np.array([p @ t for p, t in zip(model.placements, turns, strict=True)])
 
 
-def _chained(steps: Array) -> Array:
+def _chain_steps(steps: Array) -> Array:
     frames = [steps[0]]
     for step in steps[1:]:
         frames.append(frames[-1] @ step)

@@ -6,18 +6,18 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
-from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,
     ParameterSets,
-    Value,
+    ParameterValue,
 )
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 
 
-def keep_calibration(
+def save_calibration(
     config: CellConfig, robot: str | None, sets: ParameterSets, who: str, made_at: str
 ) -> ParameterSet:
     """Save what the robot's newest calibration found as its next version.
@@ -27,25 +27,25 @@ def keep_calibration(
     ParameterSetError
         No calibration of this robot was kept, or the newest is saved already.
     """
-    serial = config.robot(robot).serial
+    serial = config.robot_named(robot).serial
     with open_journal(config) as journal:
-        arm = Store(journal).calibrated_arm(serial)
+        arm = RunStore(journal).calibrated_arm(serial)
     if arm is None:
         raise ParameterSetError(
             f"no calibration of robot {serial} was kept.",
             remedy="Run `cellcal run robot_calibration` first.",
             code="usage",
         )
-    draft = draft_of(arm, Who(serial, who, made_at))
-    if serial in sets.robots() and sets.load(serial).source == draft.source:
+    draft = draft_of(arm, SetOrigin(serial, who, made_at))
+    if serial in sets.robot_serials() and sets.load_set(serial).source == draft.source:
         raise ParameterSetError(
-            f"the newest calibration of robot {serial} is version {sets.load(serial).version} already.",
+            f"the newest calibration of robot {serial} is version {sets.load_set(serial).version} already.",
             code="usage",
         )
-    return sets.save(draft)
+    return sets.save_draft(draft)
 
 
-def draft_of(arm: CalibratedArm, who: Who) -> ParameterSet:
+def draft_of(arm: CalibratedArm, who: SetOrigin) -> ParameterSet:
     """Return a kept calibration as a parameter set that has no version yet."""
     nominal = load_model(arm.model)
     return ParameterSet(
@@ -55,12 +55,14 @@ def draft_of(arm: CalibratedArm, who: Who) -> ParameterSet:
         made_at=who.made_at,
         made_by=who.made_by,
         source=f"robot_calibration with {arm.device}, sha256 {arm.sha256}",
-        values=_correlated(values_of_identification(arm.parameters), arm.correlations),
+        values=_with_correlations(values_of_identification(arm.parameters), arm.correlations),
         note="for the mastering that the robot had then" if arm.counts_at_zero else "",
     )
 
 
-def _correlated(values: tuple[Value, ...], correlations: tuple[tuple[float, ...], ...]) -> tuple[Value, ...]:
+def _with_correlations(
+    values: tuple[ParameterValue, ...], correlations: tuple[tuple[float, ...], ...]
+) -> tuple[ParameterValue, ...]:
     """Return values with their correlations, without which nobody can say how surely a point will be hit."""
     if not correlations:
         return values

@@ -11,15 +11,15 @@ from typing import Protocol
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
-from cellcal.drivers.fanuc.program_files.va_edits import count_edits, instructions
-from cellcal.drivers.fanuc.program_files.va_mastering import Drives, GroupMastering
-from cellcal.procedures.recovery.record_seal import seal
+from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
+from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.mastering_files import RecordFileError, kept_as
+from cellcal.service.engineering.parameters.mastering_files import RecordFileError, store_in_force
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import Store
+from cellcal.service.record.run_store import RunStore
 
-_UNTOLD = (
+_NOT_IN_BACKUP = (
     "wire lengths and places: lost turns cannot be found with this record",
     "the encoder epoch: whether the encoders kept counting since the backup was saved",
     "whose robot it is: a .VA file holds no serial number of the arm",
@@ -27,7 +27,7 @@ _UNTOLD = (
 _NO_REFERENCE = "a reference pose: the backup has no quick-master reference of this mastering"
 
 
-class Arm(Protocol):
+class ArmChoice(Protocol):
     """Whose backup it is; robot None: the only one of the cell."""
 
     @property
@@ -48,7 +48,7 @@ class BackupImport:
 
 
 def import_backup(
-    config: CellConfig, folder: Path, *, who: str, of: Arm, replace: bool = False
+    config: CellConfig, folder: Path, *, who: str, of: ArmChoice, replace: bool = False
 ) -> BackupImport:
     """Make a mastering record from a folder of .VA files, as the one in force.
 
@@ -66,17 +66,17 @@ def import_backup(
             remedy=f"Say --robot with one of {', '.join(entry.name for entry in config.robots)}.",
             code="usage",
         )
-    entry = config.robot(of.robot)
+    entry = config.robot_named(of.robot)
     backup = read_backup(folder)
-    mastering, drives = _valid(backup, of.group)
+    mastering, drives = _require_valid(backup, of.group)
     _refuse_other_axes(entry.model, mastering)
-    record = _record(entry.serial, entry.model, mastering, drives)
-    known = kept_as(config, record, who=who, replace=replace)
-    untold = (*_UNTOLD, *(() if record.reference_counts else (_NO_REFERENCE,)))
-    return BackupImport(entry.name, record, known, untold, mastering.findings)
+    record = _build_record(entry.serial, entry.model, mastering, drives)
+    was_known = store_in_force(config, record, who=who, replace=replace)
+    untold = (*_NOT_IN_BACKUP, *(() if record.reference_counts else (_NO_REFERENCE,)))
+    return BackupImport(entry.name, record, was_known, untold, mastering.findings)
 
 
-def edits_to(config: CellConfig, folder: Path, of: Arm) -> tuple[str, ...]:
+def edits_to(config: CellConfig, folder: Path, of: ArmChoice) -> tuple[str, ...]:
     """Return what an operator types to give the controller the counts of the record in force.
 
     Raises
@@ -84,18 +84,18 @@ def edits_to(config: CellConfig, folder: Path, of: Arm) -> tuple[str, ...]:
     RecordFileError
         There is no record.
     """
-    entry = config.robot(of.robot)
+    entry = config.robot_named(of.robot)
     with open_journal(config) as journal:
-        record = Store(journal).mastering_record(entry.serial)
+        record = RunStore(journal).mastering_record(entry.serial)
     if record is None:
         raise RecordFileError(
             f"there is no mastering record of {entry.name} (serial {entry.serial}).",
             remedy="Import one, or take it with `cellcal run mastering_record` while the robot is healthy.",
         )
-    return instructions(count_edits(read_backup(folder), of.group, record.counts_at_zero))
+    return edit_instructions(count_edits(read_backup(folder), of.group, record.counts_at_zero))
 
 
-def _valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Drives]:
+def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, GroupDrives]:
     for name in (MASTERING, DRIVES):
         if name not in backup.files:
             raise RecordFileError(
@@ -117,7 +117,7 @@ def _valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Drives]:
 
 
 def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
-    axes = load_model(model).axes
+    axes = load_model(model).axis_count
     if axes != len(mastering.counts_at_zero):
         raise RecordFileError(
             f"a {model} has {axes} axes, group {mastering.group} of the backup {len(mastering.counts_at_zero)}.",
@@ -126,13 +126,13 @@ def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
         )
 
 
-def _record(serial: str, model: str, mastering: GroupMastering, drives: Drives) -> MasteringRecord:
+def _build_record(serial: str, model: str, mastering: GroupMastering, drives: GroupDrives) -> MasteringRecord:
     holds = mastering.reference_holds
     record = MasteringRecord(
         robot_serial=serial,
         model=model,
         epoch=0,
-        drive=drives.train(),
+        drive=drives.to_drive_train(),
         counts_at_zero=mastering.counts_at_zero,
         reference_joints_rad=mastering.reference_rad if holds else (),
         reference_counts=mastering.reference_counts if holds else (),
@@ -142,4 +142,4 @@ def _record(serial: str, model: str, mastering: GroupMastering, drives: Drives) 
         taken_by="controller backup 1",
         sha256="",
     )
-    return seal(record)
+    return seal_record(record)

@@ -9,15 +9,21 @@ from pydantic import TypeAdapter, ValidationError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.procedures.past import Kind
 from cellcal.procedures.recovery.record_seal import seal_of
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_sheet import as_sheet
 from cellcal.service.files import SHARED_FILE, replace_file
-from cellcal.service.record.journal import Event, Journal
+from cellcal.service.record.journal import Journal, JournalEvent
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import RECORD, Store
-from cellcal.service.record.signing import Checked, Finding, check, read_document, station_key
+from cellcal.service.record.run_store import RECORD, RunStore
+from cellcal.service.record.signing import (
+    CheckedDocument,
+    CheckFinding,
+    check_document,
+    read_document,
+    station_key,
+)
 
 FORMAT = "cellcal mastering record 1"
 _RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)
@@ -30,7 +36,7 @@ class RecordFileError(CellError):
 
 
 @dataclass(frozen=True, slots=True)
-class KeptRecord:
+class RecordInForce:
     """The record in force, and where it comes from."""
 
     robot: str
@@ -50,7 +56,7 @@ class KeptRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedRecord:
     """What an import brought in. ``was_known`` where it was in force already."""
 
     robot: str
@@ -59,7 +65,7 @@ class Imported:
     was_known: bool
 
 
-def in_force(config: CellConfig, robot: str | None = None) -> KeptRecord:
+def in_force(config: CellConfig, robot: str | None = None) -> RecordInForce:
     """Return the latest mastering record of a robot.
 
     Raises
@@ -67,28 +73,28 @@ def in_force(config: CellConfig, robot: str | None = None) -> KeptRecord:
     RecordFileError
         There is none.
     """
-    entry = config.robot(robot)
+    entry = config.robot_named(robot)
     with open_journal(config) as journal:
-        record, event = Store(journal).mastering_record(entry.serial), _stored(journal, entry.serial)
+        record, event = RunStore(journal).mastering_record(entry.serial), _find_stored(journal, entry.serial)
     if record is None or event is None:
         raise RecordFileError(
             f"there is no mastering record of {entry.name} (serial {entry.serial}).",
             remedy=f"Take it while the robot is healthy: `cellcal run mastering_record --cell {config.path}`.",
         )
-    return KeptRecord(entry.name, record, event.wall_utc, event.run_id)
+    return RecordInForce(entry.name, record, event.wall_utc, event.run_id)
 
 
-def export(config: CellConfig, robot: str | None, out: Path) -> tuple[Path, Path]:
+def export_record(config: CellConfig, robot: str | None, out: Path) -> tuple[Path, Path]:
     """Write the record in force as a signed file, and the sheet for the robot's door; return both paths."""
-    kept = in_force(config, robot)
+    current = in_force(config, robot)
     key = station_key(config.cell.data_dir)
-    signed = key.sign(FORMAT, kept.as_content(config.cell.name))
-    name = f"mastering_record_{kept.record.robot_serial}_{kept.record.sha256[:12]}"
-    paths = out / f"{_plain(name)}.json", out / f"{_plain(name)}.txt"
+    signed = key.sign_document(FORMAT, current.as_content(config.cell.name))
+    name = f"mastering_record_{current.record.robot_serial}_{current.record.sha256[:12]}"
+    paths = out / f"{_safe_file_name(name)}.json", out / f"{_safe_file_name(name)}.txt"
     try:
         out.mkdir(parents=True, exist_ok=True)
         replace_file(paths[0], signed, mode=SHARED_FILE)
-        replace_file(paths[1], as_sheet(kept, config.cell.name, key.public), mode=SHARED_FILE)
+        replace_file(paths[1], as_sheet(current, config.cell.name, key.public_key), mode=SHARED_FILE)
     except OSError as error:
         raise RecordFileError(
             f"the record cannot be written to {out}: {error.strerror}.",
@@ -99,7 +105,7 @@ def export(config: CellConfig, robot: str | None, out: Path) -> tuple[Path, Path
 
 def import_record(
     config: CellConfig, path: Path, *, who: str, expected_key: str | None = None, replace: bool = False
-) -> Imported:
+) -> ImportedRecord:
     """Take in a record that was exported elsewhere, as the one in force.
 
     Raises
@@ -108,13 +114,15 @@ def import_record(
         The file is damaged or no record, another key signed it, it is of another robot or model, or another
         record is in force and ``replace`` was not said.
     """
-    checked = _checked(path, expected_key)
+    checked = _read_checked(path, expected_key)
     record = _record_of(checked)
     robot = _robot_of(config, record)
-    return Imported(robot, record, checked.public_key, kept_as(config, record, who=who, replace=replace))
+    return ImportedRecord(
+        robot, record, checked.public_key, store_in_force(config, record, who=who, replace=replace)
+    )
 
 
-def kept_as(config: CellConfig, record: MasteringRecord, *, who: str, replace: bool) -> bool:
+def store_in_force(config: CellConfig, record: MasteringRecord, *, who: str, replace: bool) -> bool:
     """Keep a record as the one in force; tell whether it was in force already.
 
     Raises
@@ -123,31 +131,31 @@ def kept_as(config: CellConfig, record: MasteringRecord, *, who: str, replace: b
         Another record of this robot is in force and ``replace`` was not said.
     """
     with open_journal(config) as journal:
-        store = Store(journal)
+        store = RunStore(journal)
         present = store.mastering_record(record.robot_serial)
         if present is not None and present != record and not replace:
-            raise _in_the_way(present, record, _stored(journal, record.robot_serial))
+            raise _in_the_way(present, record, _find_stored(journal, record.robot_serial))
         if present != record:
             store.put_mastering_record(record, actor=who)
     return present == record
 
 
-def _checked(path: Path, expected_key: str | None) -> Checked:
+def _read_checked(path: Path, expected_key: str | None) -> CheckedDocument:
     raw = read_document(path)
-    checked = raw if isinstance(raw, Checked) else check(raw, expected_key=expected_key)
-    if checked.finding is not Finding.INTACT:
-        code = "usage" if checked.finding is Finding.UNREADABLE else "signature"
+    checked = raw if isinstance(raw, CheckedDocument) else check_document(raw, expected_key=expected_key)
+    if checked.finding is not CheckFinding.INTACT:
+        code = "usage" if checked.finding is CheckFinding.UNREADABLE else "signature"
         raise RecordFileError(
             f"{path} was not imported: {checked.sentence}",
             remedy="Export it again with `cellcal mastering export` and carry it over.",
-            code="certificate" if checked.finding is Finding.UNKNOWN_KEY else code,
+            code="certificate" if checked.finding is CheckFinding.UNKNOWN_KEY else code,
         )
     if checked.format != FORMAT:
         raise RecordFileError(f"{path} holds a {checked.format!r}, no mastering record.", code="usage")
     return checked
 
 
-def _record_of(checked: Checked) -> MasteringRecord:
+def _record_of(checked: CheckedDocument) -> MasteringRecord:
     try:
         record = _RECORDS.validate_python(checked.content["record"])
     except (ValidationError, CellError, KeyError, TypeError) as error:
@@ -180,10 +188,16 @@ def _robot_of(config: CellConfig, record: MasteringRecord) -> str:
     )
 
 
-def _in_the_way(present: MasteringRecord, record: MasteringRecord, stored: Event | None) -> RecordFileError:
+def _in_the_way(
+    present: MasteringRecord, record: MasteringRecord, stored: JournalEvent | None
+) -> RecordFileError:
     since = "" if stored is None else f", stored {stored.wall_utc[:19].replace('T', ' ')} UTC"
     other = " Their zero positions differ." if present.counts_at_zero != record.counts_at_zero else ""
-    other += " Only the one in force can find lost turns." if present.measured and not record.measured else ""
+    other += (
+        " Only the one in force can find lost turns."
+        if present.is_measured and not record.is_measured
+        else ""
+    )
     return RecordFileError(
         f"another record of this robot is in force ({present.sha256[:12]}{since}); the file holds "
         f"{record.sha256[:12]}.{other}",
@@ -191,14 +205,14 @@ def _in_the_way(present: MasteringRecord, record: MasteringRecord, stored: Event
     )
 
 
-def _stored(journal: Journal, serial: str) -> Event | None:
+def _find_stored(journal: Journal, serial: str) -> JournalEvent | None:
     found = None
-    for event in journal.events():
-        if event.kind == Kind.STORED:
+    for event in journal.list_events():
+        if event.kind == EventKind.STORED:
             body = parse_json(event.body)
             found = event if (body["what"], body["robot_serial"]) == (RECORD, serial) else found
     return found
 
 
-def _plain(name: str) -> str:
+def _safe_file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)

@@ -25,7 +25,7 @@ _BY_HAND = (
 )
 
 
-class Kept(Protocol):
+class SheetRecord(Protocol):
     """What a sheet is made of."""
 
     @property
@@ -38,24 +38,24 @@ class Kept(Protocol):
     def run_id(self) -> str: ...
 
 
-def as_sheet(kept: Kept, cell: str, public_key: str = "") -> str:
+def as_sheet(sheet_record: SheetRecord, cell: str, public_key: str = "") -> str:
     """Return the sheet as text; with the key, where a signed file goes with it."""
-    record = kept.record
+    record = sheet_record.record
     lines = [
         "MASTERING RECORD",
         "=" * WIDTH,
-        f"robot           {kept.robot}, serial {record.robot_serial}",
+        f"robot           {sheet_record.robot}, serial {record.robot_serial}",
         f"model           {record.model}",
         f"cell            {cell}",
-        f"stored (UTC)    {kept.stored_utc[:19].replace('T', ' ')}",
-        f"by              {record.taken_by}, run {kept.run_id}",
-        f"encoder epoch   {record.epoch if record.measured else 'not known'}",
+        f"stored (UTC)    {sheet_record.stored_utc[:19].replace('T', ' ')}",
+        f"by              {record.taken_by}, run {sheet_record.run_id}",
+        f"encoder epoch   {record.epoch if record.is_measured else 'not known'}",
         "",
-        *_axes(record),
+        *_axis_lines(record),
         "",
-        *_lengths(record),
+        *_length_lines(record),
         "",
-        *textwrap.wrap(_AFTER_A_LOSS if record.measured else _ONLY_COUNTS, WIDTH),
+        *textwrap.wrap(_AFTER_A_LOSS if record.is_measured else _ONLY_COUNTS, WIDTH),
         "",
         *textwrap.wrap(_BY_HAND, WIDTH),
         "",
@@ -67,18 +67,18 @@ def as_sheet(kept: Kept, cell: str, public_key: str = "") -> str:
     return "\n".join(line[:WIDTH].rstrip() for line in lines) + "\n"
 
 
-def _lengths(record: MasteringRecord) -> list[str]:
+def _length_lines(record: MasteringRecord) -> list[str]:
     wire = record.wire
     if wire is None:
         return ["wire: nothing measured"]
     return [
-        f"wire: anchor {_mm(wire.anchor_in_base_m)} in the base",
-        f"      hook   {_mm(wire.hook_in_flange_m)} in the flange",
+        f"wire: anchor {_format_mm(wire.anchor_in_base_m)} in the base",
+        f"      hook   {_format_mm(wire.hook_in_flange_m)} in the flange",
         f"      {wire.n} lengths, RMS {wire.residual_rms_m * 1e3:.3f} mm about the fit",
     ]
 
 
-def _axes(record: MasteringRecord) -> list[str]:
+def _axis_lines(record: MasteringRecord) -> list[str]:
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
     rows = zip(
         load_model(record.model).joint_names,
@@ -101,6 +101,6 @@ def _axes(record: MasteringRecord) -> list[str]:
     ]
 
 
-def _mm(place_m: tuple[float, float, float]) -> str:
+def _format_mm(place_m: tuple[float, float, float]) -> str:
     x, y, z = (1e3 * value for value in place_m)
     return f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm"

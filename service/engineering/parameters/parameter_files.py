@@ -29,8 +29,8 @@ from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,
     ParameterSets,
-    Value,
-    parse,
+    ParameterValue,
+    parse_set,
     to_text,
 )
 from cellcal.service.engineering.parameters.ur_files import (
@@ -61,7 +61,7 @@ class FileKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Who:
+class SetOrigin:
     """Which robot, and who says so."""
 
     robot_serial: str
@@ -71,7 +71,7 @@ class Who:
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
+class ImportedSet:
     """A saved set, and what a person should know about it."""
 
     parameter_set: ParameterSet
@@ -79,7 +79,7 @@ class Imported:
 
 
 @dataclass(frozen=True, slots=True)
-class Template:
+class DescriptionTemplate:
     """A description to be corrected, rather than a bare one written."""
 
     text: str
@@ -87,14 +87,14 @@ class Template:
 
 
 @dataclass(frozen=True, slots=True)
-class _Content:
-    values: tuple[Value, ...]
+class _FileContent:
+    values: tuple[ParameterValue, ...]
     what: str
     factory_hash: str = ""
     notes: tuple[str, ...] = ()
 
 
-def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) -> Imported:
+def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: SetOrigin) -> ImportedSet:
     """Save what a file says about an arm as the newest version.
 
     It may be the JSON of ``cellcal identify``, a parameter set, a UR controller's ``calibration.conf``, bytes
@@ -106,11 +106,11 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) 
         The file is none of these, or of another robot; a YAML is of another arm than the controller's table.
     """
     data = read_plain_bytes(path)
-    content = _read(data, nominal)
-    known = _factory_hash(sets, who.robot_serial)
-    if content.factory_hash and known and content.factory_hash != known:
+    content = _read_content(data, nominal)
+    factory_hash = _factory_hash(sets, who.robot_serial)
+    if content.factory_hash and factory_hash and content.factory_hash != factory_hash:
         raise ParameterSetError(
-            f"{path} belongs to another arm: it is {content.factory_hash}, robot {who.robot_serial} is {known}.",
+            f"{path} belongs to another arm: it is {content.factory_hash}, robot {who.robot_serial} is {factory_hash}.",
             remedy="Check the serial number; fetch the table from this controller again.",
         )
     digest = hashlib.sha256(data).hexdigest()
@@ -123,10 +123,10 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) 
         source=f"{content.what}: {path.name}, sha256 {digest}",
         values=content.values,
         note=who.note,
-        factory_hash=content.factory_hash or known,
+        factory_hash=content.factory_hash or factory_hash,
     )
     calibrated_model(nominal, draft)
-    return Imported(sets.save(draft), content.notes)
+    return ImportedSet(sets.save_draft(draft), content.notes)
 
 
 def export_set(
@@ -134,7 +134,7 @@ def export_set(
     nominal: RobotModel,
     kind: FileKind,
     *,
-    template: Template | None = None,
+    template: DescriptionTemplate | None = None,
     geometric_joints: bool = False,
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the content of a file, and sentences about what it could not hold."""
@@ -143,7 +143,7 @@ def export_set(
     if kind is FileKind.TOML:
         return to_text(item).encode(), ()
     if kind is FileKind.URDF:
-        text = _urdf(found, nominal, template, geometric_joints=geometric_joints)
+        text = _write_urdf(found, nominal, template, geometric_joints=geometric_joints)
         return text.encode(), tuple(notes)
     if not nominal.name.startswith("ur"):
         raise ParameterSetError(
@@ -155,8 +155,12 @@ def export_set(
     return written, (*notes, *more)
 
 
-def _urdf(
-    found: CalibratedModel, nominal: RobotModel, template: Template | None, *, geometric_joints: bool
+def _write_urdf(
+    found: CalibratedModel,
+    nominal: RobotModel,
+    template: DescriptionTemplate | None,
+    *,
+    geometric_joints: bool,
 ) -> str:
     if template is None:
         return bare_urdf(found.model, geometric_joints=geometric_joints)
@@ -164,12 +168,12 @@ def _urdf(
 
 
 def _factory_hash(sets: ParameterSets, robot_serial: str) -> str:
-    if robot_serial not in sets.robots():
+    if robot_serial not in sets.robot_serials():
         return ""
-    return sets.load(robot_serial).factory_hash
+    return sets.load_set(robot_serial).factory_hash
 
 
-def _read(data: bytes, nominal: RobotModel) -> _Content:
+def _read_content(data: bytes, nominal: RobotModel) -> _FileContent:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -180,35 +184,35 @@ def _read(data: bytes, nominal: RobotModel) -> _Content:
     if "delta_theta" in text:
         return _of_table(read_calibration_conf(text, nominal), nominal, "calibration.conf")
     if "[[parameter]]" in text:
-        return _of_set(parse(text), nominal)
+        return _of_set(parse_set(text), nominal)
     if "kinematics:" in text:
         ros = read_ros_kinematics(text)
-        return _Content(values_of_model(nominal, model_of_ros(ros, nominal)), "ur_calibration", ros.hash)
+        return _FileContent(values_of_model(nominal, model_of_ros(ros, nominal)), "ur_calibration", ros.hash)
     return _of_table(read_primary_kinematics(data), nominal, "primary interface")
 
 
-def _of_table(kinematics: UrKinematics, nominal: RobotModel, what: str) -> _Content:
+def _of_table(kinematics: UrKinematics, nominal: RobotModel, what: str) -> _FileContent:
     notes: tuple[str, ...] = ()
     if kinematics.status != LINEARISED:
         notes = (
             "the controller says that this table is not linearised: it may be nominal, or another arm's",
         )
     model = factory_model(nominal, kinematics.table)
-    return _Content(values_of_model(nominal, model), what, kinematics.hash, notes)
+    return _FileContent(values_of_model(nominal, model), what, kinematics.factory_hash, notes)
 
 
-def _of_set(item: ParameterSet, nominal: RobotModel) -> _Content:
+def _of_set(item: ParameterSet, nominal: RobotModel) -> _FileContent:
     calibrated_model(nominal, item)
-    return _Content(
+    return _FileContent(
         item.values, f"parameter set {item.robot_serial} version {item.version}", item.factory_hash
     )
 
 
-def _of_identification(text: str, nominal: RobotModel) -> _Content:
+def _of_identification(text: str, nominal: RobotModel) -> _FileContent:
     try:
         document = parse_json(text)
         robot = document["robot"]
-        found = [_identified(each) for each in document["parameters"]]
+        found = [_read_parameter(each) for each in document["parameters"]]
     except (ValueError, KeyError, TypeError) as broken:
         raise ParameterSetError(
             "this JSON is not a result of an identification.",
@@ -217,10 +221,10 @@ def _of_identification(text: str, nominal: RobotModel) -> _Content:
     if robot != nominal.name:
         raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
     values = values_of_identification(p for p in found if not p.name.startswith("wire "))
-    return _Content(values, "identification")
+    return _FileContent(values, "identification")
 
 
-def _identified(entry: dict[str, Any]) -> IdentifiedParameter:
+def _read_parameter(entry: dict[str, Any]) -> IdentifiedParameter:
     found = IdentifiedParameter(**entry)
     words, numbers = (found.name, found.unit), (found.value, found.sigma, found.prior)
     right = all(isinstance(word, str) for word in words) and isinstance(found.held, bool)
@@ -242,7 +246,7 @@ def _write_primary(model: RobotModel, nominal: RobotModel, _: str) -> tuple[byte
 def _controller_table(model: RobotModel, nominal: RobotModel) -> tuple[UrKinematics, tuple[str, ...]]:
     found = standard_dh(model, nominal)
     rest = log_transform(found.flange_rest)
-    return UrKinematics(found.table), _said(rest)
+    return UrKinematics(found.table), _flange_notes(rest)
 
 
 def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
@@ -253,12 +257,12 @@ def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tup
         )
     text = write_ros_kinematics(RosKinematics(ros_frames(model), factory_hash))
     back = model_of_ros(read_ros_kinematics(text), nominal)
-    still = np.zeros((1, nominal.axes))
+    still = np.zeros((1, nominal.axis_count))
     rest = log_transform(np.linalg.inv(back.base_flange(still)[0]) @ model.base_flange(still)[0])
-    return text.encode(), _said(rest)
+    return text.encode(), _flange_notes(rest)
 
 
-def _said(rest: np.ndarray) -> tuple[str, ...]:
+def _flange_notes(rest: np.ndarray) -> tuple[str, ...]:
     if np.abs(rest).max() < _REST_WORTH_SAYING:
         return ()
     shift, turn = rest[:3] * 1e3, np.rad2deg(rest[3:])

@@ -40,7 +40,7 @@ class ParameterSetError(CalibrationError):
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class ParameterValue:
     """One deviation from nominal, with its standard uncertainty where somebody knows it."""
 
     name: str
@@ -70,7 +70,7 @@ class ParameterSet:
     made_at: str  # ISO 8601
     made_by: str
     source: str
-    values: tuple[Value, ...]
+    values: tuple[ParameterValue, ...]
     note: str = ""
     factory_hash: str = ""  # by which ROS names the arm's own table
     version: int = 0
@@ -89,40 +89,40 @@ class ParameterSet:
     @property
     def sha256(self) -> str:
         """The hash that the file carries."""
-        return hashlib.sha256(_text(self).encode()).hexdigest()
+        return hashlib.sha256(_hashed_text(self).encode()).hexdigest()
 
-    def value(self, name: str) -> Value | None:
+    def find_value(self, name: str) -> ParameterValue | None:
         """Return a value by name."""
         return next((value for value in self.values if value.name == name), None)
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     """One value in two sets; ``None`` where a set does not have it."""
 
     name: str
     unit: str
-    before: Value | None
-    after: Value | None
+    before: ParameterValue | None
+    after: ParameterValue | None
 
     @property
-    def determined(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether a measurement speaks for what is in each of the two sets."""
         return all(value.determined for value in (self.before, self.after) if value is not None)
 
     @property
-    def difference(self) -> float:
+    def value_difference(self) -> float:
         """After minus before; a value that is not there is nominal."""
         return (self.after.value if self.after else 0.0) - (self.before.value if self.before else 0.0)
 
     @property
-    def deviations(self) -> float | None:
+    def difference_in_sigmas(self) -> float | None:
         """The difference in combined standard uncertainties; None where neither is known, or one is no result."""
-        if not self.determined:
+        if not self.is_determined:
             return None
         spreads = [v.standard_uncertainty for v in (self.before, self.after) if v is not None]
-        known = [spread for spread in spreads if spread]
-        return abs(self.difference) / math.hypot(*known) if known else None
+        sigmas = [spread for spread in spreads if spread]
+        return abs(self.value_difference) / math.hypot(*sigmas) if sigmas else None
 
 
 class ParameterSets:
@@ -131,13 +131,13 @@ class ParameterSets:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def robots(self) -> tuple[str, ...]:
+    def robot_serials(self) -> tuple[str, ...]:
         """Return the serials of all robots that have sets."""
         if not self._folder.is_dir():
             return ()
-        return tuple(sorted(item.name for item in self._folder.iterdir() if _versions(item)))
+        return tuple(sorted(item.name for item in self._folder.iterdir() if _stored_versions(item)))
 
-    def history(self, robot_serial: str) -> tuple[ParameterSet, ...]:
+    def load_history(self, robot_serial: str) -> tuple[ParameterSet, ...]:
         """Return all versions, oldest first, each proved to follow the one before.
 
         Raises
@@ -145,13 +145,13 @@ class ParameterSets:
         ParameterSetError
             No such robot; or a file that is missing, damaged or from elsewhere.
         """
-        folder = self._folder / _serial(robot_serial)
-        numbers = _versions(folder)
+        folder = self._folder / _check_serial(robot_serial)
+        numbers = _stored_versions(folder)
         if not numbers:
-            known = ", ".join(self.robots()) or "none"
+            serials = ", ".join(self.robot_serials()) or "none"
             raise ParameterSetError(
                 f"there are no parameter sets of robot {robot_serial}.",
-                remedy=f"Robots with sets here: {known}.",
+                remedy=f"Robots with sets here: {serials}.",
                 code="usage",
             )
         sets: list[ParameterSet] = []
@@ -159,7 +159,7 @@ class ParameterSets:
             path = folder / _file_name(number)
             if number not in numbers:
                 raise ParameterSetError(f"{path} is missing.", remedy="Restore it from a backup.")
-            found = parse(read_plain_text(path), str(path))
+            found = parse_set(read_plain_text(path), str(path))
             before = sets[-1].sha256 if sets else ""
             if (found.version, found.robot_serial, found.previous_sha256) != (number, robot_serial, before):
                 raise ParameterSetError(
@@ -169,9 +169,9 @@ class ParameterSets:
             sets.append(found)
         return tuple(sets)
 
-    def load(self, robot_serial: str, version: int | None = None) -> ParameterSet:
+    def load_set(self, robot_serial: str, version: int | None = None) -> ParameterSet:
         """Return a version, or the newest."""
-        sets = self.history(robot_serial)
+        sets = self.load_history(robot_serial)
         if version is None:
             return sets[-1]
         if not 1 <= version <= len(sets):
@@ -182,10 +182,10 @@ class ParameterSets:
             )
         return sets[version - 1]
 
-    def save(self, draft: ParameterSet) -> ParameterSet:
+    def save_draft(self, draft: ParameterSet) -> ParameterSet:
         """Write a draft as the next version, whole or not at all; another writer is never overwritten."""
-        folder = self._folder / _serial(draft.robot_serial)
-        before = self.load(draft.robot_serial) if _versions(folder) else None
+        folder = self._folder / _check_serial(draft.robot_serial)
+        before = self.load_set(draft.robot_serial) if _stored_versions(folder) else None
         saved = replace(
             draft,
             version=before.version + 1 if before else 1,
@@ -195,11 +195,11 @@ class ParameterSets:
         _write_new(folder / _file_name(saved.version), to_text(saved))
         return saved
 
-    def rollback(
+    def roll_back(
         self, robot_serial: str, version: int, *, made_by: str, made_at: str, note: str = ""
     ) -> ParameterSet:
         """Write the values of an old version as a new one that names it."""
-        old = self.load(robot_serial, version)
+        old = self.load_set(robot_serial, version)
         draft = replace(
             old,
             made_by=made_by,
@@ -207,29 +207,29 @@ class ParameterSets:
             note=note,
             rolls_back_to=version,
         )
-        return self.save(draft)
+        return self.save_draft(draft)
 
 
-def diff(before: ParameterSet, after: ParameterSet) -> tuple[Change, ...]:
+def compare_sets(before: ParameterSet, after: ParameterSet) -> tuple[ParameterChange, ...]:
     """Return every value that is not the same in both, in the order of the newer set."""
     names = [value.name for value in after.values]
     names += [value.name for value in before.values if value.name not in set(names)]
     changes = []
     for name in names:
-        old, new = before.value(name), after.value(name)
+        old, new = before.find_value(name), after.find_value(name)
         if old != new:
-            unit = (new or old or Value(name, "1", 0.0)).unit
-            changes.append(Change(name, unit, old, new))
+            unit = (new or old or ParameterValue(name, "1", 0.0)).unit
+            changes.append(ParameterChange(name, unit, old, new))
     return tuple(changes)
 
 
 def to_text(parameter_set: ParameterSet) -> str:
     """Return the text of a file, with its hash."""
-    head, tables = _text(parameter_set).split("\n[[parameter]]", maxsplit=1)
+    head, tables = _hashed_text(parameter_set).split("\n[[parameter]]", maxsplit=1)
     return f'{head}sha256 = "{parameter_set.sha256}"\n\n[[parameter]]{tables}'
 
 
-def parse(text: str, where: str = "parameter set") -> ParameterSet:
+def parse_set(text: str, where: str = "parameter set") -> ParameterSet:
     """Read the text of a file and prove its hash.
 
     Raises
@@ -251,12 +251,12 @@ def parse(text: str, where: str = "parameter set") -> ParameterSet:
 
 
 def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
-    known = {*_WORDS, *_OPTIONAL, "format", "version", "rolls_back_to", "sha256", "parameter"}
+    valid_keys = {*_WORDS, *_OPTIONAL, "format", "version", "rolls_back_to", "sha256", "parameter"}
     missing = {*_WORDS, "version", "sha256", "parameter"} - data.keys()
-    if data.get("format") != FORMAT or missing or data.keys() - known:
+    if data.get("format") != FORMAT or missing or data.keys() - valid_keys:
         raise ParameterSetError(
             f"{where} is not a parameter set of format {FORMAT}: "
-            f"missing {sorted(missing)}, unknown {sorted(data.keys() - known)}"
+            f"missing {sorted(missing)}, unknown {sorted(data.keys() - valid_keys)}"
         )
     words = {key: data.get(key, "") for key in (*_WORDS, *_OPTIONAL)}
     numbers = {"version": data["version"], "rolls_back_to": data.get("rolls_back_to", 0)}
@@ -264,42 +264,47 @@ def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
     valid = all(isinstance(v, str) for v in words.values()) and all(type(v) is int for v in numbers.values())
     if not valid or not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
         raise ParameterSetError(f"{where}: a word, a number or a table is of the wrong kind")
-    values = tuple(_value(table, where) for table in tables)
+    values = tuple(_read_value(table, where) for table in tables)
     return ParameterSet(values=values, **words, **numbers)
 
 
-def _value(table: dict[str, Any], where: str) -> Value:
+def _read_value(table: dict[str, Any], where: str) -> ParameterValue:
     for unit, suffix in _SUFFIXES.items():
         key, spread = f"value{suffix}", f"standard_uncertainty{suffix}"
         if {"name", key} <= table.keys() <= {"name", key, spread, "correlations", "determined"}:
             rho = table.get("correlations", [])
             numbers = [table[key], table.get(spread, 0.0), *(rho if isinstance(rho, list) else [None])]
-            told = table.get("determined", True)
-            words = isinstance(table["name"], str) and isinstance(told, bool)
+            is_determined = table.get("determined", True)
+            words = isinstance(table["name"], str) and isinstance(is_determined, bool)
             if words and all(type(v) in (int, float) for v in numbers):
                 uncertainty = float(table[spread]) if spread in table else None
-                return Value(
-                    table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), told
+                return ParameterValue(
+                    table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), is_determined
                 )
     raise ParameterSetError(
         f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
     )
 
 
-def _text(item: ParameterSet) -> str:
+def _hashed_text(item: ParameterSet) -> str:
     """Return the text that is hashed: the file without its hash."""
     lines = [f"format = {FORMAT}", f"version = {item.version}"]
-    lines += [f"{key} = {_quoted(getattr(item, key))}" for key in _WORDS]
-    lines += [f"{key} = {_quoted(getattr(item, key))}" for key in _OPTIONAL if getattr(item, key)]
+    lines += [f"{key} = {_quote_toml(getattr(item, key))}" for key in _WORDS]
+    lines += [f"{key} = {_quote_toml(getattr(item, key))}" for key in _OPTIONAL if getattr(item, key)]
     if item.rolls_back_to:
         lines.append(f"rolls_back_to = {item.rolls_back_to}")
-    tables = [_table(value) for value in item.values]
+    tables = [_value_table(value) for value in item.values]
     return _HEADER + "\n".join(lines) + "\n" + "".join(tables)
 
 
-def _table(value: Value) -> str:
+def _value_table(value: ParameterValue) -> str:
     suffix = _SUFFIXES[value.unit]
-    lines = ["", "[[parameter]]", f"name = {_quoted(value.name)}", f"value{suffix} = {float(value.value)!r}"]
+    lines = [
+        "",
+        "[[parameter]]",
+        f"name = {_quote_toml(value.name)}",
+        f"value{suffix} = {float(value.value)!r}",
+    ]
     if value.standard_uncertainty is not None:
         lines.append(f"standard_uncertainty{suffix} = {float(value.standard_uncertainty)!r}")
     if value.correlations:
@@ -309,12 +314,12 @@ def _table(value: Value) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _quoted(text: str) -> str:
+def _quote_toml(text: str) -> str:
     """Return a TOML string; JSON's are, but for one control character that it does not escape."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _serial(text: str) -> str:
+def _check_serial(text: str) -> str:
     if not _SERIAL.fullmatch(text):
         raise ParameterSetError(
             f"{text!r} cannot name a robot.",
@@ -328,7 +333,7 @@ def _file_name(version: int) -> str:
     return f"v{version:04d}.toml"
 
 
-def _versions(folder: Path) -> Sequence[int]:
+def _stored_versions(folder: Path) -> Sequence[int]:
     if not folder.is_dir():
         return ()
     names = [re.fullmatch(r"v(\d{4,})\.toml", item.name) for item in folder.iterdir()]

@@ -17,14 +17,21 @@ from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPath
 from cellcal.procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
 from cellcal.service.configuration.file_settings import file_settings
-from cellcal.service.engineering.measured.carried import file_of, is_carried
+from cellcal.service.engineering.measured.embedded_files import file_of, is_embedded
 from cellcal.service.engineering.measured.tag_files import read_description, tags_of_setting
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
-from cellcal.service.engineering.parameters.parameter_files import Who
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
 from cellcal.service.files import SHARED_FILE, replace_file
 
-_TOLD = ("fanuc_wpr", "kuka_abc", "abb_quaternion", "ur_rotation_vector", "ros_rpy", "ros_quaternion")
+_ATTITUDE_FORMS = (
+    "fanuc_wpr",
+    "kuka_abc",
+    "abb_quaternion",
+    "ur_rotation_vector",
+    "ros_rpy",
+    "ros_quaternion",
+)
 _RESULT: TypeAdapter[CalibratedPart] = TypeAdapter(CalibratedPart)
 
 
@@ -52,7 +59,7 @@ def refuse_paths(kind: type, settings: dict[str, Any]) -> None:
     for name in file_settings(kind):
         value = settings.get(name)
         file = value.get("file", value) if isinstance(value, dict) else value
-        if file and not is_carried(file):
+        if file and not is_embedded(file):
             raise CellError(
                 f"{name} names a file of the service's computer.",
                 remedy="Choose the file on the page, or start the run there with `cellcal run`.",
@@ -92,7 +99,7 @@ def write_part(found: CalibratedPart, folder: Path) -> list[Path]:
     return [folder / name for name in sorted(files)]
 
 
-def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: Who) -> ParameterSet:
+def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: SetOrigin) -> ParameterSet:
     """Save a robot's deviations as its newest parameter set.
 
     Raises
@@ -110,7 +117,7 @@ def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: W
     )
     hidden = {one.name for one in robot.unknowable}
     values = tuple(
-        Value(v.name, v.unit, v.value, v.standard_uncertainty, determined=v.name not in hidden)
+        ParameterValue(v.name, v.unit, v.value, v.standard_uncertainty, determined=v.name not in hidden)
         for v in robot.values
     )
     source = f"tags: {spec.simulated.source}, {spec.measured.source}"
@@ -124,7 +131,7 @@ def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: W
         values,
         who.note,
     )
-    return ParameterSets(folder).save(draft)
+    return ParameterSets(folder).save_draft(draft)
 
 
 def robot_text(robot: CalibratedRobot) -> str:
@@ -138,15 +145,15 @@ def robot_text(robot: CalibratedRobot) -> str:
         + " ".join(
             f"{axis} {v * 1e3:.3f}" for axis, v in zip("xyz", found.flange_tool.position_m, strict=True)
         )
-        + f" mm from the flange, U {found.tool.expanded * 1e3:.3f} mm (95 %)",
+        + f" mm from the flange, U {found.tool.expanded_uncertainty * 1e3:.3f} mm (95 %)",
         "device: the robot's base stands in its frame at",
-        *(f"  {line}" for line in frame_lines(found.device_base.matrix())),
+        *(f"  {line}" for line in frame_lines(found.device_base.to_matrix())),
     ]
     hidden = {one.name for one in found.unknowable}
     for value in found.values:
         if value.name not in hidden:
-            u = _told(found.coverage * value.standard_uncertainty, value.unit)
-            lines.append(f"{value.name}: {_told(value.value, value.unit)}, U {u.lstrip('+')}")
+            u = _format_deviation(found.coverage_factor * value.standard_uncertainty, value.unit)
+            lines.append(f"{value.name}: {_format_deviation(value.value, value.unit)}, U {u.lstrip('+')}")
     lines += [f"not known: {one.name} (hidden behind {one.partner}); {one.cure}" for one in found.unknowable]
     lines += [f"left out: tag {name}" for name in found.rejected]
     return "\n".join((*lines, *found.remarks)) + "\n"
@@ -156,13 +163,13 @@ def placed_text(part: str, found: PlacedTags) -> str:
     """Return where a part is, for people, as each maker writes it."""
     what = "the robot's base in the fixture" if part == "base" else "the workpiece in the robot's base"
     lines = [f"{what}, by {found.method.replace('_', ' ')} on {len(found.tags)} tags"]
-    lines += frame_lines(found.outer_inner.matrix())
+    lines += frame_lines(found.outer_inner.to_matrix())
     if part == "base":
         lines += ["the fixture in the robot's base"]
-        lines += frame_lines(found.outer_inner.inverse().matrix())
+        lines += frame_lines(found.outer_inner.inverse().to_matrix())
     lines.append(
-        f"U (95 %): origin {found.origin.expanded * 1e3:.4f} mm, "
-        f"turn {math.degrees(found.angle.expanded):.5f} degrees"
+        f"U (95 %): origin {found.origin_uncertainty.expanded_uncertainty * 1e3:.4f} mm, "
+        f"turn {math.degrees(found.angle_uncertainty.expanded_uncertainty):.5f} degrees"
     )
     before = found.before_m or (None,) * len(found.tags)
     for tag, was, after in zip(found.tags, before, found.after_m, strict=True):
@@ -177,14 +184,14 @@ def frame_lines(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
     """Return a frame in millimetres and degrees, its attitude as each maker writes it."""
     x, y, z = (float(v) * 1e3 for v in matrix[:3, 3])
     lines = [f"x {x:.4f} y {y:.4f} z {z:.4f} mm"]
-    for name in _TOLD:
+    for name in _ATTITUDE_FORMS:
         values, fields = values_from(name, matrix[:3, :3]), CONVENTIONS[name].fields
         angles = len(fields) == 3 and name != "ur_rotation_vector"
         numbers = np.degrees(values) if angles else values
-        told = " ".join(f"{key} {value:.6f}" for key, value in zip(fields, numbers, strict=True))
-        lines.append(f"{name}: {told}{' degrees' if angles else ''}")
+        figures = " ".join(f"{key} {value:.6f}" for key, value in zip(fields, numbers, strict=True))
+        lines.append(f"{name}: {figures}{' degrees' if angles else ''}")
     return lines
 
 
-def _told(value: float, unit: str) -> str:
+def _format_deviation(value: float, unit: str) -> str:
     return f"{math.degrees(value):+.5f} degrees" if unit == "rad" else f"{value * 1e3:+.4f} mm"

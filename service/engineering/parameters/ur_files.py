@@ -17,8 +17,8 @@ from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.arm.standard_dh import standard_dh
 from cellcal.calibration.arm.ur_factory import calibration_hash, factory_model, parse_calibration_conf
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, homogeneous, inverse_transform, is_rigid
-from cellcal.calibration.orientation import elementary, euler_angles, euler_rotation
+from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform, is_rigid
+from cellcal.calibration.orientation import elementary_rotation, euler_angles, euler_rotation
 
 ROS_FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LINEARISED = 2  # calibration status: 0 not initialised, 1 not linearised, 2 linearised
@@ -40,7 +40,7 @@ class UrKinematics:
     status: int = LINEARISED
 
     @property
-    def hash(self) -> str:
+    def factory_hash(self) -> str:
         """The name that proves to which arm a file belongs."""
         return calibration_hash(self.table)
 
@@ -57,12 +57,12 @@ def read_calibration_conf(text: str, nominal: RobotModel) -> UrKinematics:
     """Read a controller's ``calibration.conf``: deltas to the nominal table of its type."""
     read = parse_calibration_conf(text)
     status = LINEARISED if read.linearised else 1
-    return UrKinematics(read.absolute(_table(nominal)), read.joint_checksum, status)
+    return UrKinematics(read.to_absolute(_dh_table(nominal)), read.joint_checksum, status)
 
 
 def write_calibration_conf(kinematics: UrKinematics, nominal: RobotModel) -> str:
     """Write the form of ``calibration.conf``; the checksum line is left out where nobody knows it."""
-    deltas = kinematics.table.rows() - _table(nominal).rows()
+    deltas = kinematics.table.to_rows() - _dh_table(nominal).to_rows()
     columns = {"theta": 0, "a": 2, "d": 1, "alpha": 3}
     lines = ["[mounting]"]
     for name, column in columns.items():
@@ -102,7 +102,7 @@ def read_primary_kinematics(stream: bytes) -> UrKinematics:
 
 def write_primary_kinematics(kinematics: UrKinematics) -> bytes:
     """Return one robot-state message that holds nothing but the kinematics."""
-    rows = kinematics.table.rows()
+    rows = kinematics.table.to_rows()
     checksum = kinematics.joint_checksum or (0xFFFFFFFF,) * 6
     columns = [rows[:, i] for i in (0, 2, 1, 3)]
     body = _BODY.pack(*checksum, *np.concatenate(columns), kinematics.status)
@@ -126,9 +126,11 @@ def read_ros_kinematics(text: str) -> RosKinematics:
     for frame in ROS_FRAMES:
         for key in _ROS_KEYS:
             path = f"kinematics.{frame}.{key}"
-            numbers.append(_finite(path, values.get(path)))
+            numbers.append(_parse_finite(path, values.get(path)))
     xyz, angles = np.split(np.reshape(numbers, (6, 6)), 2, axis=1)
-    frames = np.array([homogeneous(euler_rotation("xyz", a), p) for a, p in zip(angles, xyz, strict=True)])
+    frames = np.array(
+        [homogeneous_matrix(euler_rotation("xyz", a), p) for a, p in zip(angles, xyz, strict=True)]
+    )
     return RosKinematics(frames, values.get("kinematics.hash", ""))
 
 
@@ -145,11 +147,14 @@ def write_ros_kinematics(kinematics: RosKinematics) -> str:
 
 def ros_frames(model: RobotModel) -> Array:
     """Return the frames (6, 4, 4) that ROS wants of an arm with a DH table; the last link's end is not in them."""
-    rows, base = _table(model).rows(), model.placements[0]
+    rows, base = _dh_table(model).to_rows(), model.placements[0]
     rest = rows.copy()
     rest[:, 1] = 0.0
-    before = np.concatenate([base[None], DhTable.from_rows(rest).placements()[:-1]])
-    turns = [homogeneous(elementary("z", np.array(row[0])), np.array([0.0, 0.0, row[1]])) for row in rows]
+    before = np.concatenate([base[None], DhTable.from_rows(rest).to_placements()[:-1]])
+    turns = [
+        homogeneous_matrix(elementary_rotation("z", np.array(row[0])), np.array([0.0, 0.0, row[1]]))
+        for row in rows
+    ]
     return np.array([b @ t for b, t in zip(before, turns, strict=True)])
 
 
@@ -170,7 +175,7 @@ def model_of_ros(kinematics: RosKinematics, nominal: RobotModel) -> RobotModel:
     if tilt > 1e-9:
         raise CalibrationError("joint 1 of these frames is not upright in the base")
     end = nominal.placements[6].copy()
-    end[:3, 3] -= _table(nominal).d_m[5] * np.array([0.0, 0.0, 1.0])
+    end[:3, 3] -= _dh_table(nominal).d_m[5] * np.array([0.0, 0.0, 1.0])
     placements = np.array([nominal.placements[0], carried @ frames[1], *frames[2:], end])
     chain = RobotModel(
         name=f"{nominal.name}_ros",
@@ -190,11 +195,11 @@ def model_of_ros(kinematics: RosKinematics, nominal: RobotModel) -> RobotModel:
 
 def belongs_to(file_hash: str, kinematics: UrKinematics) -> bool:
     """Tell whether a file with this hash was made from this controller's own table."""
-    return file_hash == kinematics.hash
+    return file_hash == kinematics.factory_hash
 
 
-def _table(model: RobotModel) -> DhTable:
-    if model.dh is None or model.axes != 6:
+def _dh_table(model: RobotModel) -> DhTable:
+    if model.dh is None or model.axis_count != 6:
         raise CalibrationError(f"{model.name}: a UR arm has a table of six rows")
     return model.dh
 
@@ -248,7 +253,7 @@ def _yaml_leaves(text: str) -> dict[str, str]:
     return leaves
 
 
-def _finite(path: str, text: str | None) -> float:
+def _parse_finite(path: str, text: str | None) -> float:
     if text is None:
         raise CalibrationError(f"the kinematics file lacks {path}")
     try:

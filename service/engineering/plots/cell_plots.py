@@ -8,32 +8,32 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellcal.calibration.cells.system import residuals
+from cellcal.calibration.cells.system import series_residuals
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
-from cellcal.service.engineering.identification.cell_identify import CellReport
+from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport
 from cellcal.service.engineering.plots.correlations import matrix_of
-from cellcal.service.engineering.plots.distribution import distribution, histogram
+from cellcal.service.engineering.plots.distribution import draw_distribution, draw_histogram
 from cellcal.service.engineering.plots.residuals import by_joint, by_row, held_out_by_row
-from cellcal.service.engineering.plots.style import house_style, new_figure, title_of, write_figures
+from cellcal.service.engineering.plots.style import figure_style, new_figure, title_of, write_figures
 
 
 @dataclass(frozen=True, eq=False)
 class SeriesEvidence:
     """One series of a cell, as its pictures want it; rows are lines of the file."""
 
-    report: CellReport
+    report: IdentifiedCellReport
     number: int
 
     @property
-    def title(self) -> str:
+    def figure_title(self) -> str:
         """The name of the series, and what it is."""
         series = self.report.series[self.number]
         return f"{series.name} ({series.kind}, {series.device} sees {series.target})"
 
     @property
-    def level(self) -> int:
+    def model_level(self) -> int:
         """Of the model."""
         return self.report.level
 
@@ -45,28 +45,28 @@ class SeriesEvidence:
     @property
     def channel_names(self) -> tuple[str, ...]:
         """What each channel of the residuals is, in the device's frame."""
-        seen = self.report.measurements.cell.series[self.number].observations
-        turns = ("turn x", "turn y", "turn z") if isinstance(seen, PoseObservations) else ()
-        return (seen.kind,) if seen.channels == 1 else ("x", "y", "z", *turns)
+        observations = self.report.measurements.cell.series[self.number].observations
+        turns = ("turn x", "turn y", "turn z") if isinstance(observations, PoseObservations) else ()
+        return (observations.kind,) if observations.channels == 1 else ("x", "y", "z", *turns)
 
     @cached_property
-    def residuals(self) -> Array:
+    def fit_residuals(self) -> Array:
         """Measured minus fitted (channels, N) [m, rad]."""
-        return self._residuals(before=False)
+        return self._compute_residuals(before=False)
 
     @cached_property
     def signed_mm(self) -> dict[str, tuple[Array, Array]]:
         """Residuals of places before and after [mm], along the axes of the device."""
-        pair = self._residuals(before=True) * 1e3, self.residuals * 1e3
+        pair = self._compute_residuals(before=True) * 1e3, self.fit_residuals * 1e3
         return {name: (pair[0][i], pair[1][i]) for i, name in enumerate(self.channel_names[:3])}
 
-    def _residuals(self, *, before: bool) -> Array:
+    def _compute_residuals(self, *, before: bool) -> Array:
         found = self.report.identification
         state, problem = found.robust.fit.state, found.robust.problem
         if before:
             state, problem = found.before, problem.with_terms_of(found.before)
         rows = replace(problem.series[self.number], whitener=None)
-        plain: Array = residuals(rows, state) / rows.observations.scales(np.arange(len(rows)))
+        plain: Array = series_residuals(rows, state) / rows.observations.inverse_sigmas(np.arange(len(rows)))
         return plain
 
     @property
@@ -75,14 +75,14 @@ class SeriesEvidence:
         return self.report.measurements.lines[self.report.series[self.number].name]
 
     @property
-    def rejected(self) -> Rows:
+    def rejected_positions(self) -> Rows:
         """Positions among them."""
         return self.report.identification.series[self.number].rejected
 
     @property
     def rejected_rows(self) -> list[int]:
         """Lines that were not fitted."""
-        return [int(line) for line in self.fitted_rows[self.rejected]]
+        return [int(line) for line in self.fitted_rows[self.rejected_positions]]
 
     @property
     def held_out_rows(self) -> Rows:
@@ -101,22 +101,22 @@ class SeriesEvidence:
         return self.report.identification.series[self.number].before_m
 
     @property
-    def breaks(self) -> tuple[int, ...]:
+    def mounting_breaks(self) -> tuple[int, ...]:
         """A cell's layout says which device was moved; none are looked for."""
         return ()
 
 
-def draw_cell(report: CellReport, folder: Path) -> list[Path]:
+def draw_cell(report: IdentifiedCellReport, folder: Path) -> list[Path]:
     """Draw the page and every figure; return the files written, PNG and SVG each."""
     return write_figures(draw_cell_figures(report), folder)
 
 
-def draw_cell_figures(report: CellReport) -> dict[str, Figure]:
+def draw_cell_figures(report: IdentifiedCellReport) -> dict[str, Figure]:
     """Return the figures by the names of their files."""
     every = [SeriesEvidence(report, number) for number in range(len(report.series))]
     figures = {}
-    with house_style():
-        figures["overview"] = _overview(report, every)
+    with figure_style():
+        figures["overview"] = _draw_overview(report, every)
         for evidence, series in zip(every, report.series, strict=True):
             name, channels = (
                 re.sub(r"[^0-9A-Za-z]+", "_", series.name).strip("_"),
@@ -130,7 +130,7 @@ def draw_cell_figures(report: CellReport) -> dict[str, Figure]:
             by_joint(figures[f"residuals_by_joint_{name}"], evidence)
             if series.held_out.n:
                 figures[f"distribution_{name}"] = new_figure(10.0, 4.0)
-                distribution(figures[f"distribution_{name}"], evidence)
+                draw_distribution(figures[f"distribution_{name}"], evidence)
         fit = report.identification.robust.fit
         side = min(max(4.5, 0.15 * len(fit.layout) + 2.0), 11.0)
         figures["correlations"] = new_figure(side * 1.4 + 0.5, side)
@@ -138,19 +138,19 @@ def draw_cell_figures(report: CellReport) -> dict[str, Figure]:
     return figures
 
 
-def _overview(report: CellReport, every: list[SeriesEvidence]) -> Figure:
+def _draw_overview(report: IdentifiedCellReport, every: list[SeriesEvidence]) -> Figure:
     """Draw held-out errors of every series, by row and by size."""
     figure = new_figure(13.0, 1.0 + 2.3 * len(every))
     panels = figure.subplots(len(every), 2, width_ratios=[2.6, 1.0], squeeze=False)
     title_of(figure, f"A cell in one fit: level {report.level}, {LEVEL_NAMES[report.level]}")
     for (left, right), evidence in zip(panels, every, strict=True):
         held_out_by_row(left, evidence)
-        left.set_title(evidence.title, loc="left")
+        left.set_title(evidence.figure_title, loc="left")
         if len(evidence.held_out_m):
-            histogram(right, evidence)
+            draw_histogram(right, evidence)
             right.set_xlabel("error (mm)")
         else:
-            left.set_title(f"{evidence.title}: too short to hold rows out", loc="left")
+            left.set_title(f"{evidence.figure_title}: too short to hold rows out", loc="left")
             left.set_axis_off()
             right.set_axis_off()
     panels[-1, 0].set_xlabel("line of the file")

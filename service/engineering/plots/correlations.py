@@ -7,8 +7,8 @@ from matplotlib.figure import FigureBase
 from matplotlib.patches import Rectangle
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.identifiability import Estimate, correlations
-from cellcal.service.engineering.plots.evidence import Evidence
+from cellcal.calibration.identification.identifiability import UncertainEstimate, parameter_correlations
+from cellcal.service.engineering.plots.evidence import IdentificationEvidence
 from cellcal.service.engineering.plots.style import SIGNED_MAP, title_of
 
 _STRONG = 0.95
@@ -16,19 +16,19 @@ _MOST_NAMES = 64  # beyond, ripple is left out
 _MOST_LISTED = 16
 
 
-def correlation_matrix(figure: FigureBase, evidence: Evidence) -> None:
+def correlation_matrix(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     """Draw the matrix of one device's identification."""
     matrix_of(figure, evidence.report.robot, evidence.report.identification.robust.fit)
 
 
-def matrix_of(figure: FigureBase, title: str, fit: Estimate) -> None:
+def matrix_of(figure: FigureBase, title: str, fit: UncertainEstimate) -> None:
     """Draw the matrix with names, frames round the pairs beyond 0.95, and a list of the strongest."""
     roles = [parameter.role for parameter in fit.layout.parameters]
     shown = np.arange(len(roles))
     if len(roles) > _MOST_NAMES:
         shown = np.flatnonzero([role != "harmonic" for role in roles])
     names = [fit.layout.parameters[i].name for i in shown]
-    rho = correlations(fit)[np.ix_(shown, shown)]
+    rho = parameter_correlations(fit)[np.ix_(shown, shown)]
     panel, beside = figure.subplots(1, 2, width_ratios=[3.6, 1.0])
     words = "" if len(shown) == len(roles) else ", ripple left out"
     title_of(figure, f"{title}: correlation of {len(shown)} parameters{words}")
@@ -48,7 +48,7 @@ def matrix_of(figure: FigureBase, title: str, fit: Estimate) -> None:
             panel.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, ec="black", lw=1.0))
     figure.colorbar(image, ax=panel, label="correlation", shrink=0.5, pad=0.01)
     beside.axis("off")
-    beside.text(0, 1, _listed(pairs, names, rho), va="top", fontsize=8, transform=beside.transAxes)
+    beside.text(0, 1, _list_pairs(pairs, names, rho), va="top", fontsize=8, transform=beside.transAxes)
 
 
 def strong_pairs(rho: Array) -> list[tuple[int, int]]:
@@ -58,7 +58,7 @@ def strong_pairs(rho: Array) -> list[tuple[int, int]]:
     return [(int(first[i]), int(second[i])) for i in order]
 
 
-def _listed(pairs: list[tuple[int, int]], names: list[str], rho: Array) -> str:
+def _list_pairs(pairs: list[tuple[int, int]], names: list[str], rho: Array) -> str:
     if not pairs:
         return f"No pair beyond {_STRONG:g}."
     lines = [f"Beyond {_STRONG:g} (framed): {len(pairs)} pairs.", "They mean something only together.", ""]

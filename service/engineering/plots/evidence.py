@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import Problem, whitened_residuals
+from cellcal.calibration.identification.estimator import FitProblem, whitened_residuals
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     Observations,
@@ -17,7 +17,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
-from cellcal.calibration.poses.measurement_poses import Outlook, TestPoses
+from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses
 from cellcal.service.engineering.identification.identify import IdentifyReport
 
 _REACHABLE = 4000  # postures: enough for a few in every cell of the map
@@ -26,7 +26,7 @@ _MOST_DOTS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class PredictedReach:
     """Postures all over the arm's reach, and how well the tool point will be known there."""
 
     places_m: Array  # (M, 3) in the base frame
@@ -34,41 +34,41 @@ class Reach:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class IdentificationEvidence:
     """One identification, as its pictures want it."""
 
     report: IdentifyReport
 
     @property
-    def state(self) -> ArmState:
+    def identified_state(self) -> ArmState:
         """The identified arm."""
         return self.report.identification.state
 
     @cached_property
-    def fitted(self) -> Observations:
+    def fitted_observations(self) -> Observations:
         """The rows that took part in the fit, the rejected ones included."""
         return self.report.identification.robust.problem.observations
 
     @cached_property
     def fitted_rows(self) -> Rows:
         """The rows of the file that those are."""
-        rows, held = self.report.measurements.rows, self.report.held_out_rows
-        return rows if len(rows) == len(self.fitted) else rows[~np.isin(rows, held)]
+        rows, held_out = self.report.measurements.rows, self.report.held_out_rows
+        return rows if len(rows) == len(self.fitted_observations) else rows[~np.isin(rows, held_out)]
 
     @property
-    def title(self) -> str:
+    def figure_title(self) -> str:
         """Whose pictures these are."""
         return self.report.robot
 
     @property
-    def level(self) -> int:
+    def model_level(self) -> int:
         """Of the model."""
         return self.report.level
 
     @property
     def joints_rad(self) -> Array:
         """Of the fitted rows (N, n)."""
-        return self.fitted.joints_rad
+        return self.fitted_observations.joints_rad
 
     @property
     def held_out_rows(self) -> Rows:
@@ -91,24 +91,24 @@ class Evidence:
         return [item.row for item in self.report.rejected]
 
     @property
-    def breaks(self) -> tuple[int, ...]:
+    def mounting_breaks(self) -> tuple[int, ...]:
         """Rows of the file before which the device was moved."""
         return self.report.breaks
 
     @property
-    def rejected(self) -> Rows:
+    def rejected_positions(self) -> Rows:
         """Positions among the fitted rows."""
         return self.report.identification.rejected
 
     @cached_property
-    def residuals(self) -> Array:
+    def fit_residuals(self) -> Array:
         """Measured minus fitted (channels, N) [m, rad]."""
-        return _residuals(self.state, self.fitted)
+        return _signed_residuals(self.identified_state, self.fitted_observations)
 
     @cached_property
     def residuals_before(self) -> Array:
         """The same with base and tool fitted to the nominal arm."""
-        return _residuals(self.report.identification.frames, self.fitted)
+        return _signed_residuals(self.report.identification.frames, self.fitted_observations)
 
     @cached_property
     def held_out_joints_rad(self) -> Array:
@@ -121,21 +121,21 @@ class Evidence:
     @cached_property
     def held_out_places_m(self) -> Array:
         """Where the target was at the held-out rows (N, 3), seen from the base."""
-        return places_of(self.state, self.held_out_joints_rad)
+        return places_of(self.identified_state, self.held_out_joints_rad)
 
     @cached_property
-    def reach(self) -> Reach:
+    def predicted_reach(self) -> PredictedReach:
         """The arm's reach with the tool point's predicted uncertainty."""
-        joints = candidate_joints(self.state.nominal, MotionLimits(), _REACHABLE)
-        return Reach(places_of(self.state, joints), self.sigma_m(joints))
+        joints = candidate_joints(self.identified_state.nominal, MotionLimits(), _REACHABLE)
+        return PredictedReach(places_of(self.identified_state, joints), self.sigma_m(joints))
 
     def sigma_m(self, joints_rad: Array) -> Array:
         """Return the standard uncertainty of the target's place (N,) that the fit's covariance predicts."""
         fit = self.report.identification.robust.fit
         size = len(fit.layout)
-        outlook = Outlook(fit.layout, fit.state, self._not_measured, np.ones(size), np.eye(size))
+        outlook = MeasurementOutlook(fit.layout, fit.state, self._not_measured, np.ones(size), np.eye(size))
         # In one piece: lengths lose a rigid motion of all postures together.
-        rows = TestPoses(joints_rad).rows(outlook).reshape(size, -1)
+        rows = TestPoses(joints_rad).tool_point_rows(outlook).reshape(size, -1)
         variance = np.empty(rows.shape[1])
         for at in range(0, rows.shape[1], _BATCH):
             part = rows[:, at : at + _BATCH]
@@ -144,7 +144,7 @@ class Evidence:
         return sigma
 
     def _not_measured(self, joints_rad: Array) -> Observations:
-        return self.fitted.take(np.arange(0))
+        return self.fitted_observations.select_rows(np.arange(0))
 
     @cached_property
     def signed_mm(self) -> dict[str, tuple[Array, Array]]:
@@ -152,22 +152,24 @@ class Evidence:
 
         Outwards, sideways and upwards from the first axis for positions; along the wire for lengths.
         """
-        if isinstance(self.fitted, LengthObservations):
-            return {"along the wire": (self.residuals_before[0] * 1e3, self.residuals[0] * 1e3)}
+        if isinstance(self.fitted_observations, LengthObservations):
+            return {"along the wire": (self.residuals_before[0] * 1e3, self.fit_residuals[0] * 1e3)}
         pair = [
             self._around_first_axis(state, residuals)
             for state, residuals in (
                 (self.report.identification.frames, self.residuals_before),
-                (self.state, self.residuals),
+                (self.identified_state, self.fit_residuals),
             )
         ]
         names = ("outwards", "sideways", "upwards")
         return {name: (pair[0][i] * 1e3, pair[1][i] * 1e3) for i, name in enumerate(names)}
 
     def _around_first_axis(self, state: ArmState, residuals: Array) -> Array:
-        turns = np.array([device.device_base[:3, :3] for device in state.devices])[self.fitted.mounting]
+        turns = np.array([device.device_base[:3, :3] for device in state.devices])[
+            self.fitted_observations.mounting
+        ]
         in_base = np.einsum("nji,jn->in", turns, residuals[:3])
-        places = places_of(state, self.fitted.joints_rad)
+        places = places_of(state, self.fitted_observations.joints_rad)
         angle = np.arctan2(places[:, 1], places[:, 0])
         cos, sin = np.cos(angle), np.sin(angle)
         outwards, sideways = cos * in_base[0] + sin * in_base[1], cos * in_base[1] - sin * in_base[0]
@@ -176,19 +178,21 @@ class Evidence:
     @property
     def channel_names(self) -> tuple[str, ...]:
         """What each channel of the residuals is, in the device's frame."""
-        if isinstance(self.fitted, LengthObservations):
+        if isinstance(self.fitted_observations, LengthObservations):
             return ("length",)
-        turns = ("turn x", "turn y", "turn z") if isinstance(self.fitted, PoseObservations) else ()
+        turns = (
+            ("turn x", "turn y", "turn z") if isinstance(self.fitted_observations, PoseObservations) else ()
+        )
         return ("x", "y", "z", *turns)
 
 
 def places_of(state: ArmState, joints_rad: Array) -> Array:
     """Return where the target is (N, 3) in the base frame, sag and ripple included [m]."""
     moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
-    return state.arm.tip_positions(moved, state.flange_tool[:3, 3])
+    return state.arm_model.tip_positions(moved, state.flange_tool[:3, 3])
 
 
-def thinned(errors: Array) -> Rows:
+def thin_rows(errors: Array) -> Rows:
     """Return which rows to draw: all of them, or of very many an even share and the largest."""
     count = len(errors)
     if count <= _MOST_DOTS:
@@ -198,7 +202,7 @@ def thinned(errors: Array) -> Rows:
     return np.union1d(even, worst)
 
 
-def _residuals(state: ArmState, observations: Observations) -> Array:
-    white = whitened_residuals(state, Problem.of(state, observations))
-    found: Array = white / np.broadcast_to(observations.scales(slice(None)), white.shape)
+def _signed_residuals(state: ArmState, observations: Observations) -> Array:
+    white = whitened_residuals(state, FitProblem.from_observations(state, observations))
+    found: Array = white / np.broadcast_to(observations.inverse_sigmas(slice(None)), white.shape)
     return found

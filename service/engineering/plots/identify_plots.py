@@ -7,14 +7,14 @@ from matplotlib.figure import Figure, FigureBase
 
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.plots.correlations import correlation_matrix
-from cellcal.service.engineering.plots.distribution import distribution
-from cellcal.service.engineering.plots.evidence import Evidence
-from cellcal.service.engineering.plots.overview import overview
+from cellcal.service.engineering.plots.distribution import draw_distribution
+from cellcal.service.engineering.plots.evidence import IdentificationEvidence
+from cellcal.service.engineering.plots.overview import draw_overview
 from cellcal.service.engineering.plots.residuals import by_joint, by_row
-from cellcal.service.engineering.plots.style import house_style, new_figure, write_figures
+from cellcal.service.engineering.plots.style import figure_style, new_figure, write_figures
 from cellcal.service.engineering.plots.workspace import error_map
 
-_Draw = Callable[[FigureBase, Evidence], None]
+_Draw = Callable[[FigureBase, IdentificationEvidence], None]
 
 
 def draw_identification(report: IdentifyReport, folder: Path) -> list[Path]:
@@ -24,26 +24,26 @@ def draw_identification(report: IdentifyReport, folder: Path) -> list[Path]:
 
 def draw_figures(report: IdentifyReport) -> dict[str, Figure]:
     """Return the figures by the names of their files."""
-    evidence = Evidence(report)
+    evidence = IdentificationEvidence(report)
     channels, one = len(evidence.channel_names), len(evidence.channel_names) == 1
     unknowns = len(report.identification.robust.fit.layout)
-    wanted: dict[str, tuple[tuple[float, float], _Draw]] = {
-        "overview": ((14.0, 9.6), overview),
+    drawings: dict[str, tuple[tuple[float, float], _Draw]] = {
+        "overview": ((14.0, 9.6), draw_overview),
         "residuals_by_row": ((11.0, 3.2 + 1.3 * channels), by_row),
         "residuals_by_joint": ((10.0, 6.0) if one else (13.0, 6.6), by_joint),
         "workspace": ((11.0, 8.6), error_map),
-        "correlations": (_square(unknowns), correlation_matrix),
-        "distribution": ((10.0, 4.0), distribution),
+        "correlations": (_square_page(unknowns), correlation_matrix),
+        "distribution": ((10.0, 4.0), draw_distribution),
     }
     figures = {}
-    with house_style():
-        for name, (size, draw) in wanted.items():
+    with figure_style():
+        for name, (size, draw) in drawings.items():
             figures[name] = new_figure(*size)
             draw(figures[name], evidence)
     return figures
 
 
-def _square(unknowns: int) -> tuple[float, float]:
+def _square_page(unknowns: int) -> tuple[float, float]:
     """Return a page on which every name can be read."""
     side = min(max(4.5, 0.15 * unknowns + 2.0), 10.0)
     return side * 1.4 + 0.5, side

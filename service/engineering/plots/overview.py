@@ -5,8 +5,8 @@ from matplotlib.figure import FigureBase
 
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.service.engineering.identification.identify import IdentifyReport
-from cellcal.service.engineering.plots.distribution import histogram, shares
-from cellcal.service.engineering.plots.evidence import Evidence
+from cellcal.service.engineering.plots.distribution import draw_histogram, draw_shares
+from cellcal.service.engineering.plots.evidence import IdentificationEvidence
 from cellcal.service.engineering.plots.residuals import held_out_by_row
 from cellcal.service.engineering.plots.style import title_of
 from cellcal.service.engineering.plots.workspace import draw_maps
@@ -15,7 +15,7 @@ _MOST_NOTES = 4
 _SAMPLE = 500  # rows, for a median
 
 
-def overview(figure: FigureBase, evidence: Evidence) -> None:
+def draw_overview(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     """Draw the page."""
     report = evidence.report
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.0, 2.1]).flat
@@ -26,14 +26,14 @@ def overview(figure: FigureBase, evidence: Evidence) -> None:
     rows.set_xlabel("data row")
     draw_maps(left, evidence)
     panels = right.subplot_mosaic([["bins", "shares"], ["words", "words"]], height_ratios=[1.0, 0.8])
-    histogram(panels["bins"], evidence)
-    shares(panels["shares"], evidence)
+    draw_histogram(panels["bins"], evidence)
+    draw_shares(panels["shares"], evidence)
     panels["words"].axis("off")
-    words = "\n".join([*_words(report), *_predicted(evidence)])
+    words = "\n".join([*_summary_lines(report), *_prediction_lines(evidence)])
     panels["words"].text(0.0, 0.95, words, va="top", fontsize=9.5, linespacing=1.4)
 
 
-def _words(report: IdentifyReport) -> list[str]:
+def _summary_lines(report: IdentifyReport) -> list[str]:
     found = report.identification
     before, after = report.before, report.held_out
     lines = [
@@ -56,21 +56,21 @@ def _words(report: IdentifyReport) -> list[str]:
     if found.correlated:
         lines.append(f"Pairs of the arm's parameters that correlate beyond 0.95: {len(found.correlated)}.")
     if report.lints:
-        lines.append(f"Notes of the data checks: {len(report.lints)} ({', '.join(_codes(report))}).")
+        lines.append(f"Notes of the data checks: {len(report.lints)} ({', '.join(_lint_lines(report))}).")
     return lines
 
 
-def _predicted(evidence: Evidence) -> list[str]:
+def _prediction_lines(evidence: IdentificationEvidence) -> list[str]:
     count = len(evidence.held_out_joints_rad)
     some = np.linspace(0, count - 1, min(count, _SAMPLE)).astype(np.intp)
     here = float(np.median(evidence.sigma_m(evidence.held_out_joints_rad[some])))
-    everywhere = float(np.median(evidence.reach.sigma_m))
+    everywhere = float(np.median(evidence.predicted_reach.sigma_m))
     return [
         f"Predicted uncertainty of the target's place (k = 1): {here * 1e3:.3f} mm in postures as measured,",
         f"  {everywhere * 1e3:.3f} mm over the whole reach; what the model lacks is not in it.",
     ]
 
 
-def _codes(report: IdentifyReport) -> list[str]:
+def _lint_lines(report: IdentifyReport) -> list[str]:
     codes = list(dict.fromkeys(lint.code.replace("_", " ") for lint in report.lints))
     return codes if len(codes) <= _MOST_NOTES else [*codes[:_MOST_NOTES], "…"]

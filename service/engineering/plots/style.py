@@ -26,7 +26,7 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def tidy(axes: "Axes") -> None:
+def tidy_axes(axes: "Axes") -> None:
     """Leave a light grid and the axes that are read."""
     axes.grid(alpha=0.25, lw=0.6)
     axes.set_axisbelow(True)
@@ -52,7 +52,7 @@ def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 
 
 @contextmanager
-def house_style() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
     """Draw with our sizes of letters."""
     with mpl.rc_context(
         {"font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0}

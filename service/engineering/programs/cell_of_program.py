@@ -12,7 +12,6 @@ from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
-from cellcal.service.engineering.programs.makes import base_of, flange_of, make_of
 from cellcal.service.engineering.programs.other_axes import (
     BESIDE_EXTERNAL,
     EXTERNAL,
@@ -21,8 +20,9 @@ from cellcal.service.engineering.programs.other_axes import (
     has_external_values,
     of_another_arm,
 )
-from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.project import Project, ProjectTool
 from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
+from cellcal.service.engineering.programs.robot_makes import base_of, flange_of, make_of
 
 Rows = NDArray[np.intp]
 Some = TypeVar("Some", bound=np.generic)
@@ -38,7 +38,7 @@ _FARTHEST = 3.0  # times the arm's length
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class ProgramPoints:
     """N positions of some programs, one after the other."""
 
     programs: tuple[ProgramFile, ...]
@@ -56,7 +56,7 @@ class Points:
     def __len__(self) -> int:
         return len(self.row)
 
-    def refuse(self, rows: Rows, why: str | Callable[[int], str]) -> None:
+    def refuse_points(self, rows: Rows, why: str | Callable[[int], str]) -> None:
         """Leave points, for the first reason that was found."""
         for i in rows.tolist():
             self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
@@ -75,12 +75,12 @@ class Points:
         found[there] = self.joints[at[there]]
         return found
 
-    def open(self) -> Rows:
+    def open_rows(self) -> Rows:
         """Return the points that nothing speaks against."""
         return np.array([i for i, reason in enumerate(self.reasons) if not reason], dtype=np.intp)
 
 
-def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
+def points_of(programs: Sequence[ProgramFile], axes: int) -> ProgramPoints:
     """Put the positions of programs side by side.
 
     Raises
@@ -91,7 +91,7 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
     other_arms = [of_another_arm(program, axes) for program in programs]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
-    points = Points(
+    points = ProgramPoints(
         programs=tuple(programs),
         of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
         row=side_by_side([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
@@ -109,18 +109,18 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
         ],
     )
     groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
-    points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
+    points.refuse_points(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     for flags, why in (
         (other_arms, OTHER_JOINTS.format(axes)),
         ([has_external_values(p) for p in all_of], EXTERNAL),
         ([beside_external_values(p, axes) for p in all_of], BESIDE_EXTERNAL),
     ):
-        points.refuse(np.flatnonzero(side_by_side(flags, np.zeros(0, dtype=bool))), why)
+        points.refuse_points(np.flatnonzero(side_by_side(flags, np.zeros(0, dtype=bool))), why)
     return points
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class PointGroup:
     """Points that share tool and frame."""
 
     rows: Rows
@@ -128,21 +128,21 @@ class Group:
     frame: str | None
 
 
-def groups_of(points: Points, programs_apart: bool) -> tuple[Group, ...]:
+def groups_of(points: ProgramPoints, programs_apart: bool) -> tuple[PointGroup, ...]:
     """Return the points by tool and frame; by program too where programs bring tools and frames of their own."""
     found: dict[tuple[str | None, str | None, int], list[int]] = {}
-    for i in points.open().tolist():
+    for i in points.open_rows().tolist():
         whose = int(points.of[i]) if programs_apart else -1
         found.setdefault((points.tools[i], points.user_frames[i], whose), []).append(i)
-    return tuple(Group(np.array(rows, dtype=np.intp), key[0], key[1]) for key, rows in found.items())
+    return tuple(PointGroup(np.array(rows, dtype=np.intp), key[0], key[1]) for key, rows in found.items())
 
 
 def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
     """Tell whether any program holds tools or frames itself."""
-    return any(tools or bases for p in programs for tools, bases in [_brought(p, at_home=True)])
+    return any(tools or bases for p in programs for tools, bases in [_brought_frames(p, at_home=True)])
 
 
-def _brought(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose], Mapping[str, Pose]]:
+def _brought_frames(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose], Mapping[str, Pose]]:
     """Return tools and frames that a program brings; ``at_home`` those of its cell's other files, too."""
     frames = program.frames
     if not at_home or not (frames.cell_flange_tip or frames.cell_base_frame):
@@ -150,7 +150,9 @@ def _brought(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose]
     return {**frames.cell_flange_tip, **frames.flange_tip}, {**frames.cell_base_frame, **frames.base_frame}
 
 
-def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True) -> Tool | None:
+def tool_of(
+    project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
+) -> ProjectTool | None:
     """Return the tool that a position names: of the project, of the program, or what every controller has.
 
     ``at_home`` says that the project is the cell where the program is from.
@@ -161,8 +163,10 @@ def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home
     entered = entry_named(project.tools, named, program.brand)
     if entered is not None:
         return entered
-    pose = _own(_brought(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand)
-    return None if pose is None else Tool(pose, pose)
+    pose = _own_pose(
+        _brought_frames(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand
+    )
+    return None if pose is None else ProjectTool(pose, pose)
 
 
 def frame_of(
@@ -175,7 +179,9 @@ def frame_of(
     entered = entry_named(project.frames, named, program.brand)
     if entered is not None:
         return entered
-    return _own(_brought(program, at_home=at_home)[1], named, base_of(program.brand), program.brand)
+    return _own_pose(
+        _brought_frames(program, at_home=at_home)[1], named, base_of(program.brand), program.brand
+    )
 
 
 def entry_named(entries: Mapping[str, Entry], name: str, brand: str) -> Entry | None:
@@ -194,19 +200,19 @@ def name_in(project: Project, program: ProgramFile, name: str | None) -> str | N
 
 def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     """Tell whether a position names no user frame, or only the robot's base."""
-    return name is None or _alike(name, base_of(program.brand), program.brand)
+    return name is None or _is_same_name(name, base_of(program.brand), program.brand)
 
 
-def contradiction(
+def find_contradiction(
     project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
 ) -> str:
     """Return why points are left whose tool or frame the program brings along, and the cell has another; or ""."""
-    tools, frames = _brought(program, at_home=at_home)
+    tools, frames = _brought_frames(program, at_home=at_home)
     tool = tool if tool is not None else project.unsaid_tool
     frame = frame if frame is not None else project.unsaid_frame
     brand = program.brand
-    known = None if tool is None else entry_named(project.tools, tool, brand)
-    entered = None if known is None else known.entered
+    tool_entry = None if tool is None else entry_named(project.tools, tool, brand)
+    entered = None if tool_entry is None else tool_entry.entered
     pairs = (
         ("tool", tool, entered, tools, (flange_of(brand),)),
         (
@@ -219,9 +225,9 @@ def contradiction(
     )
     for what, name, cells, files, always in pairs:
         own = None if name is None else entry_named(files, name, brand)
-        if own is None or cells is None or any(_alike(name or "", one, brand) for one in always):
+        if own is None or cells is None or any(_is_same_name(name or "", one, brand) for one in always):
             continue
-        apart, turned = same_place(own.matrix()[None], cells[None])
+        apart, turned = same_place(own.to_matrix()[None], cells[None])
         if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
             return (
                 f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
@@ -230,7 +236,7 @@ def contradiction(
     return ""
 
 
-def missing(what: str, name: str | None, project: Project) -> str:
+def missing_reason(what: str, name: str | None, project: Project) -> str:
     """Return why a point is left whose tool or frame nobody knows."""
     if name is None:
         key = "tool" if what == "tool" else "frame"
@@ -282,9 +288,9 @@ def _farthest_frame(project: Project) -> float:
 def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
     """Compare the arm that a file says it was taught on with that of the project's controller."""
     own = program.frames.kinematics
-    if own is None or own.axes != project.controller.axes:
+    if own is None or own.axis_count != project.controller.axis_count:
         return
-    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axes)
+    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axis_count)
     apart = own.base_flange(still)[:, :3, 3] - project.controller.base_flange(still)[:, :3, 3]
     most = float(np.linalg.norm(apart, axis=1).max())
     if most > _ANOTHER_ARM_M:
@@ -310,14 +316,14 @@ def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArra
     return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
 
 
-def _own(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
+def _own_pose(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
     pose = entry_named(poses, name, brand)
     if pose is not None:
-        return pose.matrix()
-    return np.eye(4) if _alike(name, always, brand) else None
+        return pose.to_matrix()
+    return np.eye(4) if _is_same_name(name, always, brand) else None
 
 
-def _alike(name: str, other: str, brand: str) -> bool:
+def _is_same_name(name: str, other: str, brand: str) -> bool:
     return name == other or (brand in CASELESS and name.lower() == other.lower())
 
 

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.points.joint_bases import bases_together
-from cellcal.calibration.programs.transfer import Way
+from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.carry import Carrier, Passage
-from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.expected_accuracy import Expectation
+from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.result import ProgramResult
@@ -29,7 +29,7 @@ class CloneRoute:
     change_covariance: Array  # (6, 6) of its right twist
 
     @classmethod
-    def between(cls, master: Project, clone: Project) -> "CloneRoute":
+    def between_cells(cls, master: Project, clone: Project) -> "CloneRoute":
         """Find the master's base in the clone's from the alignments of both.
 
         Raises
@@ -64,29 +64,29 @@ class CloneRoute:
             both = bases_together([clone.alignment, master.alignment])
         except CalibrationError as refused:
             raise ProjectError(f"{clone.path}: {refused.message}", remedy=refused.remedy) from refused
-        if not both.consistent():
+        if not both.is_consistent():
             raise ProjectError(
                 f"{master.serial} and {clone.serial} found {clone.alignment.fixture} in two shapes "
                 f"(chi square {both.chi_square:.0f} at {both.degrees_of_freedom} degrees of freedom).",
                 remedy="See that its alignment points are whole and the same in both cells; measure it again.",
             )
         base = both.bases[0]
-        return cls(master, clone, base.other_base_base.matrix(), np.array(base.covariance))
+        return cls(master, clone, base.other_base_base.to_matrix(), np.array(base.covariance))
 
-    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+    def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is cloned."""
         return True
 
-    def way(self, passage: Passage) -> Way:
+    def transfer_way(self, frame_pair: FramePair) -> TransferFrames:
         """Real robot to real robot, written for the clone's controller."""
-        return Way(
-            source=self.source.real_arm(passage.source_tool.real),
+        return TransferFrames(
+            source=self.source.real_arm(frame_pair.source_tool.real),
             change=self.change,
-            target=self.target.real_arm(passage.target_tool.real),
-            written=Arm(self.target.controller, passage.target_tool.entered),
+            target=self.target.real_arm(frame_pair.target_tool.real),
+            written=TipArm(self.target.controller, frame_pair.target_tool.entered),
         )
 
-    def expectation(self, passage: Passage) -> Expectation:
+    def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """Both arms and both alignments."""
         return Expectation(self.source, self.target, self.change, self.change_covariance)
 
@@ -101,7 +101,7 @@ def _refuse_other_gears(master: Project, clone: Project) -> None:
         )
 
 
-def cloning(master: Project, clone: Project, rule: ConfigurationRule | None) -> Carrier:
+def clone_transfer(master: Project, clone: Project, rule: ConfigurationRule | None) -> ProgramTransfer:
     """Return what clones programs of one brand; it may be used for many, one after the other or together.
 
     Raises
@@ -109,7 +109,7 @@ def cloning(master: Project, clone: Project, rule: ConfigurationRule | None) -> 
     ProjectError
         The projects do not hold what a clone needs.
     """
-    return Carrier(CloneRoute.between(master, clone), rule)
+    return ProgramTransfer(CloneRoute.between_cells(master, clone), rule)
 
 
 def clone_programs(
@@ -124,4 +124,4 @@ def clone_programs(
     ProgramFileError
         A program of another robot, or in another unit.
     """
-    return cloning(master, clone, rule).carry(programs)
+    return clone_transfer(master, clone, rule).transfer_programs(programs)

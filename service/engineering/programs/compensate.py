@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.compensation.compensate import Direction
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.compensate import ProgramDirection
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.programs.transfer import Way
+from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
-from cellcal.service.engineering.programs.carry import Carrier, Passage
-from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.expected_accuracy import Expectation
+from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 
@@ -20,7 +20,7 @@ class CompensationRoute:
     """From where the controller believes its tip to be to where the real one is, or back."""
 
     project: Project
-    direction: Direction
+    direction: ProgramDirection
 
     @property
     def source(self) -> Project:
@@ -37,24 +37,26 @@ class CompensationRoute:
         """Return that nothing of the work moves."""
         return np.eye(4)
 
-    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+    def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is corrected."""
         return True
 
-    def way(self, passage: Passage) -> Way:
+    def transfer_way(self, frame_pair: FramePair) -> TransferFrames:
         """Upload: the real tip shall be where the program says. Download: the program shall say where it is."""
-        tool = passage.source_tool
-        believed = Arm(self.project.controller, tool.entered)
+        tool = frame_pair.source_tool
+        believed = TipArm(self.project.controller, tool.entered)
         real = self.project.real_arm(tool.real)
-        ends = (believed, real) if self.direction is Direction.UPLOAD else (real, believed)
-        return Way(ends[0], np.eye(4), ends[1], believed)
+        ends = (believed, real) if self.direction is ProgramDirection.UPLOAD else (real, believed)
+        return TransferFrames(ends[0], np.eye(4), ends[1], believed)
 
-    def expectation(self, passage: Passage) -> Expectation:
+    def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """One arm against a computed place."""
         return Expectation(self.project, self.project, np.eye(4), nominal=True)
 
 
-def compensating(project: Project, direction: Direction, rule: ConfigurationRule | None) -> Carrier:
+def compensation_transfer(
+    project: Project, direction: ProgramDirection, rule: ConfigurationRule | None
+) -> ProgramTransfer:
     """Return what compensates programs of one brand.
 
     Raises
@@ -67,4 +69,4 @@ def compensating(project: Project, direction: Direction, rule: ConfigurationRule
             f"{project.path}: no parameters of {project.serial} are named.",
             remedy="Calibrate the robot and name its parameter set under [robot].",
         )
-    return Carrier(CompensationRoute(project, Direction(direction)), rule)
+    return ProgramTransfer(CompensationRoute(project, ProgramDirection(direction)), rule)

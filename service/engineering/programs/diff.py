@@ -22,7 +22,7 @@ def unified_diff(before: bytes, after: bytes, old_name: str, new_name: str) -> b
     ValueError
         The number of lines differs: this is no moved program.
     """
-    old, new = _lines(before), _lines(after)
+    old, new = _split_lines(before), _split_lines(after)
     if len(old) != len(new):
         raise ValueError(f"{new_name}: a moved program keeps its {len(old)} lines, this one has {len(new)}")
     changed = [i for i, pair in enumerate(zip(old, new, strict=True)) if pair[0] != pair[1]]
@@ -30,10 +30,12 @@ def unified_diff(before: bytes, after: bytes, old_name: str, new_name: str) -> b
         return b""
     head = [f"--- {old_name}\n".encode(errors="surrogateescape")]
     head.append(f"+++ {new_name}\n".encode(errors="surrogateescape"))
-    return b"".join([*head, *(part for hunk in _hunks(changed) for part in _hunk(old, new, hunk))])
+    return b"".join(
+        [*head, *(part for hunk in _group_hunks(changed) for part in _format_hunk(old, new, hunk))]
+    )
 
 
-def unpacked(data: bytes) -> bytes:
+def unpack_program(data: bytes) -> bytes:
     """Return a program's text: a .urp file is gzip.
 
     Raises
@@ -49,11 +51,11 @@ def unpacked(data: bytes) -> bytes:
         raise ValueError(f"it cannot be unpacked: {error.why}") from error
 
 
-def _lines(data: bytes) -> list[bytes]:
-    return unpacked(data).split(b"\n")
+def _split_lines(data: bytes) -> list[bytes]:
+    return unpack_program(data).split(b"\n")
 
 
-def _hunks(changed: Sequence[int]) -> Iterator[list[int]]:
+def _group_hunks(changed: Sequence[int]) -> Iterator[list[int]]:
     """Yield changed lines in groups whose contexts touch."""
     group: list[int] = []
     for i in changed:
@@ -64,7 +66,7 @@ def _hunks(changed: Sequence[int]) -> Iterator[list[int]]:
     yield group
 
 
-def _hunk(old: Sequence[bytes], new: Sequence[bytes], changed: list[int]) -> Iterator[bytes]:
+def _format_hunk(old: Sequence[bytes], new: Sequence[bytes], changed: list[int]) -> Iterator[bytes]:
     lines = len(old) - 1 if old[-1] == new[-1] == b"" else len(old)
     start, stop = max(changed[0] - _CONTEXT, 0), min(changed[-1] + 1 + _CONTEXT, lines)
     yield f"@@ -{start + 1},{stop - start} +{start + 1},{stop - start} @@\n".encode()
@@ -74,13 +76,13 @@ def _hunk(old: Sequence[bytes], new: Sequence[bytes], changed: list[int]) -> Ite
         while end < stop and old[end] != new[end]:
             end += 1
         if end == i:
-            yield _line(b" ", old, i)
+            yield _format_line(b" ", old, i)
             i += 1
             continue
-        yield from (_line(b"-", old, j) for j in range(i, end))
-        yield from (_line(b"+", new, j) for j in range(i, end))
+        yield from (_format_line(b"-", old, j) for j in range(i, end))
+        yield from (_format_line(b"+", new, j) for j in range(i, end))
         i = end
 
 
-def _line(sign: bytes, lines: Sequence[bytes], i: int) -> bytes:
+def _format_line(sign: bytes, lines: Sequence[bytes], i: int) -> bytes:
     return sign + lines[i] + (b"\n" if i < len(lines) - 1 else _NO_NEWLINE)

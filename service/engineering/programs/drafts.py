@@ -26,12 +26,12 @@ def remove_left_behind(folder: Path) -> None:
     for place, _, names in os.walk(folder):
         for name in names:
             found = _DRAFT.fullmatch(name)
-            if found and not _lives(int(found[1])):
+            if found and not _is_alive(int(found[1])):
                 with suppress(OSError):
                     os.unlink(os.path.join(place, name))  # noqa: PTH108, PTH118
 
 
-def _lives(pid: int) -> bool:
+def _is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -18,8 +18,8 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import SUFFIXES, brand_of
-from cellcal.drivers.programs.across import Across
-from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.brands import DeclaringProgram
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
 
@@ -38,13 +38,15 @@ class FilesError(CellError):
 class Siblings:
     """The programs that were named together, and what they say of each other once it was read."""
 
-    sources: tuple["Source", ...] = ()
-    across: Across | None = None
-    read: dict[str, Telling] = field(default_factory=dict)  # of a small batch: programs not asked for yet
+    sources: tuple["ProgramSource", ...] = ()
+    across: BatchDeclarations | None = None
+    read: dict[str, DeclaringProgram] = field(
+        default_factory=dict
+    )  # of a small batch: programs not asked for yet
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ProgramSource:
     """One program file, and its place below any folder that it is written to."""
 
     path: Path
@@ -53,7 +55,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedProgram:
     """A file that was left out, why, and the cure."""
 
     file: str
@@ -61,23 +63,23 @@ class Refused:
     remedy: str
 
     @classmethod
-    def because(cls, file: object, error: CellError) -> "Refused":
+    def from_error(cls, file: object, error: CellError) -> "RefusedProgram":
         """Return what an error says about a file, without the file's name twice."""
         message, name = error.message, str(file)
-        known = message.removeprefix(name).lstrip(":").strip() if message.startswith(name) else message
-        return cls(name, known, error.remedy.strip())
+        reason = message.removeprefix(name).lstrip(":").strip() if message.startswith(name) else message
+        return cls(name, reason, error.remedy.strip())
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundPrograms:
     """Sources in the order of their names, and what was named but cannot be used."""
 
-    sources: tuple[Source, ...]
-    refused: tuple[Refused, ...]
+    sources: tuple[ProgramSource, ...]
+    refused: tuple[RefusedProgram, ...]
     passed_over: tuple[Path, ...] = ()  # below a folder, with a program's suffix, and no program inside
 
 
-def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
+def find_programs(named: Sequence[str], *, out: Path | None = None) -> FoundPrograms:
     """Return the programs that files, patterns and folders name; a folder gives those of its subfolders too.
 
     A file that is named is always a source, whatever it is. Below a folder, other files are passed over, and so
@@ -85,25 +87,27 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
     """
     if not named:
         raise FilesError("No program was named.", remedy="Name files, folders, or patterns in quotes.")
-    sources: dict[str, Source] = {}
-    refused: list[Refused] = []
+    sources: dict[str, ProgramSource] = {}
+    refused: list[RefusedProgram] = []
     passed: list[Path] = []
     real_folders: dict[Path, str] = {}  # of thousands of files in a few folders
     for name in named:
         try:
             for source in _of_name(name, out, passed):
-                sources.setdefault(_real(source.path, real_folders), source)
+                sources.setdefault(_resolve_path(source.path, real_folders), source)
         except ProgramFileError as error:
-            refused.append(Refused.because(name, error))
+            refused.append(RefusedProgram.from_error(name, error))
         except OSError as error:
-            refused.append(Refused(name, f"{error.strerror or error}.", "Give a folder that may be read."))
+            refused.append(
+                RefusedProgram(name, f"{error.strerror or error}.", "Give a folder that may be read.")
+            )
     apart, clashing = _without_clashes(sources.values())
     siblings = Siblings()
     siblings.sources = tuple(replace(source, siblings=siblings) for source in apart)
-    return Found(siblings.sources, (*refused, *clashing), tuple(passed))
+    return FoundPrograms(siblings.sources, (*refused, *clashing), tuple(passed))
 
 
-def _real(path: Path, real_folders: dict[Path, str]) -> str:
+def _resolve_path(path: Path, real_folders: dict[Path, str]) -> str:
     """Return a file's place without symbolic links; its folder's is looked up once."""
     if path.is_symlink():
         return os.path.realpath(path)
@@ -138,18 +142,18 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-class NewPlace:
+class OutputFolder:
     """A folder that programs are written to, whole or not at all, and never over a source."""
 
-    def __init__(self, folder: Path, sources: Iterable[Source], *, replace: bool = False) -> None:
+    def __init__(self, folder: Path, sources: Iterable[ProgramSource], *, replace: bool = False) -> None:
         self._folder, self._replace = folder, replace
-        self._kept = {_identity(source.path) for source in sources}
+        self._source_identities = {_file_identity(source.path) for source in sources}
         self._made: set[Path] = set()  # folders that are there
         if folder.exists() and not folder.is_dir():
             raise FilesError(f"{folder} is a file.", remedy="Give --out a folder.")
         remove_left_behind(folder)
 
-    def path_of(self, source: Source) -> Path:
+    def path_of(self, source: ProgramSource) -> Path:
         """Return where a program goes.
 
         Raises
@@ -176,25 +180,25 @@ class NewPlace:
         ProgramFileError
             It is one.
         """
-        if path.exists() and _identity(path) in self._kept:
+        if path.exists() and _file_identity(path) in self._source_identities:
             raise ProgramFileError(
                 str(path),
                 "this is a source, and a source is never written over.",
                 remedy="Give another folder with --out.",
             )
 
-    def write_all(self, programs: Sequence[tuple[Source, bytes]]) -> list[Path | ProgramFileError]:
+    def write_all(self, programs: Sequence[tuple[ProgramSource, bytes]]) -> list[Path | ProgramFileError]:
         """Write programs and return where each is, or why it is not; while one waits for the disk, others go on."""
         with ThreadPoolExecutor(min(_WRITERS, max(len(programs), 1))) as writers:
-            return list(writers.map(lambda one: self._written(*one), programs))
+            return list(writers.map(lambda one: self._write_or_error(*one), programs))
 
-    def _written(self, source: Source, data: bytes) -> Path | ProgramFileError:
+    def _write_or_error(self, source: ProgramSource, data: bytes) -> Path | ProgramFileError:
         try:
-            return self.write(source, data)
+            return self.write_program(source, data)
         except ProgramFileError as error:
             return error
 
-    def write(self, source: Source, data: bytes) -> Path:
+    def write_program(self, source: ProgramSource, data: bytes) -> Path:
         """Write a program and return where it is."""
         path = self.path_of(source)
         try:
@@ -248,39 +252,43 @@ def _put_where_nothing_is(draft: str, path: Path) -> None:
         os.replace(draft, path)  # noqa: PTH105
 
 
-def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[Source]:
+def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[ProgramSource]:
     path = Path(name)
     if path.is_file():
-        return [Source(path, PurePath(path.name))]
+        return [ProgramSource(path, PurePath(path.name))]
     if path.is_dir():
-        return _below(path, out, passed)
+        return _sources_below(path, out, passed)
     if path.exists():
-        return [_one(path)]
+        return [_single_source(path)]
     if not _WILD & set(name):
         raise ProgramFileError(name, "there is no such file or folder.", remedy="Mend the name.")
     base = Path(path.anchor)
     pattern = str(path.relative_to(base)) if path.anchor else name
     fixed = Path(*takewhile(lambda part: not _WILD & set(part), path.parts))
-    found = [item for item in sorted(base.glob(pattern)) if item.is_file() and not _earlier(item, fixed, out)]
+    found = [
+        item
+        for item in sorted(base.glob(pattern))
+        if item.is_file() and not _is_earlier_output(item, fixed, out)
+    ]
     if not found:
         raise ProgramFileError(name, "no file matches this pattern.", remedy="Mend the pattern.")
-    return [_one(item) for item in found]
+    return [_single_source(item) for item in found]
 
 
-def _one(path: Path) -> Source:
+def _single_source(path: Path) -> ProgramSource:
     if not path.is_file():  # a pipe or a device would be waited for
         raise ProgramFileError(str(path), "this is not an ordinary file.", remedy="Name a program file.")
-    return Source(path, PurePath(path.name))
+    return ProgramSource(path, PurePath(path.name))
 
 
-def _below(folder: Path, out: Path | None, passed: list[Path]) -> list[Source]:
+def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[ProgramSource]:
     suffixes = {suffix for its in SUFFIXES.values() for suffix in its}
     named = [
         path
         for path in sorted(folder.rglob("*"))
-        if path.suffix.lower() in suffixes and not _earlier(path, folder, out) and path.is_file()
+        if path.suffix.lower() in suffixes and not _is_earlier_output(path, folder, out) and path.is_file()
     ]
-    found = [Source(path, path.relative_to(folder)) for path in named if _is_program(path)]
+    found = [ProgramSource(path, path.relative_to(folder)) for path in named if _is_program(path)]
     taken = {source.path for source in found}
     passed += [path for path in named if path not in taken]
     if not found:
@@ -300,7 +308,7 @@ def _is_program(path: Path) -> bool:
         return True
 
 
-def _earlier(path: Path, folder: Path, out: Path | None) -> bool:
+def _is_earlier_output(path: Path, folder: Path, out: Path | None) -> bool:
     """Tell whether a file below a folder was written by an earlier run, to a folder inside it."""
     if out is None:
         return False
@@ -309,13 +317,13 @@ def _earlier(path: Path, folder: Path, out: Path | None) -> bool:
     return inside and path.resolve().is_relative_to(there)
 
 
-def _without_clashes(sources: Iterable[Source]) -> tuple[list[Source], list[Refused]]:
+def _without_clashes(sources: Iterable[ProgramSource]) -> tuple[list[ProgramSource], list[RefusedProgram]]:
     """Refuse files that would be written to one place; controllers do not tell upper from lower case."""
-    by_place: defaultdict[str, list[Source]] = defaultdict(list)
+    by_place: defaultdict[str, list[ProgramSource]] = defaultdict(list)
     for source in sources:
         by_place[str(source.place).casefold()].append(source)
     refused = [
-        Refused(
+        RefusedProgram(
             str(source.path),
             f"{next(o.path for o in same if o is not source)} has the same name, and one place cannot hold both.",
             "Name the folder above both, which keeps the subfolders, or run them one after the other.",
@@ -327,6 +335,6 @@ def _without_clashes(sources: Iterable[Source]) -> tuple[list[Source], list[Refu
     return [same[0] for same in by_place.values() if len(same) == 1], refused
 
 
-def _identity(path: Path) -> tuple[int, int]:
+def _file_identity(path: Path) -> tuple[int, int]:
     found = path.stat()
     return found.st_dev, found.st_ino

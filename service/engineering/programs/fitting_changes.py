@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from cellcal.drivers.program_registry import changed_together
+from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import Rows
 
 _MOST = 64  # points found one by one; where more do not fit, the file itself is what does not
@@ -12,7 +12,7 @@ _PLACE = ": "
 
 
 def change_what_fits(
-    program: ProgramFile, rows: Rows, change_of: Callable[[Rows], Change]
+    program: ProgramFile, rows: Rows, change_of: Callable[[Rows], PositionChange]
 ) -> tuple[ProgramFile, dict[int, str]]:
     """Return a program with a change of all rows that it can take, and why by row for those that it cannot.
 
@@ -22,17 +22,17 @@ def change_what_fits(
         More rows do not fit than single points would explain.
     """
     try:
-        return changed_together([program], [change_of(rows)])[0], {}
+        return change_programs([program], [change_of(rows)])[0], {}
     except ProgramFileError as error:
         if len(rows) == 1:
-            return program, {int(rows[0]): _reason(error)}
+            return program, {int(rows[0]): _error_reason(error)}
     refused: dict[int, str] = {}
     waiting = [rows]
     while waiting:
         some = waiting.pop()
-        why = _refusal(program, some, change_of)
+        why = _change_refusal(program, some, change_of)
         if why is not None and len(some) == 1:
-            refused[int(some[0])] = _reason(why)
+            refused[int(some[0])] = _error_reason(why)
             if len(refused) > _MOST:
                 raise why
         elif why is not None:
@@ -41,19 +41,19 @@ def change_what_fits(
     fitting = rows[[row not in refused for row in rows.tolist()]]
     if not len(fitting):
         return program, refused
-    return changed_together([program], [change_of(fitting)])[0], refused
+    return change_programs([program], [change_of(fitting)])[0], refused
 
 
-def _refusal(
-    program: ProgramFile, rows: Rows, change_of: Callable[[Rows], Change]
+def _change_refusal(
+    program: ProgramFile, rows: Rows, change_of: Callable[[Rows], PositionChange]
 ) -> ProgramFileError | None:
     try:
-        changed_together([program], [change_of(rows)])
+        change_programs([program], [change_of(rows)])
     except ProgramFileError as error:
         return error
     return None
 
 
-def _reason(error: ProgramFileError) -> str:
+def _error_reason(error: ProgramFileError) -> str:
     """Return the error without its place: the report names program, point and line."""
     return error.message.partition(_PLACE)[2].rstrip(".")

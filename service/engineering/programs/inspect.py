@@ -14,25 +14,25 @@ from cellcal.calibration.arm.robot_models import model_names
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.batches import Read, batches, together
+from cellcal.service.engineering.programs.batches import ReadProgram, process_batch, read_batches
 from cellcal.service.engineering.programs.cell_of_program import frame_of, tool_of
 from cellcal.service.engineering.programs.files import (
     FilesError,
-    Found,
-    NewPlace,
-    Refused,
-    Source,
+    FoundPrograms,
+    OutputFolder,
+    ProgramSource,
+    RefusedProgram,
     find_programs,
 )
 from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project, read_project
-from cellcal.service.engineering.programs.reach import Reach, reach_of
+from cellcal.service.engineering.programs.reach import ProgramReach, reach_of
 from cellcal.service.exit_codes import ExitCode
 
 _DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class InspectionRequest:
     """What shall be inspected, and against what."""
 
     files: Sequence[str]
@@ -42,18 +42,18 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Inspected:
+class InspectedProgram:
     """One program; ``reach`` and ``identical`` are None where nobody asked."""
 
-    source: Source
+    source: ProgramSource
     program: ProgramFile
     known_tools: dict[str | None, bool]  # by name: whether the cell or the file knows it
     known_frames: dict[str | None, bool]
-    reach: Reach | None
+    reach: ProgramReach | None
     identical: bool | None  # printed as it was read
 
     @property
-    def kinds(self) -> dict[str, int]:
+    def kind_counts(self) -> dict[str, int]:
         """Return how many positions are of which kind."""
         return dict(Counter(self.program.positions.kinds))
 
@@ -70,20 +70,22 @@ class Inspected:
             "program": self.program.name,
             "brand": self.program.brand,
             "point_count": len(positions),
-            "kinds": self.kinds,
-            "tools": _names(self.known_tools),
-            "user_frames": _names(self.known_frames),
+            "kinds": self.kind_counts,
+            "tools": _names_to_json(self.known_tools),
+            "user_frames": _names_to_json(self.known_frames),
             "out_of_reach": None if self.reach is None else self.out_of_reach,
             "identical": self.identical,
             "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in self.program.remarks],
-            "points": list(self.points()),
+            "points": list(self.iter_points()),
         }
 
-    def points(self) -> Iterator[dict[str, Any]]:
+    def iter_points(self) -> Iterator[dict[str, Any]]:
         """Yield every point."""
         positions, reach = self.program.positions, self.reach
-        places = _rounded(positions.frame_tip[:, :3, 3] * 1e3)
-        joints = _rounded(np.degrees(positions.joints)) if positions.joints.size else [[]] * len(positions)
+        places = _rounded_rows(positions.frame_tip[:, :3, 3] * 1e3)
+        joints = (
+            _rounded_rows(np.degrees(positions.joints)) if positions.joints.size else [[]] * len(positions)
+        )
         for i, name in enumerate(positions.names):
             yield {
                 "point": name,
@@ -95,20 +97,20 @@ class Inspected:
                 "position_mm": places[i] if None not in places[i] else None,
                 "joints_deg": joints[i] if joints[i] and None not in joints[i] else None,
                 "reach": None if reach is None else (reach.why[i] or "reached"),
-                "miss_mm": None if reach is None else _mm(reach.miss_m[i]),
-                "known_within_mm": None if reach is None else _mm(reach.expected_m[i]),
+                "miss_mm": None if reach is None else _to_mm(reach.miss_m[i]),
+                "known_within_mm": None if reach is None else _to_mm(reach.expected_m[i]),
             }
 
 
 @dataclass
-class Totals:
+class InspectionTotals:
     """What an inspection came to."""
 
     programs: int = 0
     points: int = 0
     out_of_reach: int = 0
     not_identical: int = 0
-    refused: list[Refused] = field(default_factory=list)
+    refused: list[RefusedProgram] = field(default_factory=list)
 
     @property
     def exit_code(self) -> ExitCode:
@@ -118,7 +120,7 @@ class Totals:
         return ExitCode.REFUSED if self.out_of_reach else ExitCode.PASS
 
 
-def sources_of(asked: Asked) -> tuple[Found, Project | None]:
+def sources_of(request: InspectionRequest) -> tuple[FoundPrograms, Project | None]:
     """Return the programs that are asked for, and the cell that they are for.
 
     Raises
@@ -126,13 +128,13 @@ def sources_of(asked: Asked) -> tuple[Found, Project | None]:
     CellError
         A project that cannot be read, no such robot, or nothing named at all.
     """
-    if asked.project is not None and asked.robot is not None:
+    if request.project is not None and request.robot is not None:
         raise FilesError("--project names the robot already.", remedy="Leave --robot out.")
-    cell = _cell(asked)
-    named = asked.files
-    if not named and asked.project is not None and cell is not None:
+    cell = _read_cell(request)
+    named = request.files
+    if not named and request.project is not None and cell is not None:
         named = named_by(cell)
-    return find_programs(named, out=asked.roundtrip), cell
+    return find_programs(named, out=request.roundtrip), cell
 
 
 def named_by(project: Project) -> tuple[str, ...]:
@@ -153,17 +155,22 @@ def named_by(project: Project) -> tuple[str, ...]:
 
 
 def inspect_programs(
-    found: Found, cell: Project | None, roundtrip: Path | None, tell: Callable[[Inspected], None]
-) -> Totals:
+    found: FoundPrograms,
+    cell: Project | None,
+    roundtrip: Path | None,
+    tell: Callable[[InspectedProgram], None],
+) -> InspectionTotals:
     """Inspect programs one after another; each is told and let go."""
-    totals = Totals(refused=list(found.refused))
-    place = None if roundtrip is None else NewPlace(roundtrip, found.sources)
-    for some in batches(found.sources, lambda _: None, totals.refused):
-        for read, reach in together(some, lambda programs: _reaches(programs, cell), totals.refused):
+    totals = InspectionTotals(refused=list(found.refused))
+    place = None if roundtrip is None else OutputFolder(roundtrip, found.sources)
+    for some in read_batches(found.sources, lambda _: None, totals.refused):
+        for read, reach in process_batch(
+            some, lambda programs: _program_reaches(programs, cell), totals.refused
+        ):
             try:
-                inspected = _inspected(read, reach, cell, place)
+                inspected = _inspect_program(read, reach, cell, place)
             except CellError as error:
-                totals.refused.append(Refused.because(read.source.path, error))
+                totals.refused.append(RefusedProgram.from_error(read.source.path, error))
                 continue
             totals.programs += 1
             totals.points += len(inspected.program.positions)
@@ -173,18 +180,20 @@ def inspect_programs(
     return totals
 
 
-def _reaches(programs: Sequence[ProgramFile], cell: Project | None) -> Sequence[Reach | None]:
+def _program_reaches(programs: Sequence[ProgramFile], cell: Project | None) -> Sequence[ProgramReach | None]:
     return [None] * len(programs) if cell is None else reach_of(programs, cell)
 
 
-def _inspected(read: Read, reach: Reach | None, cell: Project | None, place: NewPlace | None) -> Inspected:
+def _inspect_program(
+    read: ReadProgram, reach: ProgramReach | None, cell: Project | None, place: OutputFolder | None
+) -> InspectedProgram:
     program, identical = read.program, None
     if place is not None:
         printed = program.to_bytes()
-        place.write(read.source, printed)
+        place.write_program(read.source, printed)
         identical = printed == read.data
     positions = program.positions
-    return Inspected(
+    return InspectedProgram(
         read.source,
         program,
         {name: _knows_tool(cell, program, name) for name in dict.fromkeys(positions.tools)},
@@ -210,16 +219,16 @@ def _knows_frame(cell: Project | None, program: ProgramFile, name: str | None) -
     return frame_of(cell, program, name) is not None
 
 
-def _cell(asked: Asked) -> Project | None:
-    if asked.project is not None:
-        return read_project(asked.project)
-    if asked.robot is None:
+def _read_cell(request: InspectionRequest) -> Project | None:
+    if request.project is not None:
+        return read_project(request.project)
+    if request.robot is None:
         return None
-    if not is_mounted_model(asked.robot, model_names()):
+    if not is_mounted_model(request.robot, model_names()):
         raise FilesError(
-            f"No robot model is called {asked.robot!r}.", remedy=f"Known: {', '.join(model_names())}."
+            f"No robot model is called {request.robot!r}.", remedy=f"Known: {', '.join(model_names())}."
         )
-    model = load_model(asked.robot)
+    model = load_model(request.robot)
     return Project(
         path=Path(f"--robot {model.name}"),
         name=model.title,
@@ -240,14 +249,14 @@ def _cell(asked: Asked) -> Project | None:
     )
 
 
-def _names(known: dict[str | None, bool]) -> list[dict[str, Any]]:
-    return [{"name": name, "known": there} for name, there in known.items()]
+def _names_to_json(known_by_name: dict[str | None, bool]) -> list[dict[str, Any]]:
+    return [{"name": name, "known": there} for name, there in known_by_name.items()]
 
 
-def _rounded(figures: Array) -> list[list[float | None]]:
+def _rounded_rows(figures: Array) -> list[list[float | None]]:
     rows = (np.round(figures, _DECIMALS) + 0.0).tolist()
     return [[value if np.isfinite(value) else None for value in row] for row in rows]
 
 
-def _mm(value_m: float) -> float | None:
+def _to_mm(value_m: float) -> float | None:
     return round(float(value_m) * 1e3, _DECIMALS) if np.isfinite(value_m) else None

@@ -4,18 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
 from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.alignment import Alignment
-from cellcal.calibration.programs.transfer import Way
+from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
-from cellcal.service.engineering.programs.carry import Carrier, Passage
-from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
-from cellcal.service.engineering.programs.makes import Make, make_of
+from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class MoveRoute:
         """Return the motion of the work."""
         return self.base_change
 
-    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+    def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
         if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
             return self.joints == "move"
@@ -55,13 +55,13 @@ class MoveRoute:
             return UNDECIDED
         return True
 
-    def way(self, passage: Passage) -> Way:
+    def transfer_way(self, frame_pair: FramePair) -> TransferFrames:
         """Carry the real tip along with the work; without parameters the controller's arm stands for the real one."""
-        tool = passage.source_tool
+        tool = frame_pair.source_tool
         real = self.project.real_arm(tool.real)
-        return Way(real, self.base_change, real, Arm(self.project.controller, tool.entered))
+        return TransferFrames(real, self.base_change, real, TipArm(self.project.controller, tool.entered))
 
-    def expectation(self, passage: Passage) -> Expectation:
+    def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """One arm at two places; how the move was measured is not in it."""
         return Expectation(self.project, self.project, self.base_change, one_cell=True)
 
@@ -94,18 +94,18 @@ def change_between(before: Alignment, after: Alignment) -> Array:
             f"{after.robot_serial}.",
             remedy="A moved fixture is measured twice by one robot.",
         )
-    change: Array = after.base_fixture.matrix() @ inverse_transform(before.base_fixture.matrix())
+    change: Array = after.base_fixture.to_matrix() @ inverse_transform(before.base_fixture.to_matrix())
     return change
 
 
-def moving(
+def move_transfer(
     project: Project,
     base_change: Array,
     rule: ConfigurationRule | None,
     *,
     frame: str | None = None,
     joints: JointPoints | None = None,
-) -> Carrier:
+) -> ProgramTransfer:
     """Return what moves the points of programs of one brand; programs then run with the frame as it was entered.
 
     Raises
@@ -119,7 +119,7 @@ def moving(
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
     if frame is not None:
         project.frame_named(frame)  # or it is refused
-    return Carrier(MoveRoute(project, base_change, frame, joints), rule)
+    return ProgramTransfer(MoveRoute(project, base_change, frame, joints), rule)
 
 
 def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:
@@ -151,13 +151,13 @@ def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
     ProjectError
         The project does not know the frame.
     """
-    told = redefined_frame(project, frame, base_change)[1]
-    if not told:
+    alternative = redefined_frame(project, frame, base_change)[1]
+    if not alternative:
         return ""
-    return f"Instead of running the moved programs, the old ones could run with {told}. Never do both."
+    return f"Instead of running the moved programs, the old ones could run with {alternative}. Never do both."
 
 
-def _as_typed(make: Make | None, pose: Array) -> str:
+def _as_typed(make: RobotMake | None, pose: Array) -> str:
     """Return a pose with the letters and units of the robot's maker."""
     name = "ur_rotation_vector" if make is None else make.orientation
     values = values_from(name, pose[:3, :3])

@@ -23,10 +23,10 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
     ProgramFileError
         All that hold joints do.
     """
-    held = np.isfinite(program.positions.joints)
-    robots = held.any(axis=1) & (program.positions.groups == 1)
+    has_value = np.isfinite(program.positions.joints)
+    robots = has_value.any(axis=1) & (program.positions.groups == 1)
     other: NDArray[np.bool_] = robots & (
-        held[:, axes:].any(axis=1) | ~held[:, :axes].all(axis=1) | (held.shape[1] < axes)
+        has_value[:, axes:].any(axis=1) | ~has_value[:, :axes].all(axis=1) | (has_value.shape[1] < axes)
     )
     if other.any() and (other == robots).all():
         raise ProgramFileError(
@@ -45,8 +45,8 @@ def has_external_values(positions: Positions) -> NDArray[np.bool_]:
 
 def beside_external_values(positions: Positions, axes: int) -> NDArray[np.bool_]:
     """Return (N,) all points of a program in which an axis beside the arm leaves zero; none of any other program."""
-    held = np.isfinite(positions.joints)
-    other = (positions.groups != 1) & held.any(axis=1) & ~held[:, axes - 1 : axes].any(axis=1)
+    has_value = np.isfinite(positions.joints)
+    other = (positions.groups != 1) & has_value.any(axis=1) & ~has_value[:, axes - 1 : axes].any(axis=1)
     carries = bool((np.abs(np.nan_to_num(positions.joints[other])) > 0).any())
     carries |= bool(has_external_values(positions)[positions.groups == 1].any())
     return np.full(len(positions), carries)

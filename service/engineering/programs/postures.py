@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.compensate import CompensationLimits
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
@@ -33,12 +33,12 @@ class PostureSearch:
     """Finds joints for the positions of one controller."""
 
     def __init__(self, nominal: RobotModel, controller: RobotModel, rule: ConfigurationRule | None) -> None:
-        self._zero = AxesAtZero.of(nominal)
+        self._zero = AxesAtZero.from_model(nominal)
         self._controller = controller
         self._rule = rule
         self._exact = controller is nominal or np.array_equal(controller.placements, nominal.placements)
 
-    def joints(
+    def find_joints(
         self, base_flange: Array, texts: Sequence[str], before: Array | None
     ) -> tuple[Array, list[str]]:
         """Return joints (N, 6), NaN where there are none, and why (N,), "" where there are.
@@ -56,19 +56,19 @@ class PostureSearch:
         candidates = all_branches(self._zero, base_flange)
         self._into_limits(candidates)
         reached = np.asarray(np.isfinite(candidates).all(axis=2), dtype=np.bool_)
-        fits = self._fitting(candidates, reached, texts)
+        fits = self._fitting_branches(candidates, reached, texts)
         taught = np.full((len(base_flange), 6), np.nan)
         if before is not None and len(taught):
             taught[: len(before) if before.ndim == 2 else 1] = before
-        found, why = self._chosen(candidates, fits, taught)
+        found, why = self._choose_branches(candidates, fits, taught)
         for i in np.flatnonzero(~fits.any(axis=0)).tolist():
             named = reached[:, i].any()
             why[i] = OTHER_CONFIGURATION.format(text=texts[i]) if named else UNREACHABLE
-        self._polish(found, base_flange, why)
-        self._turn(found, texts, why)
+        self._polish_postures(found, base_flange, why)
+        self._add_turns(found, texts, why)
         return found, why
 
-    def alike(self, base_flange: Array, like: Array) -> Array:
+    def nearest_postures(self, base_flange: Array, like: Array) -> Array:
         """Return the posture (N, 6) of each pose nearest to another one, whole turns included; NaN for none."""
         candidates = all_branches(self._zero, base_flange)
         near = nearest_turns(candidates, like)
@@ -76,7 +76,7 @@ class PostureSearch:
         best: Array = near[np.argmin(apart, axis=0), np.arange(len(like))]
         return best
 
-    def _fitting(
+    def _fitting_branches(
         self, candidates: Array, reached: NDArray[np.bool_], texts: Sequence[str]
     ) -> NDArray[np.bool_]:
         """Return (8, N): which branches reach the pose and are what the text says."""
@@ -85,13 +85,15 @@ class PostureSearch:
         fits = np.zeros_like(reached)
         for branch in range(BRANCHES):
             rows = np.flatnonzero(reached[branch])
-            said = [texts[i] for i in rows.tolist()]
-            fits[branch, rows] = self._rule.agrees(
-                self._controller, candidates[branch, rows], said, turns=False
+            configurations = [texts[i] for i in rows.tolist()]
+            fits[branch, rows] = self._rule.matches_postures(
+                self._controller, candidates[branch, rows], configurations, turns=False
             )
         return fits
 
-    def _chosen(self, candidates: Array, fits: NDArray[np.bool_], taught: Array) -> tuple[Array, list[str]]:
+    def _choose_branches(
+        self, candidates: Array, fits: NDArray[np.bool_], taught: Array
+    ) -> tuple[Array, list[str]]:
         """Take the branch that fits; of several, the one nearest to the posture before."""
         count = fits.shape[1]
         first = np.argmax(fits, axis=0)
@@ -103,7 +105,7 @@ class PostureSearch:
             choice = candidates[fits[:, i], i]
             if np.abs(nearest_turns(choice, choice[0]) - choice[0]).max() < _ALIKE_RAD:
                 continue
-            last = self._last(found, i, taught)
+            last = self._posture_before(found, i, taught)
             if last is None:
                 found[i], why[i] = np.nan, NO_POSTURE
                 continue
@@ -112,12 +114,12 @@ class PostureSearch:
         return found, why
 
     @staticmethod
-    def _last(found: Array, i: int, taught: Array) -> Array | None:
+    def _posture_before(found: Array, i: int, taught: Array) -> Array | None:
         """Return the posture before the i-th pose: the last that was found, or one that is taught after it."""
-        known = int(np.flatnonzero(np.isfinite(found[:i, 0]))[-1:].max(initial=-1))
-        said = int(np.flatnonzero(np.isfinite(taught[: i + 1, 0]))[-1:].max(initial=-1))
-        last: Array = taught[said] if said > known else found[known]
-        return last if max(said, known) >= 0 else None
+        last_found = int(np.flatnonzero(np.isfinite(found[:i, 0]))[-1:].max(initial=-1))
+        last_taught = int(np.flatnonzero(np.isfinite(taught[: i + 1, 0]))[-1:].max(initial=-1))
+        last: Array = taught[last_taught] if last_taught > last_found else found[last_found]
+        return last if max(last_taught, last_found) >= 0 else None
 
     def _into_limits(self, candidates: Array) -> None:
         """Turn joints by whole turns into their limits where that is possible."""
@@ -127,49 +129,53 @@ class PostureSearch:
             outside = (candidates < low) | (candidates > high)
             np.copyto(candidates, turned, where=outside & (turned >= low) & (turned <= high))
 
-    def _polish(self, found: Array, base_flange: Array, why: list[str]) -> None:
+    def _polish_postures(self, found: Array, base_flange: Array, why: list[str]) -> None:
         """Bring postures of the nominal arm to those of the controller's own arm."""
         rows = np.flatnonzero(np.isfinite(found).all(axis=1))
         if self._exact or not len(rows):
             return
-        done = joints_near(Arm(self._controller), base_flange[rows], found[rows], _FACTORY)
-        found[rows] = np.where(done.converged[:, None], done.joints_rad, np.nan)
-        for i in rows[~done.converged].tolist():
+        done = joints_near(TipArm(self._controller), base_flange[rows], found[rows], _FACTORY)
+        found[rows] = np.where(done.has_converged[:, None], done.joints_rad, np.nan)
+        for i in rows[~done.has_converged].tolist():
             why[i] = UNREACHABLE
 
-    def _turn(self, found: Array, texts: Sequence[str], why: list[str]) -> None:
+    def _add_turns(self, found: Array, texts: Sequence[str], why: list[str]) -> None:
         """Add whole turns until the turn numbers of the text are met."""
         if self._rule is None:
             return
         rows = np.flatnonzero(np.isfinite(found).all(axis=1))
-        left = rows[~self._agree(found[rows], [texts[i] for i in rows.tolist()])] if len(rows) else rows
-        for way in self._ways(found, left):
-            if not len(left):
+        unmatched = (
+            rows[~self._turns_agree(found[rows], [texts[i] for i in rows.tolist()])] if len(rows) else rows
+        )
+        for way in self._turn_combinations(found, unmatched):
+            if not len(unmatched):
                 return
-            turned = found[left] + _FULL_TURN * np.array(way)
-            inside = self._inside(turned)
-            said = [texts[i] for i in left.tolist()]
-            agrees = inside & self._agree(turned, said)
-            found[left[agrees]] = turned[agrees]
-            left = left[~agrees]
-        for i in left.tolist():
+            turned = found[unmatched] + _FULL_TURN * np.array(way)
+            inside = self._is_inside(turned)
+            configurations = [texts[i] for i in unmatched.tolist()]
+            agrees = inside & self._turns_agree(turned, configurations)
+            found[unmatched[agrees]] = turned[agrees]
+            unmatched = unmatched[~agrees]
+        for i in unmatched.tolist():
             found[i], why[i] = np.nan, OTHER_TURNS.format(text=texts[i])
 
-    def _agree(self, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+    def _turns_agree(self, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
         """Tell which joints have the turn numbers of their texts.
 
         A joint taught on the border of two numbers comes back on either side of it, because the pose was rounded.
         """
         assert self._rule is not None
-        found = self._rule.agrees(self._controller, joints, texts, turns=True)
+        found = self._rule.matches_postures(self._controller, joints, texts, turns=True)
         for nudge in (_BORDER_RAD, -_BORDER_RAD):
-            left = np.flatnonzero(~found)
-            if len(left):
-                said = [texts[i] for i in left.tolist()]
-                found[left] = self._rule.agrees(self._controller, joints[left] + nudge, said, turns=True)
+            unmatched = np.flatnonzero(~found)
+            if len(unmatched):
+                configurations = [texts[i] for i in unmatched.tolist()]
+                found[unmatched] = self._rule.matches_postures(
+                    self._controller, joints[unmatched] + nudge, configurations, turns=True
+                )
         return found
 
-    def _ways(self, found: Array, rows: NDArray[np.intp]) -> list[tuple[int, ...]]:
+    def _turn_combinations(self, found: Array, rows: NDArray[np.intp]) -> list[tuple[int, ...]]:
         """Return the combinations of whole turns that any of these postures could have inside the limits."""
         if not len(rows):
             return []
@@ -180,6 +186,6 @@ class PostureSearch:
         some = [way for way in product(*turns) if any(way)]
         return sorted(some, key=lambda way: sum(map(abs, way)))
 
-    def _inside(self, joints: Array) -> NDArray[np.bool_]:
+    def _is_inside(self, joints: Array) -> NDArray[np.bool_]:
         low, high = self._controller.lower_rad - _ROUNDED_RAD, self._controller.upper_rad + _ROUNDED_RAD
         return np.asarray(((joints >= low) & (joints <= high)).all(axis=1), dtype=np.bool_)

@@ -14,7 +14,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.mounting import is_mounted_model
 from cellcal.calibration.arm.robot_models import model_names
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
@@ -24,25 +24,25 @@ from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.motion.collision import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.service.configuration.cell_shapes import read_cell_shape
-from cellcal.service.engineering.programs.makes import Make, make_of
 from cellcal.service.engineering.programs.project_arms import (
     IdentifiedArm,
     factory_arm,
     identified_arm,
     nominal_arm,
 )
-from cellcal.service.engineering.programs.project_backup import kept_by_controller, pose_as_kept
+from cellcal.service.engineering.programs.project_backup import frames_of_backup, pose_or_backup
 from cellcal.service.engineering.programs.project_poses import (
     ProjectError,
-    number,
-    numbers,
     pose_keys,
     pose_of,
+    read_number,
+    read_numbers,
+    read_text,
     refuse_keys,
     sub_table,
-    word,
 )
 from cellcal.service.engineering.programs.project_pulses import pulses_per_rad
+from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
 
 FORMAT = 1
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
@@ -55,7 +55,7 @@ _TOP = {"format", "name", "master", "robot", "tools", "frames", "unsaid", "fixtu
 
 
 @dataclass(frozen=True, eq=False)
-class Tool:
+class ProjectTool:
     """A tool as the controller has it, and as it really is."""
 
     entered: Array  # (4, 4) flange_tip in the controller
@@ -75,7 +75,7 @@ class Project:
     controller: RobotModel  # what the controller computes with: the nominal arm, or its factory calibration
     factory_known: bool  # whether the project says what the controller computes with
     identified: IdentifiedArm | None
-    tools: Mapping[str, Tool]
+    tools: Mapping[str, ProjectTool]
     frames: Mapping[str, Array]  # (4, 4) base_frame as entered into the controller
     unsaid_tool: str | None  # holds where a program does not say
     unsaid_frame: str | None
@@ -88,15 +88,15 @@ class Project:
     backup: Path | None = None  # folder of the controller's .VA files
 
     @property
-    def state(self) -> ArmState | None:
+    def identified_state(self) -> ArmState | None:
         """Return the identified arm, or None where the project names no parameters."""
         return None if self.identified is None else self.identified.state
 
-    def real_arm(self, flange_tip: Array) -> Arm:
+    def real_arm(self, flange_tip: Array) -> TipArm:
         """Return the real arm with a tip: as identified, or as the controller believes where nobody measured it."""
         if self.identified is None:
-            return Arm(self.controller, flange_tip)
-        return Arm.of_state(replace(self.identified.state, flange_tool=flange_tip))
+            return TipArm(self.controller, flange_tip)
+        return TipArm.of_state(replace(self.identified.state, flange_tool=flange_tip))
 
     def frame_named(self, name: str) -> Array:
         """Return a user frame (4, 4) [m] as entered into the controller.
@@ -110,10 +110,10 @@ class Project:
             return self.frames[name]
         make = make_of(self.nominal)
         if make is None or name != make.base:
-            known = ", ".join(self.frames) or "none"
+            names = ", ".join(self.frames) or "none"
             raise ProjectError(
                 f"{self.name} has no user frame {name}.",
-                remedy=f"It has {known}; a project's are [frames.NAME].",
+                remedy=f"It has {names}; a project's are [frames.NAME].",
             )
         return np.eye(4)
 
@@ -133,7 +133,7 @@ def read_project(path: Path) -> Project:
     CellError
         A file that the project names cannot be used: parameters of another arm, an alignment of another robot.
     """
-    data = _loaded(path)
+    data = _load_toml(path)
     where = str(path)
     refuse_keys(data, _TOP, where)
     if data.get("format") != FORMAT:
@@ -143,33 +143,33 @@ def read_project(path: Path) -> Project:
     robot = sub_table(data, "robot", where)
     refuse_keys(robot, _ROBOT, f"{where}: [robot]")
     folder = path.parent
-    nominal, serial = _robot(robot, folder, f"{where}: [robot]")
-    factory = word(robot, "factory", where)
-    controller = nominal if factory is None else factory_arm(_beside(folder, factory), nominal)
-    controller = _limited(controller, robot, f"{where}: [robot]")
+    nominal, serial = _read_robot(robot, folder, f"{where}: [robot]")
+    factory = read_text(robot, "factory", where)
+    controller = nominal if factory is None else factory_arm(_relative_path(folder, factory), nominal)
+    controller = _with_limits(controller, robot, f"{where}: [robot]")
     unsaid = sub_table(data, "unsaid", where)
     refuse_keys(unsaid, {"tool", "frame"}, f"{where}: [unsaid]")
-    smallest = number(robot, "smallest_sigma", where)
-    kept, make = kept_by_controller(robot, folder, nominal, where), make_of(nominal)
+    smallest = read_number(robot, "smallest_sigma", where)
+    backup, make = frames_of_backup(robot, folder, nominal, where), make_of(nominal)
     return Project(
         path=path,
-        name=word(data, "name", where) or path.stem,
+        name=read_text(data, "name", where) or path.stem,
         serial=serial,
         nominal=nominal,
         controller=controller,
         factory_known=factory is not None,
         identified=identified_arm(robot, folder, replace_limits(nominal, controller), serial, where),
-        tools=_tools(sub_table(data, "tools", where), kept.tools, make, where),
-        frames=_frames(sub_table(data, "frames", where), kept.frames, make, where),
-        unsaid_tool=word(unsaid, "tool", where),
-        unsaid_frame=word(unsaid, "frame", where),
-        alignment=_alignment(sub_table(data, "fixture", where), folder, serial, where),
-        shapes=_shapes(sub_table(data, "shapes", where), folder, controller, where),
+        tools=_read_tools(sub_table(data, "tools", where), backup.tools, make, where),
+        frames=_read_frames(sub_table(data, "frames", where), backup.frames, make, where),
+        unsaid_tool=read_text(unsaid, "tool", where),
+        unsaid_frame=read_text(unsaid, "frame", where),
+        alignment=_read_alignment(sub_table(data, "fixture", where), folder, serial, where),
+        shapes=_read_shapes(sub_table(data, "shapes", where), folder, controller, where),
         smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
-        master=_master(data, folder, where),
-        programs=_patterns(data, where),
-        pulses_per_rad=pulses_per_rad(robot, nominal.axes, f"{where}: [robot]"),
-        backup=kept.folder,
+        master=_read_master(data, folder, where),
+        programs=_program_patterns(data, where),
+        pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
+        backup=backup.folder,
     )
 
 
@@ -178,7 +178,7 @@ def replace_limits(model: RobotModel, limits: RobotModel) -> RobotModel:
     return replace(model, lower_rad=limits.lower_rad, upper_rad=limits.upper_rad)
 
 
-def _loaded(path: Path) -> dict[str, Any]:
+def _load_toml(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(read_plain_text(path))
     except (OSError, DocumentError) as broken:
@@ -187,13 +187,13 @@ def _loaded(path: Path) -> dict[str, Any]:
         ) from broken
 
 
-def _robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotModel, str]:
-    model, serial = word(robot, "model", where), word(robot, "serial", where)
+def _read_robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotModel, str]:
+    model, serial = read_text(robot, "model", where), read_text(robot, "serial", where)
     if model is None or serial is None:
         raise ProjectError(f"{where}: serial and model are needed")
-    arm = word(robot, "arm", where)
+    arm = read_text(robot, "arm", where)
     if arm is not None:
-        return nominal_arm(_beside(folder, arm), model), serial
+        return nominal_arm(_relative_path(folder, arm), model), serial
     if not is_mounted_model(model, model_names()):
         raise ProjectError(
             f"{where}: no model is called {model!r}.",
@@ -202,18 +202,22 @@ def _robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotMod
     return load_model(model), serial
 
 
-def _limited(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotModel:
-    def side(name: str, given: Array) -> Array:
+def _with_limits(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotModel:
+    def joint_limits(name: str, default: Array) -> Array:
         key = f"{name}_deg"
-        return np.deg2rad(numbers(robot, key, model.axes, where)) if key in robot else given
+        return np.deg2rad(read_numbers(robot, key, model.axis_count, where)) if key in robot else default
 
-    return replace(model, lower_rad=side("lower", model.lower_rad), upper_rad=side("upper", model.upper_rad))
+    return replace(
+        model,
+        lower_rad=joint_limits("lower", model.lower_rad),
+        upper_rad=joint_limits("upper", model.upper_rad),
+    )
 
 
-def _tools(
-    tables: Mapping[str, Any], kept: Mapping[str, Array], make: Make | None, where: str
-) -> dict[str, Tool]:
-    tools = {name: Tool(pose, pose) for name, pose in kept.items()}
+def _read_tools(
+    tables: Mapping[str, Any], from_backup: Mapping[str, Array], make: RobotMake | None, where: str
+) -> dict[str, ProjectTool]:
+    tools = {name: ProjectTool(pose, pose) for name, pose in from_backup.items()}
     for name in tables:
         place = f"{where}: [tools.{name}]"
         table = sub_table(tables, name, place)
@@ -221,24 +225,24 @@ def _tools(
         entered, real = sub_table(table, "entered", place), sub_table(table, "real", place)
         refuse_keys(entered, pose_keys(), f"{place[:-1]}.entered]")
         refuse_keys(real, {*pose_keys(), "sigma_mm"}, f"{place[:-1]}.real]")
-        pose = pose_as_kept(entered, kept.get(name), f"{place[:-1]}.entered]")
+        pose = pose_or_backup(entered, from_backup.get(name), f"{place[:-1]}.entered]")
         if make is not None and name == make.flange:
             _refuse_moved(pose, place, "flange")
-        sigma = number(real, "sigma_mm", place)
+        sigma = read_number(real, "sigma_mm", place)
         measured = pose_of(real, f"{place[:-1]}.real]") if real else pose
-        tools[name] = Tool(pose, measured, (sigma or 0.0) / 1e3, bool(real))
+        tools[name] = ProjectTool(pose, measured, (sigma or 0.0) / 1e3, bool(real))
     return tools
 
 
-def _frames(
-    tables: Mapping[str, Any], kept: Mapping[str, Array], make: Make | None, where: str
+def _read_frames(
+    tables: Mapping[str, Any], from_backup: Mapping[str, Array], make: RobotMake | None, where: str
 ) -> dict[str, Array]:
-    frames = dict(kept)
+    frames = dict(from_backup)
     for name in tables:
         place = f"{where}: [frames.{name}]"
         table = sub_table(tables, name, place)
         refuse_keys(table, pose_keys(), place)
-        frames[name] = pose_as_kept(table, kept.get(name), place)
+        frames[name] = pose_or_backup(table, from_backup.get(name), place)
         if make is not None and name == make.base:
             _refuse_moved(frames[name], place, "base")
     return frames
@@ -253,12 +257,12 @@ def _refuse_moved(pose: Array, place: str, what: str) -> None:
         )
 
 
-def _alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) -> Alignment | None:
+def _read_alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) -> Alignment | None:
     refuse_keys(table, {"alignment", "name"}, f"{where}: [fixture]")
-    file, name = word(table, "alignment", where), word(table, "name", where)
+    file, name = read_text(table, "alignment", where), read_text(table, "name", where)
     if file is None:
         return None
-    path = _beside(folder, file)
+    path = _relative_path(folder, file)
     try:
         found = read_alignments(read_plain_text(path))
     except (OSError, DocumentError) as broken:
@@ -275,20 +279,20 @@ def _alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) 
     return mine[0]
 
 
-def _shapes(table: Mapping[str, Any], folder: Path, model: RobotModel, where: str) -> CellShape | None:
+def _read_shapes(table: Mapping[str, Any], folder: Path, model: RobotModel, where: str) -> CellShape | None:
     refuse_keys(table, {"file"}, f"{where}: [shapes]")
-    file = word(table, "file", where)
-    return None if file is None else read_cell_shape(_beside(folder, file), model)
+    file = read_text(table, "file", where)
+    return None if file is None else read_cell_shape(_relative_path(folder, file), model)
 
 
-def _master(data: Mapping[str, Any], folder: Path, where: str) -> Path | None:
+def _read_master(data: Mapping[str, Any], folder: Path, where: str) -> Path | None:
     table = sub_table(data, "master", where)
     refuse_keys(table, {"project"}, f"{where}: [master]")
-    file = word(table, "project", where)
-    return None if file is None else _beside(folder, file)
+    file = read_text(table, "project", where)
+    return None if file is None else _relative_path(folder, file)
 
 
-def _patterns(data: Mapping[str, Any], where: str) -> tuple[str, ...]:
+def _program_patterns(data: Mapping[str, Any], where: str) -> tuple[str, ...]:
     found = data.get("programs", [])
     if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
         raise ProjectError(f"{where}: programs is a list of file names or patterns")
@@ -298,5 +302,5 @@ def _patterns(data: Mapping[str, Any], where: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _beside(folder: Path, name: str) -> Path:
+def _relative_path(folder: Path, name: str) -> Path:
     return (folder / name).resolve()

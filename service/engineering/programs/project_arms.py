@@ -14,16 +14,16 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.free_parameters import StartingPoint, state_of
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse_set
 from cellcal.service.engineering.parameters.ur_files import (
     model_of_ros,
     read_calibration_conf,
     read_ros_kinematics,
 )
-from cellcal.service.engineering.programs.project_poses import ProjectError, number, word
+from cellcal.service.engineering.programs.project_poses import ProjectError, read_number, read_text
 
 _OF_PLACES = ("base", "anchor", "tool", "wire")  # of the measuring, and no part of the arm
 
@@ -35,7 +35,9 @@ class IdentifiedArm:
     state: ArmState  # without a tool
     sha256: str  # of the parameter set
     version: int
-    layout: Layout | None  # names the free parameters of `covariance`; None where no covariance is kept
+    layout: (
+        ParameterLayout | None
+    )  # names the free parameters of `covariance`; None where no covariance is kept
     covariance: Array | None  # (p, p)
     held_out_rms_m: float | None  # what the identification missed of readings that it had not seen
 
@@ -49,7 +51,7 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
         No such file, or one that lacks something.
     """
     try:
-        fields = parse_model(name, _text(path))
+        fields = parse_model(name, _read_text(path))
         return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
     except CalibrationError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
@@ -65,12 +67,12 @@ def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
     ProjectError
         None of these, or of another arm.
     """
-    text = _text(path)
+    text = _read_text(path)
     try:
         if "delta_theta" in text:
             return factory_model(nominal, read_calibration_conf(text, nominal).table)
         if "[[parameter]]" in text:
-            return calibrated_model(nominal, parse(text, str(path))).model
+            return calibrated_model(nominal, parse_set(text, str(path))).model
         if "kinematics:" in text:
             return model_of_ros(read_ros_kinematics(text), nominal)
     except CellError as refused:
@@ -99,12 +101,12 @@ def identified_arm(
             f"{where}: the parameters are of robot {found.robot_serial}, the project is of {serial}.",
             remedy="Export the set of this robot, or mend the serial.",
         )
-    rms = number(robot, "held_out_rms_mm", where)
+    rms = read_number(robot, "held_out_rms_mm", where)
     try:
         calibrated_model(nominal, found)
         values = {v.name: v.value for v in found.values if not v.name.startswith(_OF_PLACES)}
-        state = state_of(nominal, StartingPoint(values), (), np.eye(4), ())
-        layout, covariance = _spread(found, state)
+        state = starting_state(nominal, StartingPoint(values), (), np.eye(4), ())
+        layout, covariance = _parameter_spread(found, state)
     except CellError as refused:
         raise ProjectError(f"{where}: {refused.message}", remedy=refused.remedy) from refused
     held_out = None if rms is None else rms / 1e3
@@ -112,7 +114,7 @@ def identified_arm(
 
 
 def _parameter_set(robot: Mapping[str, Any], folder: Path, serial: str, where: str) -> ParameterSet | None:
-    file, store = word(robot, "parameters", where), word(robot, "parameter_store", where)
+    file, store = read_text(robot, "parameters", where), read_text(robot, "parameter_store", where)
     version = robot.get("parameter_version")
     if file is not None and store is not None:
         raise ProjectError(f"{where}: parameters and parameter_store exclude each other")
@@ -120,11 +122,11 @@ def _parameter_set(robot: Mapping[str, Any], folder: Path, serial: str, where: s
         raise ProjectError(f"{where}: parameter_version is a whole number, beside parameter_store")
     if file is not None:
         path = (folder / file).resolve()
-        return parse(_text(path), str(path))
-    return None if store is None else ParameterSets((folder / store).resolve()).load(serial, version)
+        return parse_set(_read_text(path), str(path))
+    return None if store is None else ParameterSets((folder / store).resolve()).load_set(serial, version)
 
 
-def _spread(found: ParameterSet, state: ArmState) -> tuple[Layout | None, Array | None]:
+def _parameter_spread(found: ParameterSet, state: ArmState) -> tuple[ParameterLayout | None, Array | None]:
     """Return the parameters of the arm that the set knows with all correlations, and their covariance."""
     whole = covariance_of(found)
     if whole is None:
@@ -140,7 +142,7 @@ def _spread(found: ParameterSet, state: ArmState) -> tuple[Layout | None, Array 
     return layout, covariance
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return read_plain_text(path)
     except (OSError, DocumentError) as broken:

@@ -11,7 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.service.engineering.programs.project_poses import ProjectError, pose_of, word
+from cellcal.service.engineering.programs.project_poses import ProjectError, pose_of, read_text
 
 _MAKE = "fanuc_"
 _GROUP = 1  # programs of other motion groups are not carried
@@ -19,7 +19,7 @@ _ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # a pendant shows three decimals
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class BackupFrames:
     """What a controller keeps, by the number that programs write; empty where the project names no backup."""
 
     frames: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) base_frame
@@ -27,7 +27,7 @@ class Kept:
     folder: Path | None = None  # of the backup
 
 
-def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotModel, where: str) -> Kept:
+def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel, where: str) -> BackupFrames:
     """Return the user frames and tools of the backup that ``[robot] backup`` names.
 
     Raises
@@ -35,9 +35,9 @@ def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotMod
     ProjectError
         Another make's robot, or a folder without a readable SYSFRAME.VA.
     """
-    name = word(robot, "backup", where)
+    name = read_text(robot, "backup", where)
     if name is None:
-        return Kept()
+        return BackupFrames()
     if not nominal.name.startswith(_MAKE):
         raise ProjectError(
             f"{where}: backup is a folder of FANUC's .VA files, and the robot is a {nominal.name}.",
@@ -51,20 +51,20 @@ def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotMod
         backup = read_backup(place)
     except ProgramFileError as refused:
         raise ProjectError(f"{where}: {place}: {refused.message}", remedy=refused.remedy) from refused
-    if FRAMES in backup.missing:
+    if FRAMES in backup.missing_files:
         raise ProjectError(
             f"{where}: {place} holds no {FRAMES}, in which a controller keeps its frames and tools.",
             remedy="Save all of the controller's files as text (.VA) and name that folder.",
         )
-    its = backup.frames(_GROUP)
-    return Kept(
-        {number: pose.matrix() for number, pose in its.base_frame.items()},
-        {number: pose.matrix() for number, pose in its.flange_tip.items()},
+    its = backup.group_frames(_GROUP)
+    return BackupFrames(
+        {number: pose.to_matrix() for number, pose in its.base_frame.items()},
+        {number: pose.to_matrix() for number, pose in its.flange_tip.items()},
         place,
     )
 
 
-def pose_as_kept(table: Mapping[str, Any], kept: Array | None, where: str) -> Array:
+def pose_or_backup(table: Mapping[str, Any], from_backup: Array | None, where: str) -> Array:
     """Return a pose as the project or the controller's backup has it; where both have it, they must agree.
 
     Raises
@@ -72,16 +72,16 @@ def pose_as_kept(table: Mapping[str, Any], kept: Array | None, where: str) -> Ar
     ProjectError
         Neither has it, they differ, or the project's is no pose.
     """
-    if kept is None:
+    if from_backup is None:
         return pose_of(table, where)
     if not table:
-        return kept
-    said = pose_of(table, where)
-    apart, turned = same_place(kept[None], said[None])
+        return from_backup
+    entered = pose_of(table, where)
+    apart, turned = same_place(from_backup[None], entered[None])
     if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
         raise ProjectError(
             f"{where}: what is written here is {apart[0] * 1e3:.3f} mm and {np.degrees(turned[0]):.3f} deg from what "
             "the controller's backup holds.",
             remedy="Remove it here where the backup is newer; else save the backup again.",
         )
-    return said
+    return entered

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, CellError
-from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 
 Table = Mapping[str, Any]
@@ -18,7 +18,7 @@ class ProjectError(CellError):
     code = "usage"
 
 
-def refuse_keys(table: Table, known: set[str], where: str) -> None:
+def refuse_keys(table: Table, valid_keys: set[str], where: str) -> None:
     """Refuse a key that nobody would read: a misspelled limit is no limit.
 
     Raises
@@ -26,10 +26,10 @@ def refuse_keys(table: Table, known: set[str], where: str) -> None:
     ProjectError
         With all keys that are known here.
     """
-    unknown = sorted(set(table) - known)
+    unknown = sorted(set(table) - valid_keys)
     if unknown:
         raise ProjectError(
-            f"{where}: unknown {', '.join(unknown)}.", remedy=f"Known here: {', '.join(sorted(known))}."
+            f"{where}: unknown {', '.join(unknown)}.", remedy=f"Known here: {', '.join(sorted(valid_keys))}."
         )
 
 
@@ -41,7 +41,7 @@ def sub_table(data: Table, key: str, where: str) -> dict[str, Any]:
     return found
 
 
-def word(table: Table, key: str, where: str) -> str | None:
+def read_text(table: Table, key: str, where: str) -> str | None:
     """Return a text, or None where it is not there."""
     found = table.get(key)
     if found is not None and not (isinstance(found, str) and found):
@@ -49,7 +49,7 @@ def word(table: Table, key: str, where: str) -> str | None:
     return found
 
 
-def number(table: Table, key: str, where: str) -> float | None:
+def read_number(table: Table, key: str, where: str) -> float | None:
     """Return a finite number not below zero, or None where it is not there."""
     found = table.get(key)
     if found is None:
@@ -59,7 +59,7 @@ def number(table: Table, key: str, where: str) -> float | None:
     return float(found)
 
 
-def numbers(table: Table, key: str, count: int, where: str) -> Array:
+def read_numbers(table: Table, key: str, count: int, where: str) -> Array:
     """Return a list of so many finite numbers."""
     found = table[key]
     right = isinstance(found, list) and len(found) == count and all(type(v) in (int, float) for v in found)
@@ -70,7 +70,7 @@ def numbers(table: Table, key: str, count: int, where: str) -> Array:
 
 def pose_keys() -> set[str]:
     """Return the keys of a pose: the place, and an orientation by the name of its convention and its unit."""
-    return {"position_mm", *(_key(name) for name in CONVENTIONS)}
+    return {"position_mm", *(_convention_key(name) for name in CONVENTIONS)}
 
 
 def pose_of(table: Table, where: str) -> Array:
@@ -86,21 +86,21 @@ def pose_of(table: Table, where: str) -> Array:
     """
     if "position_mm" not in table:
         raise ProjectError(f"{where}: position_mm is missing")
-    named = [name for name in CONVENTIONS if _key(name) in table]
+    named = [name for name in CONVENTIONS if _convention_key(name) in table]
     if len(named) > 1:
-        raise ProjectError(f"{where}: one orientation is enough: {', '.join(map(_key, named))}")
+        raise ProjectError(f"{where}: one orientation is enough: {', '.join(map(_convention_key, named))}")
     rotation = np.eye(3)
     if named:
-        key = _key(named[0])
-        values = numbers(table, key, len(CONVENTIONS[named[0]].fields), where)
+        key = _convention_key(named[0])
+        values = read_numbers(table, key, len(CONVENTIONS[named[0]].fields), where)
         try:
             rotation = rotation_from(named[0], np.deg2rad(values) if key.endswith("_deg") else values)
         except CalibrationError as refused:
             raise ProjectError(f"{where}: {key}: {refused.message}") from refused
-    return homogeneous(rotation, numbers(table, "position_mm", 3, where) / 1e3)
+    return homogeneous_matrix(rotation, read_numbers(table, "position_mm", 3, where) / 1e3)
 
 
-def _key(convention: str) -> str:
+def _convention_key(convention: str) -> str:
     if convention.endswith("quaternion"):
         return convention
     return f"{convention}_rad" if convention.endswith("vector") else f"{convention}_deg"

@@ -5,7 +5,7 @@ from typing import Any
 
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.project_poses import ProjectError, numbers
+from cellcal.service.engineering.programs.project_poses import ProjectError, read_numbers
 
 KEY = "pulses_per_rad"
 PULSES = "pulses"  # the kind of such a position
@@ -25,7 +25,7 @@ def pulses_per_rad(robot: Mapping[str, Any], axes: int, where: str) -> Array | N
     """
     if KEY not in robot:
         return None
-    ratios = numbers(robot, KEY, axes, where)
+    ratios = read_numbers(robot, KEY, axes, where)
     if (ratios == 0).any():
         raise ProjectError(
             f"{where}: {KEY} holds a zero.",
@@ -48,7 +48,7 @@ def in_joints(programs: Sequence[ProgramFile], ratios: Array | None) -> tuple[Pr
     from cellcal.drivers.yaskawa.program_files.job_program import JobProgram, read_job  # noqa: PLC0415
 
     return tuple(
-        read_job(program.file, program.data, pulses_per_rad=ratios).with_abroad(program.abroad)
+        read_job(program.file, program.data, pulses_per_rad=ratios).with_external_uses(program.external_uses)
         if isinstance(program, JobProgram)
         else program
         for program in programs

@@ -6,33 +6,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array, inverse_transform
-from cellcal.calibration.programs.transfer import smallest_sigma, tips
+from cellcal.calibration.programs.transfer import smallest_sigma, tip_poses
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import (
-    Group,
-    Points,
+    PointGroup,
+    ProgramPoints,
     bring_their_own,
-    contradiction,
+    find_contradiction,
     frame_of,
     groups_of,
-    missing,
+    missing_reason,
     points_of,
     refuse_foreign,
     tool_of,
 )
-from cellcal.service.engineering.programs.expected import Ends, Expectation
+from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
 from cellcal.service.engineering.programs.postures import PostureSearch
-from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.project import Project, ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
 
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class ProgramReach:
     """N points of a program in a cell; NaN for what nobody knows."""
 
     joints_rad: Array  # (N, n) that the controller computes
@@ -45,7 +45,7 @@ class Reach:
     expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
 
 
-def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...]:
+def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramReach, ...]:
     """Return what a cell's arm makes of programs of one brand.
 
     Raises
@@ -56,18 +56,20 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...
     programs = in_joints(programs, cell.pulses_per_rad)
     for program in programs:
         refuse_foreign(program, cell)
-    axes = cell.nominal.axes
+    axes = cell.nominal.axis_count
     points = points_of(programs, axes)
     rule = brand_named(programs[0].brand).configurations
     search = PostureSearch(cell.nominal, cell.controller, rule)
-    found = _Columns.empty(len(points), axes)
+    found = _ReachColumns.make_empty(len(points), axes)
     for group in groups_of(points, bring_their_own(programs) or rule is None):
         _of_group(group, points, cell, search, found)
-    return tuple(found.of(np.flatnonzero(points.of == number), points) for number in range(len(programs)))
+    return tuple(
+        found.select_rows(np.flatnonzero(points.of == number), points) for number in range(len(programs))
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Columns:
+class _ReachColumns:
     """The columns of all points, while they are filled in."""
 
     joints_rad: Array
@@ -77,7 +79,7 @@ class _Columns:
     expected_m: Array
 
     @classmethod
-    def empty(cls, count: int, axes: int) -> "_Columns":
+    def make_empty(cls, count: int, axes: int) -> "_ReachColumns":
         return cls(
             np.full((count, axes), np.nan),
             np.full((count, 3), np.nan),
@@ -86,8 +88,8 @@ class _Columns:
             np.full(count, np.nan),
         )
 
-    def of(self, rows: NDArray[np.intp], points: Points) -> Reach:
-        return Reach(
+    def select_rows(self, rows: NDArray[np.intp], points: ProgramPoints) -> ProgramReach:
+        return ProgramReach(
             self.joints_rad[rows],
             self.base_place_m[rows],
             tuple(points.reasons[i] for i in rows.tolist()),
@@ -97,53 +99,59 @@ class _Columns:
         )
 
 
-def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch, found: _Columns) -> None:
+def _of_group(
+    group: PointGroup, points: ProgramPoints, cell: Project, search: PostureSearch, found: _ReachColumns
+) -> None:
     """Fill in the points that share tool and frame."""
     program, rows = points.programs[points.of[group.rows[0]]], group.rows
     tool, frame = tool_of(cell, program, group.tool), frame_of(cell, program, group.frame)
     taught = np.isfinite(points.joints[rows]).all(axis=1)
     found.joints_rad[rows[taught]] = points.joints[rows[taught]]
     posed = rows[~taught]
-    if other := contradiction(cell, program, group.tool, group.frame):
-        points.refuse(rows, other)
+    if other := find_contradiction(cell, program, group.tool, group.frame):
+        points.refuse_points(rows, other)
         return
     if tool is None:
-        points.refuse(rows, missing("tool", group.tool, cell))
+        points.refuse_points(rows, missing_reason("tool", group.tool, cell))
         return
     if frame is None:
-        points.refuse(posed, missing("user frame", group.frame, cell))
+        points.refuse_points(posed, missing_reason("user frame", group.frame, cell))
         posed = posed[:0]
     if frame is not None and len(posed):
         base_flange = frame @ points.frame_tip[posed] @ inverse_transform(tool.entered)
         texts = [points.texts[i] for i in posed.tolist()]
-        joints, why = search.joints(base_flange, texts, points.taught_before(posed))
+        joints, why = search.find_joints(base_flange, texts, points.taught_before(posed))
         found.joints_rad[posed] = joints
-        _fail(points, posed, why, found)
-    _judge(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
+        _mark_failed(points, posed, why, found)
+    _judge_points(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
 
 
-def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, found: _Columns) -> None:
+def _judge_points(
+    rows: NDArray[np.intp], points: ProgramPoints, cell: Project, tool: ProjectTool, found: _ReachColumns
+) -> None:
     """Look at the joints of some points: limits, singularities, accuracy."""
     if not len(rows):
         return
     joints, model = found.joints_rad[rows], cell.controller
     beyond = (joints < model.lower_rad - _ROUNDED_RAD) | (joints > model.upper_rad + _ROUNDED_RAD)
     names = [", ".join(f"J{j + 1}" for j in np.flatnonzero(one)) for one in beyond]
-    _fail(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
+    _mark_failed(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
     near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
-    _fail(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
-    believed = tips(Arm(model, tool.entered), joints)
+    _mark_failed(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
+    believed = tip_poses(TipArm(model, tool.entered), joints)
     found.base_place_m[rows] = believed[:, :3, 3]
     if cell.identified is None:
         return
-    real = tips(cell.real_arm(tool.real), joints)
+    real = tip_poses(cell.real_arm(tool.real), joints)
     found.miss_m[rows] = np.linalg.norm(real[:, :3, 3] - believed[:, :3, 3], axis=1)
-    known = Expectation(cell, cell, np.eye(4), nominal=True)
-    found.expected_m[rows] = known.errors_m(Ends(joints, joints, tool, tool))
+    expectation = Expectation(cell, cell, np.eye(4), nominal=True)
+    found.expected_m[rows] = expectation.errors_m(TransferEnds(joints, joints, tool, tool))
 
 
-def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: _Columns) -> None:
+def _mark_failed(
+    points: ProgramPoints, rows: NDArray[np.intp], why: Sequence[str], found: _ReachColumns
+) -> None:
     bad = np.array([bool(reason) for reason in why], dtype=bool)
     found.failed[rows[bad]] = True
-    told = dict(zip(rows.tolist(), why, strict=True))
-    points.refuse(rows[bad], lambda i: told[i])
+    reasons = dict(zip(rows.tolist(), why, strict=True))
+    points.refuse_points(rows[bad], lambda i: reasons[i])

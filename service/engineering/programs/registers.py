@@ -17,11 +17,11 @@ from cellcal.drivers.fanuc.program_files.ls_registers import (
     registers_used,
 )
 from cellcal.drivers.fanuc.program_files.va_backup import REGISTERS, FanucBackup, read_backup
-from cellcal.drivers.fanuc.program_files.va_edits import Edit, changed_files
+from cellcal.drivers.fanuc.program_files.va_edits import VariableEdit, changed_files
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
-from cellcal.drivers.fanuc.program_files.va_registers import GROUP, Place, RegisterPlaces
+from cellcal.drivers.fanuc.program_files.va_registers import GROUP, RegisterPlace, RegisterPlaces
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.carry import Carrier
+from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
@@ -33,7 +33,7 @@ _CHOSEN = "{} line {} lets a number register choose a PR that it computes or shi
 
 
 @dataclass(frozen=True, slots=True)
-class Register:
+class PositionRegister:
     """One register that programs use."""
 
     number: int
@@ -44,21 +44,21 @@ class Register:
     def __str__(self) -> str:
         """Say what it holds and where it is used."""
         at = ", ".join(f"{program} line {line}" for program, line in self.uses)
-        held = "nothing in the backup" if self.position is None else _values(self.position)
+        value = "nothing in the backup" if self.position is None else _describe_values(self.position)
         comment = f" '{self.position.comment}'" if self.position is not None and self.position.comment else ""
-        return f"PR[{self.number}]{comment}: {held}; used in {at}{f'; it stays: {self.stays}' if self.stays else ''}"
+        return f"PR[{self.number}]{comment}: {value}; used in {at}{f'; it stays: {self.stays}' if self.stays else ''}"
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class TransferredRegisters:
     """What became of the places."""
 
     result: ProgramResult
-    edits: tuple[Edit, ...]  # to type into the controller that gets them
+    edits: tuple[VariableEdit, ...]  # to type into the controller that gets them
     file: bytes | None  # its POSREG.VA with these numbers; None where its project names no backup
 
 
-class Registers:
+class ProgramRegisters:
     """The registers that some programs of a cell use."""
 
     def __init__(self, programs: Sequence[ProgramFile], cell: Project) -> None:
@@ -70,17 +70,19 @@ class Registers:
             chosen = chosen or (_CHOSEN.format(program.name, line) if line else "")
             for use in registers_used(program.to_bytes()) if program.brand == "fanuc" else ():
                 uses.setdefault(use.number, []).append((program.name, use))
-        self.all = tuple(_register(self._backup, number, uses[number], chosen) for number in sorted(uses))
+        self.all = tuple(
+            _read_register(self._backup, number, uses[number], chosen) for number in sorted(uses)
+        )
         self.places = RegisterPlaces(
             self._backup,
             tuple(
-                Place(one.number, uses[one.number][0][1].user_frame, uses[one.number][0][1].tool)
+                RegisterPlace(one.number, uses[one.number][0][1].user_frame, uses[one.number][0][1].tool)
                 for one in self.all
                 if not one.stays
             ),
         )
 
-    def carried(self, carrier: Carrier, target: Project) -> Carried:
+    def transfer_registers(self, program_transfer: ProgramTransfer, target: Project) -> TransferredRegisters:
         """Carry the places along a carrier's route, and say what the target's controller gets.
 
         Raises
@@ -88,16 +90,16 @@ class Registers:
         CellError
             As `Carrier.carry`; or the target's backup has no such register.
         """
-        result = carrier.carry([self.places])[0]
+        result = program_transfer.transfer_programs([self.places])[0]
         rows = [row for row, status in enumerate(result.status) if status != LEFT]
         after = result.after.positions
         here = target.backup is not None
         backup = read_backup(target.backup) if target.backup is not None else self._backup
         result = _without_other_configurations(result, backup, self.places)
         rows = [row for row in rows if result.status[row] != LEFT]
-        edits = self.places.edits_in(backup, rows, after.frame_tip[rows], _joints(after.joints, rows))
+        edits = self.places.edits_for(backup, rows, after.frame_tip[rows], _joint_rows(after.joints, rows))
         file = changed_files(backup, edits).get(REGISTERS, backup.files[REGISTERS].data) if here else None
-        return Carried(result, edits, file)
+        return TransferredRegisters(result, edits, file)
 
 
 def backup_of(cell: Project) -> FanucBackup:
@@ -122,22 +124,22 @@ def backup_of(cell: Project) -> FanucBackup:
     return backup
 
 
-def _register(
+def _read_register(
     backup: FanucBackup, number: int, uses: Sequence[tuple[str, RegisterUse]], chosen: str
-) -> Register:
+) -> PositionRegister:
     position = backup.registers.get((GROUP, number))
     at = tuple((program, use.line) for program, use in uses)
-    return Register(number, position, at, _why_it_stays(position, uses) or chosen)
+    return PositionRegister(number, position, at, _why_it_stays(position, uses) or chosen)
 
 
 def _why_it_stays(position: VaPosition | None, uses: Sequence[tuple[str, RegisterUse]]) -> str:
-    if position is None or not position.initialised:
+    if position is None or not position.is_initialised:
         return "the backup holds no position in it"
     other = next(((program, use.line) for program, use in uses if not use.goes_there), None)
     if other is not None:
         return f"{other[0]} line {other[1]} does more than go there, so it may be a shift or be computed"
-    held = {(use.user_frame, use.tool) for _, use in uses}
-    if len(held) > 1 or UNSURE in next(iter(held)):
+    frames_and_tools = {(use.user_frame, use.tool) for _, use in uses}
+    if len(frames_and_tools) > 1 or UNSURE in next(iter(frames_and_tools)):
         return "it is gone to with several frames or tools, or with which is not sure"
     return ""
 
@@ -148,22 +150,27 @@ def _without_other_configurations(
     """Return a result that leaves the registers which the target would read in another posture."""
     status, reason = list(result.status), list(result.reason)
     for row, text in enumerate(result.after.positions.configurations):
-        held = backup.registers.get((GROUP, places.places[row].number))
-        if status[row] != LEFT and held is not None and held.cartesian and held.configuration != text:
+        stored = backup.registers.get((GROUP, places.places[row].number))
+        if (
+            status[row] != LEFT
+            and stored is not None
+            and stored.is_cartesian
+            and stored.configuration != text
+        ):
             status[row] = LEFT
-            reason[row] = _OTHER_CONFIGURATION.format(held.configuration, backup.folder, text)
+            reason[row] = _OTHER_CONFIGURATION.format(stored.configuration, backup.folder, text)
     return replace(result, status=tuple(status), reason=tuple(reason))
 
 
-def _joints(joints: Array, rows: Sequence[int]) -> Array:
+def _joint_rows(joints: Array, rows: Sequence[int]) -> Array:
     return joints[rows] if joints.shape[1] else np.full((len(rows), 0), np.nan)
 
 
-def _values(position: VaPosition) -> str:
+def _describe_values(position: VaPosition) -> str:
     words = [
         f"{name} {spot.text.strip()} {position.units.get(name, 'mm' if name in 'XYZ' else 'deg')}"
         for name, spot in position.numbers.items()
-        if spot.initialised
+        if spot.is_initialised
     ]
     return (
         ", ".join([*words, *([position.configuration] if position.configuration else [])]) or "not recorded"

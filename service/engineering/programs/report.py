@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
-from cellcal.service.engineering.programs.files import Refused
-from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, Finding, ProgramResult
+from cellcal.service.engineering.programs.files import RefusedProgram
+from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, PointFinding, ProgramResult
 from cellcal.service.exit_codes import ExitCode
 
 Figures = NDArray[np.float32]
@@ -39,31 +39,31 @@ class ProgramEntry:
     frame_place_m: Figures  # (N, 3) the same in the user frame that the point is written in
     counts: dict[str, int]
     warnings: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[PointFinding, ...] = ()
 
 
 def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
     """Return the figures of a result; the result itself may go."""
-    left, base = np.zeros(len(result.status), dtype=bool), result.base_tip_after[:, :3, 3]
+    excluded, base = np.zeros(len(result.status), dtype=bool), result.base_tip_after[:, :3, 3]
     if LEFT in result.status:
-        left = np.array([status == LEFT for status in result.status], dtype=bool)
-        base = np.where(left[:, None], result.base_tip_before[:, :3, 3], base)
+        excluded = np.array([status == LEFT for status in result.status], dtype=bool)
+        base = np.where(excluded[:, None], result.base_tip_before[:, :3, 3], base)
     return ProgramEntry(
         file=file,
         written=written,
-        program=shown_name(result.name, file),
+        program=shown_name(result.program_name, file),
         brand=result.before.brand,
         points=result.before.positions.names,
         lines=result.before.positions.lines,
-        left=left,
-        reasons={int(row): result.reason[row] for row in np.flatnonzero(left)},
-        shift_m=_small(result.shift_m),
-        turn_rad=_small(result.turn_rad),
-        expected_m=_small(result.expected_error_m),
-        uncorrected_m=_small(result.uncorrected_m),
-        base_place_m=_small(base),
-        frame_place_m=_small(result.after.positions.frame_tip[:, :3, 3]),
-        counts=result.counts,
+        left=excluded,
+        reasons={int(row): result.reason[row] for row in np.flatnonzero(excluded)},
+        shift_m=_to_small(result.shift_m),
+        turn_rad=_to_small(result.turn_rad),
+        expected_m=_to_small(result.expected_error_m),
+        uncorrected_m=_to_small(result.uncorrected_m),
+        base_place_m=_to_small(base),
+        frame_place_m=_to_small(result.after.positions.frame_tip[:, :3, 3]),
+        counts=result.status_counts,
         warnings=result.warnings,
         findings=result.findings,
     )
@@ -76,7 +76,7 @@ class PointLine:
     program: str
     point: str
     line: int
-    left: bool
+    is_excluded: bool
     reason: str
     shift_m: float
     turn_rad: float
@@ -85,15 +85,15 @@ class PointLine:
 
 
 @dataclass
-class Report:
+class ProgramsReport:
     """What a command did to many programs."""
 
     title: str
     entries: list[ProgramEntry] = field(default_factory=list)
-    refused: list[Refused] = field(default_factory=list)
+    refused: list[RefusedProgram] = field(default_factory=list)
 
     @property
-    def counts(self) -> dict[str, int]:
+    def status_counts(self) -> dict[str, int]:
         """Return how many points are changed, unchanged and left."""
         found: Counter[str] = Counter()
         for entry in self.entries:
@@ -101,35 +101,35 @@ class Report:
         return {status: found[status] for status in (CHANGED, UNCHANGED, LEFT)}
 
     @property
-    def points(self) -> int:
+    def point_count(self) -> int:
         """Return how many points there are."""
-        return sum(self.counts.values())
+        return sum(self.status_counts.values())
 
     @property
     def exit_code(self) -> ExitCode:
         """Return what the shell gets to know: a file that is missing is worse than a point that is."""
         if self.refused:
             return ExitCode.FILES_REFUSED
-        return ExitCode.REFUSED if self.counts[LEFT] or self.findings else ExitCode.PASS
+        return ExitCode.REFUSED if self.status_counts[LEFT] or self.finding_count else ExitCode.PASS
 
     @property
-    def findings(self) -> int:
+    def finding_count(self) -> int:
         """Return how many points are off though they are changed."""
         return sum(len(entry.findings) for entry in self.entries)
 
-    def column(self, name: str) -> Array:
+    def column_values(self, name: str) -> Array:
         """Return a figure of every point, in the order of the entries."""
         parts = [getattr(entry, name) for entry in self.entries]
         return np.concatenate(parts).astype(float) if parts else np.empty(0)
 
     def worst_first(self, most: int) -> list[PointLine]:
         """Return the points that are left, then those with the largest expected error, or else shift."""
-        return [self._point_line(row) for row in self.order()[:most]]
+        return [self._point_line(row) for row in self.worst_first_rows()[:most]]
 
-    def order(self) -> NDArray[np.intp]:
+    def worst_first_rows(self) -> NDArray[np.intp]:
         """Return the rows of all points, worst first; equals keep the order of the files."""
-        figures = [np.nan_to_num(self.column(name), nan=-1.0) for name in ("shift_m", "expected_m")]
-        return np.lexsort((*(-figure for figure in figures), ~self.column("left").astype(bool)))
+        figures = [np.nan_to_num(self.column_values(name), nan=-1.0) for name in ("shift_m", "expected_m")]
+        return np.lexsort((*(-figure for figure in figures), ~self.column_values("left").astype(bool)))
 
     def programs_worst_first(self) -> list[ProgramEntry]:
         """Return the programs with most points left first, then with the largest error or shift."""
@@ -138,8 +138,8 @@ class Report:
             key=lambda e: (
                 -e.counts[LEFT],
                 -len(e.findings),
-                -largest(e.expected_m, -1.0),
-                -largest(e.shift_m, -1.0),
+                -largest_finite(e.expected_m, -1.0),
+                -largest_finite(e.shift_m, -1.0),
             ),
         )
 
@@ -151,7 +151,7 @@ class Report:
             program=entry.program,
             point=entry.points[i],
             line=int(entry.lines[i]),
-            left=bool(entry.left[i]),
+            is_excluded=bool(entry.left[i]),
             reason=entry.reasons.get(i, ""),
             shift_m=float(entry.shift_m[i]),
             turn_rad=float(entry.turn_rad[i]),
@@ -160,10 +160,10 @@ class Report:
         )
 
 
-def largest(figures: Figures | Array, nothing: float = np.nan) -> float:
+def largest_finite(figures: Figures | Array, nothing: float = np.nan) -> float:
     """Return the largest figure that is known."""
-    known = figures[np.isfinite(figures)]
-    return float(known.max()) if len(known) else nothing
+    finite = figures[np.isfinite(figures)]
+    return float(finite.max()) if len(finite) else nothing
 
 
 def shown_name(program: str, file: str) -> str:
@@ -173,5 +173,5 @@ def shown_name(program: str, file: str) -> str:
     return program if alone else f"{program} ({path.name})"
 
 
-def _small(figures: Array) -> Figures:
+def _to_small(figures: Array) -> Figures:
     return np.asarray(figures, dtype=np.float32)

@@ -11,9 +11,9 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.programs.diff import unified_diff
-from cellcal.service.engineering.programs.files import Refused
-from cellcal.service.engineering.programs.report import Report
-from cellcal.service.engineering.programs.result import Finding, ProgramResult
+from cellcal.service.engineering.programs.files import RefusedProgram
+from cellcal.service.engineering.programs.report import ProgramsReport
+from cellcal.service.engineering.programs.result import PointFinding, ProgramResult
 
 COLUMNS = (
     "program", "point", "line", "kind", "user_frame", "tool", "status", "reason", "shift_mm", "turn_deg",
@@ -32,21 +32,21 @@ def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
         zip(
             COLUMNS,
             (
-                [result.name] * count,
+                [result.program_name] * count,
                 before.names,
                 before.lines.tolist(),
                 before.kinds,
                 before.user_frames,
                 before.tools,
                 result.status,
-                _reasons(result),
-                _shown(result.shift_m * 1e3),
-                _shown(np.degrees(result.turn_rad)),
-                _shown(result.expected_error_m * 1e3),
-                _shown(result.uncorrected_m * 1e3),
-                *(_shown(before.frame_tip[:, i, 3] * 1e3) for i in range(3)),
-                *(_shown(after.frame_tip[:, i, 3] * 1e3) for i in range(3)),
-                *(_shown(base[:, i] * 1e3) for i in range(3)),
+                _point_reasons(result),
+                _rounded_figures(result.shift_m * 1e3),
+                _rounded_figures(np.degrees(result.turn_rad)),
+                _rounded_figures(result.expected_error_m * 1e3),
+                _rounded_figures(result.uncorrected_m * 1e3),
+                *(_rounded_figures(before.frame_tip[:, i, 3] * 1e3) for i in range(3)),
+                *(_rounded_figures(after.frame_tip[:, i, 3] * 1e3) for i in range(3)),
+                *(_rounded_figures(base[:, i] * 1e3) for i in range(3)),
                 before.configurations,
                 after.configurations,
             ),
@@ -55,7 +55,7 @@ def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
     )
 
 
-def _reasons(result: ProgramResult) -> Sequence[str]:
+def _point_reasons(result: ProgramResult) -> Sequence[str]:
     """Return why points are left, and what is found of those that are not."""
     if not result.findings:
         return result.reason
@@ -67,28 +67,28 @@ def _reasons(result: ProgramResult) -> Sequence[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Format:
+class ReportFormat:
     """How a report is written, program by program, so that programs may be worked on apart."""
 
     head: bytes
     one: Callable[[str, str, ProgramResult], bytes]  # source, where the new one is, what became of it
     between: bytes
-    end: Callable[[Report], bytes]
+    end: Callable[[ProgramsReport], bytes]
 
 
-def formats(title: str) -> dict[str, Format]:
+def report_formats(title: str) -> dict[str, ReportFormat]:
     """Return the formats by their names."""
     head = f'{{"format": 1, "title": {json.dumps(title)}, "programs": [\n'.encode()
     return {
-        "csv": Format(_csv([COLUMNS]), csv_rows, b"", lambda _: b""),
-        "json": Format(head, json_program, b",\n", json_end),
-        "diff": Format(b"", diff_of, b"", lambda _: b""),
+        "csv": ReportFormat(_csv_bytes([COLUMNS]), csv_rows, b"", lambda _: b""),
+        "json": ReportFormat(head, json_program, b",\n", json_end),
+        "diff": ReportFormat(b"", diff_of, b"", lambda _: b""),
     }
 
 
 def csv_rows(_: str, __: str, result: ProgramResult) -> bytes:
     """Return a row a point."""
-    return _csv(zip(*point_columns(result).values(), strict=True))
+    return _csv_bytes(zip(*point_columns(result).values(), strict=True))
 
 
 def json_program(source: str, written: str, result: ProgramResult) -> bytes:
@@ -96,13 +96,13 @@ def json_program(source: str, written: str, result: ProgramResult) -> bytes:
     columns = point_columns(result)
     columns.pop("program")
     names = tuple(columns)
-    return _json(
+    return _to_json_bytes(
         {
-            "program": result.name,
+            "program": result.program_name,
             "brand": result.before.brand,
             "source": source,
             "written": written,
-            "counts": result.counts,
+            "counts": result.status_counts,
             "warnings": [text for text in result.warnings if not text.startswith("line ")],
             "findings": [finding_object(one) for one in result.findings],
             "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in result.before.remarks],
@@ -111,7 +111,7 @@ def json_program(source: str, written: str, result: ProgramResult) -> bytes:
     )
 
 
-def finding_object(finding: Finding) -> dict[str, Any]:
+def finding_object(finding: PointFinding) -> dict[str, Any]:
     """Return a finding in millimetres and degrees; None for what the program does not tell."""
     return {
         "line": finding.line,
@@ -128,9 +128,11 @@ def _rounded_or_none(figure: float) -> float | None:
     return round(figure, _DECIMALS) if math.isfinite(figure) else None
 
 
-def json_end(report: Report) -> bytes:
+def json_end(report: ProgramsReport) -> bytes:
     """Return what is known at the end: what was refused, and the sums."""
-    rest = _json({"refused": [_refused(one) for one in report.refused], **sums(report)})
+    rest = _to_json_bytes(
+        {"refused": [_refused_to_json(one) for one in report.refused], **report_totals(report)}
+    )
     return b"\n], " + rest[1:] + b"\n"
 
 
@@ -139,28 +141,28 @@ def diff_of(source: str, written: str, result: ProgramResult) -> bytes:
     return unified_diff(result.before.to_bytes(), result.after.to_bytes(), source, written)
 
 
-def sums(report: Report) -> dict[str, Any]:
+def report_totals(report: ProgramsReport) -> dict[str, Any]:
     """Return a report's figures as a whole."""
     return {
         "program_count": len(report.entries),
-        "point_count": report.points,
-        "counts": report.counts,
-        "finding_count": report.findings,
-        "largest_shift_mm": _largest(report.column("shift_m")),
-        "largest_expected_error_mm": _largest(report.column("expected_m")),
+        "point_count": report.point_count,
+        "counts": report.status_counts,
+        "finding_count": report.finding_count,
+        "largest_shift_mm": _largest_mm(report.column_values("shift_m")),
+        "largest_expected_error_mm": _largest_mm(report.column_values("expected_m")),
         "exit_code": int(report.exit_code),
     }
 
 
-def _refused(one: Refused) -> Mapping[str, str]:
+def _refused_to_json(one: RefusedProgram) -> Mapping[str, str]:
     return {"file": one.file, "message": one.message, "remedy": one.remedy}
 
 
-def _json(found: Mapping[str, Any]) -> bytes:
+def _to_json_bytes(found: Mapping[str, Any]) -> bytes:
     return json.dumps(found, allow_nan=False, ensure_ascii=False).encode(errors="replace")
 
 
-def _shown(figures: Array) -> list[float | None]:
+def _rounded_figures(figures: Array) -> list[float | None]:
     """Return rounded figures; None instead of NaN, which is no JSON."""
     rounded = np.round(figures, _DECIMALS) + 0.0
     if np.isfinite(rounded).all():
@@ -168,18 +170,18 @@ def _shown(figures: Array) -> list[float | None]:
     return [value if value == value else None for value in rounded.tolist()]  # noqa: PLR0124  NaN is not itself
 
 
-def _largest(figures: Array) -> float | None:
-    known = figures[np.isfinite(figures)]
-    return round(float(known.max()) * 1e3, _DECIMALS) if len(known) else None
+def _largest_mm(figures: Array) -> float | None:
+    finite = figures[np.isfinite(figures)]
+    return round(float(finite.max()) * 1e3, _DECIMALS) if len(finite) else None
 
 
-def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
-    text = _Lines()
+def _csv_bytes(rows: Iterable[Iterable[Any]]) -> bytes:
+    text = _CsvLines()
     write_rows(text, rows, line_end="\n")
     return "".join(text.parts).encode(errors="replace")
 
 
-class _Lines:
+class _CsvLines:
     """What a csv writer writes to."""
 
     def __init__(self) -> None:

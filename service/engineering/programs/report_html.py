@@ -9,24 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
-from cellcal.service.engineering.programs.report import PointLine, ProgramEntry, Report, largest
+from cellcal.service.engineering.programs.report import (
+    PointLine,
+    ProgramEntry,
+    ProgramsReport,
+    largest_finite,
+)
 from cellcal.service.engineering.programs.report_picture import (
     CIVIDIS,
     MOST_DRAWN,
     VIRIDIS,
     Colouring,
-    Drawn,
+    DrawnPoints,
     two_views,
 )
-from cellcal.service.engineering.programs.report_texts import Language, counted
-from cellcal.service.engineering.programs.report_words import (
+from cellcal.service.engineering.programs.report_sentences import (
     SCREEN,
-    accuracy,
-    heading,
-    problems,
-    refusal,
-    verdict,
+    accuracy_text,
+    heading_text,
+    list_problems,
+    refusal_text,
+    verdict_text,
 )
+from cellcal.service.engineering.programs.report_texts import ReportLanguage, count_with_noun
 
 Rows = NDArray[np.intp]
 
@@ -62,20 +67,20 @@ svg .unknown { fill: none; stroke: #7d7d7d; stroke-width: 1.4; stroke-opacity: 1
 """
 
 
-def as_html(report: Report, language: Language = SCREEN) -> str:
+def as_html(report: ProgramsReport, language: ReportLanguage = SCREEN) -> str:
     """Return the page."""
     worst, texts = report.worst_first(_MOST_ROWS), language.texts
-    title = escape(heading(report, language))
-    refused = [refusal(one, language) for one in report.refused]
+    title = escape(heading_text(report, language))
+    refused = [refusal_text(one, language) for one in report.refused]
     parts = [
         f"<h1>{title}</h1>",
-        f'<p class="verdict{" bad" if report.exit_code else ""}">{escape(verdict(report, language))}</p>',
-        f"<p>{escape(accuracy(report, language))}</p>",
-        _list(texts.refused_title, refused),
-        _list(texts.notes_title, problems(report, language)),
-        _pictures(report, language),
-        _programs(report.programs_worst_first(), language) if report.entries else "",
-        _points(worst, report.points, language) if worst else "",
+        f'<p class="verdict{" bad" if report.exit_code else ""}">{escape(verdict_text(report, language))}</p>',
+        f"<p>{escape(accuracy_text(report, language))}</p>",
+        _render_list(texts.refused_title, refused),
+        _render_list(texts.notes_title, list_problems(report, language)),
+        _render_pictures(report, language),
+        _render_programs(report.programs_worst_first(), language) if report.entries else "",
+        _render_points(worst, report.point_count, language) if worst else "",
     ]
     return (
         f'<!doctype html>\n<html lang="{language.locale}"><head><meta charset="utf-8">'
@@ -85,61 +90,65 @@ def as_html(report: Report, language: Language = SCREEN) -> str:
     )
 
 
-def _pictures(report: Report, language: Language) -> str:
-    if not report.points:
+def _render_pictures(report: ProgramsReport, language: ReportLanguage) -> str:
+    if not report.point_count:
         return ""
     texts = language.texts
-    seen = points_to_draw(report, language)
-    shown = seen.rows
+    picture = points_to_draw(report, language)
+    shown = picture.rows
     if not len(shown):
         return f'<p class="quiet">{escape(texts.no_picture)}</p>'
-    about = texts.in_base if seen.in_base else texts.in_frames
+    about = texts.in_base if picture.in_base else texts.in_frames
     pictures = [
-        two_views(seen.drawn, Colouring(title, report.column(name)[shown], colours), about, language)
+        two_views(
+            picture.drawn, Colouring(title, report.column_values(name)[shown], colours), about, language
+        )
         for title, name, colours in (
             (texts.moved_title, "shift_m", CIVIDIS),
             (texts.expected_title, "expected_m", VIRIDIS),
         )
-        if np.isfinite(report.column(name)).any()
+        if np.isfinite(report.column_values(name)).any()
     ]
-    told = [texts.under_mouse]
-    if report.points > seen.known:
-        told.insert(0, counted(report.points - seen.known, texts.not_drawn))
-    if len(shown) < seen.known:
-        told.insert(0, texts.some_drawn.format(shown=len(shown), total=report.points))
-    about_it = f'<p class="quiet">{escape(language.join(told))}</p>'
+    notes = [texts.under_mouse]
+    if report.point_count > picture.placed_count:
+        notes.insert(0, count_with_noun(report.point_count - picture.placed_count, texts.not_drawn))
+    if len(shown) < picture.placed_count:
+        notes.insert(0, texts.some_drawn.format(shown=len(shown), total=report.point_count))
+    about_it = f'<p class="quiet">{escape(language.join(notes))}</p>'
     return f"<h2>{escape(texts.picture_title)}</h2>{''.join(pictures)}{about_it}"
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PictureSelection:
     """The points of a picture: their rows in the report, the worst last and so on top."""
 
     rows: Rows
-    drawn: Drawn
+    drawn: DrawnPoints
     in_base: bool  # else each in its own user frame
-    known: int  # of how many points anybody knows the place
+    placed_count: int  # of how many points anybody knows the place
 
 
-def points_to_draw(report: Report, language: Language = SCREEN) -> Seen:
+def points_to_draw(report: ProgramsReport, language: ReportLanguage = SCREEN) -> PictureSelection:
     """Return the points of a report's picture, in the robot's base where that is known."""
     base = _rows_of_places(report, "base_place_m")
     in_base = bool(np.isfinite(base).all(axis=1).any())
     place = base if in_base else _rows_of_places(report, "frame_place_m")
-    known = np.flatnonzero(np.isfinite(place).all(axis=1))
-    shown = _chosen(report, known)
-    drawn = Drawn(place[shown], report.column("left")[shown].astype(bool), _labels(report, shown, language))
-    return Seen(shown, drawn, in_base, len(known))
+    placed = np.flatnonzero(np.isfinite(place).all(axis=1))
+    shown = _choose_rows(report, placed)
+    drawn = DrawnPoints(
+        place[shown], report.column_values("left")[shown].astype(bool), _point_labels(report, shown, language)
+    )
+    return PictureSelection(shown, drawn, in_base, len(placed))
 
 
-def _rows_of_places(report: Report, name: str) -> Array:
+def _rows_of_places(report: ProgramsReport, name: str) -> Array:
     return np.concatenate([getattr(entry, name) for entry in report.entries]).astype(float)
 
 
-def _chosen(report: Report, known: Rows) -> Rows:
+def _choose_rows(report: ProgramsReport, placed: Rows) -> Rows:
     """Return rows to draw: the worst and a share of the others, the worst last and so on top."""
-    ordered = report.order()
-    ordered = ordered[np.isin(ordered, known)]
+    ordered = report.worst_first_rows()
+    ordered = ordered[np.isin(ordered, placed)]
     if len(ordered) <= MOST_DRAWN:
         return ordered[::-1]
     worst, others = ordered[: MOST_DRAWN // 2], ordered[MOST_DRAWN // 2 :]
@@ -147,29 +156,29 @@ def _chosen(report: Report, known: Rows) -> Rows:
     return np.concatenate([worst, share])[::-1]
 
 
-def _labels(report: Report, rows: Rows, language: Language) -> list[str]:
+def _point_labels(report: ProgramsReport, rows: Rows, language: ReportLanguage) -> list[str]:
     starts = np.cumsum([0, *(len(entry.points) for entry in report.entries)])
     entries = np.searchsorted(starts, rows, side="right") - 1
     return [
-        _label(report.entries[at], int(row - starts[at]), language)
+        _point_label(report.entries[at], int(row - starts[at]), language)
         for at, row in zip(entries, rows, strict=True)
     ]
 
 
-def _label(entry: ProgramEntry, i: int, language: Language) -> str:
+def _point_label(entry: ProgramEntry, i: int, language: ReportLanguage) -> str:
     point, texts = f"{entry.program} {entry.points[i]}", language.texts
     if entry.left[i]:
         return texts.label_left.format(point=point, reason=language.say(entry.reasons[i]))
-    shift, expected = (_mm(figure, language) for figure in (entry.shift_m[i], entry.expected_m[i]))
+    shift, expected = (_format_mm(figure, language) for figure in (entry.shift_m[i], entry.expected_m[i]))
     return texts.label_moved.format(point=point, shift=shift, expected=expected)
 
 
-def _list(title: str, lines: Iterable[str]) -> str:
+def _render_list(title: str, lines: Iterable[str]) -> str:
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     return f"<h2>{escape(title)}</h2><ul>{items}</ul>" if items else ""
 
 
-def _programs(entries: Sequence[ProgramEntry], language: Language) -> str:
+def _render_programs(entries: Sequence[ProgramEntry], language: ReportLanguage) -> str:
     rows = [
         (
             (entry.program, ""),
@@ -178,40 +187,40 @@ def _programs(entries: Sequence[ProgramEntry], language: Language) -> str:
             (str(entry.counts["changed"]), "n"),
             (str(entry.counts["unchanged"]), "n"),
             (str(entry.counts["left"]), "n bad" if entry.counts["left"] else "n"),
-            (_mm(largest(entry.shift_m), language), "n"),
-            (_mm(largest(entry.expected_m), language), "n"),
+            (_format_mm(largest_finite(entry.shift_m), language), "n"),
+            (_format_mm(largest_finite(entry.expected_m), language), "n"),
         )
         for entry in entries[:_MOST_ROWS]
     ]
     texts = language.texts
     caption = _how_many(len(rows), len(entries), texts.worst_programs, texts.worst_first)
-    return f"<h2>{escape(texts.programs_title)}</h2>" + _table(texts.program_heads, rows, caption)
+    return f"<h2>{escape(texts.programs_title)}</h2>" + _render_table(texts.program_heads, rows, caption)
 
 
-def _points(points: Sequence[PointLine], total: int, language: Language) -> str:
+def _render_points(points: Sequence[PointLine], total: int, language: ReportLanguage) -> str:
     rows = [
         (
             (point.program, ""),
             (point.point, ""),
             (str(point.line), "n"),
-            (_mm(point.shift_m, language), "n"),
-            (_deg(point.turn_rad, language), "n"),
-            (_mm(point.expected_m, language), "n"),
-            (_mm(point.uncorrected_m, language), "n"),
-            (language.say(point.reason), "bad" if point.left else ""),
+            (_format_mm(point.shift_m, language), "n"),
+            (_format_deg(point.turn_rad, language), "n"),
+            (_format_mm(point.expected_m, language), "n"),
+            (_format_mm(point.uncorrected_m, language), "n"),
+            (language.say(point.reason), "bad" if point.is_excluded else ""),
         )
         for point in points
     ]
     texts = language.texts
     caption = _how_many(len(rows), total, texts.worst_points, texts.worst_first)
-    return f"<h2>{escape(texts.points_title)}</h2>" + _table(texts.point_heads, rows, caption)
+    return f"<h2>{escape(texts.points_title)}</h2>" + _render_table(texts.point_heads, rows, caption)
 
 
 def _how_many(shown: int, total: int, some: str, everything: str) -> str:
     return everything if shown == total else some.format(shown=shown, total=total)
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[tuple[str, str]]], caption: str) -> str:
+def _render_table(heads: Sequence[str], rows: Sequence[Sequence[tuple[str, str]]], caption: str) -> str:
     head = "".join(
         f'<th scope="col"{" class=n" if name.endswith("#") else ""}>{escape(name.rstrip("#"))}</th>'
         for name in heads
@@ -226,9 +235,9 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[tuple[str, str]]], capt
     )
 
 
-def _mm(value_m: float, language: Language) -> str:
+def _format_mm(value_m: float, language: ReportLanguage) -> str:
     return language.number(f"{value_m * 1e3:.3f}") if math.isfinite(value_m) else "-"
 
 
-def _deg(value_rad: float, language: Language) -> str:
+def _format_deg(value_rad: float, language: ReportLanguage) -> str:
     return language.number(f"{math.degrees(value_rad):.4f}") if math.isfinite(value_rad) else "-"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
-from cellcal.service.engineering.programs.report_texts import Language
+from cellcal.service.engineering.programs.report_texts import ReportLanguage
 
 # Stops of matplotlib's cividis and viridis: read alike by the colour-blind. The light end is cut off for white pages.
 CIVIDIS = ("#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#d9c45c")
@@ -23,11 +23,11 @@ _ABOVE, _SIDE = (0, 1), (0, 2)  # the axes across and up
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnPoints:
     """N points of a picture."""
 
     place_m: Array  # (N, 3)
-    left: NDArray[np.bool_]  # (N,)
+    is_excluded: NDArray[np.bool_]  # (N,)
     labels: Sequence[str]  # said under the mouse
 
 
@@ -40,22 +40,22 @@ class Colouring:
     colours: tuple[str, ...]
 
 
-def two_views(points: Drawn, colouring: Colouring, about: str, language: Language) -> str:
+def two_views(points: DrawnPoints, colouring: Colouring, about: str, language: ReportLanguage) -> str:
     """Return both views and their legend as HTML; ``about`` says in whose frame the places are."""
-    scale, texts = Scale.of(colouring), language.texts
-    fills = [scale.colour(figure) for figure in colouring.figure_m.tolist()]
+    scale, texts = ColourScale.for_colouring(colouring), language.texts
+    fills = [scale.colour_of(figure) for figure in colouring.figure_m.tolist()]
     views = "".join(
-        _View(title, *axes, about, language).drawn(points, fills, colouring.title)
+        _SideView(title, *axes, about, language).render_points(points, fills, colouring.title)
         for title, axes in ((texts.from_above, _ABOVE), (texts.from_the_side, _SIDE))
     )
     return (
         f"<figure><figcaption>{escape(colouring.title)}</figcaption>"
-        f'<div class="views">{views}</div>{_legend(scale, language)}</figure>'
+        f'<div class="views">{views}</div>{_render_legend(scale, language)}</figure>'
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
+class ColourScale:
     """Equal steps from the least to the largest figure, in millimetres."""
 
     low: float
@@ -63,42 +63,42 @@ class Scale:
     colours: tuple[str, ...]
 
     @classmethod
-    def of(cls, colouring: Colouring) -> "Scale":
+    def for_colouring(cls, colouring: Colouring) -> "ColourScale":
         """Return the scale of what is drawn; no step is finer than the legend's digits."""
-        known = colouring.figure_m[np.isfinite(colouring.figure_m)] * 1e3
-        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+        finite_mm = colouring.figure_m[np.isfinite(colouring.figure_m)] * 1e3
+        low, high = (float(finite_mm.min()), float(finite_mm.max())) if len(finite_mm) else (0.0, 0.0)
         steps = max(1, min(len(colouring.colours), round((high - low) / _FINEST_MM)))
         chosen = np.linspace(0, len(colouring.colours) - 1, steps).round().astype(int)
         return cls(low, high, tuple(colouring.colours[i] for i in chosen.tolist()))
 
     @property
-    def steps(self) -> int:
+    def step_count(self) -> int:
         """Return how many colours there are: one where all figures are alike."""
         return len(self.colours)
 
     @property
-    def edges(self) -> list[float]:
+    def edges_mm(self) -> list[float]:
         """Return the borders of the colours in millimetres, one more than there are colours."""
-        width = (self.high - self.low) / self.steps
-        return [self.low + i * width for i in range(self.steps + 1)]
+        width = (self.high - self.low) / self.step_count
+        return [self.low + i * width for i in range(self.step_count + 1)]
 
-    def step(self, figure_m: float) -> int:
+    def step_of(self, figure_m: float) -> int:
         """Return the number of a figure's colour, -1 where it is not known."""
         if not math.isfinite(figure_m):
             return -1
-        share = (figure_m * 1e3 - self.low) / (self.high - self.low) if self.steps > 1 else 0.0
-        return min(int(share * self.steps), self.steps - 1)
+        share = (figure_m * 1e3 - self.low) / (self.high - self.low) if self.step_count > 1 else 0.0
+        return min(int(share * self.step_count), self.step_count - 1)
 
-    def colour(self, figure_m: float) -> str:
+    def colour_of(self, figure_m: float) -> str:
         """Return a figure's colour, empty where it is not known."""
-        step = self.step(figure_m)
+        step = self.step_of(figure_m)
         return "" if step < 0 else self.colours[step]
 
 
-def _legend(scale: Scale, language: Language) -> str:
-    width, edges, texts = (scale.high - scale.low) / scale.steps, scale.edges, language.texts
+def _render_legend(scale: ColourScale, language: ReportLanguage) -> str:
+    width, edges, texts = (scale.high - scale.low) / scale.step_count, scale.edges_mm, language.texts
     digits = max(0, min(3, 1 - math.floor(math.log10(width)))) if width > 0 else 3
-    if scale.steps == 1:
+    if scale.step_count == 1:
         pairs = [language.number(f"{scale.high:.3f}") + " mm"]
     else:
         shown = [language.number(f"{edge:.{digits}f}") for edge in edges]
@@ -117,27 +117,29 @@ def _legend(scale: Scale, language: Language) -> str:
     )
     return (
         f'<p class="legend">{swatches}<span>{ring} {escape(texts.not_known)}</span>'
-        f"<span>{cross} {escape(texts.left)}</span></p>"
+        f"<span>{cross} {escape(texts.excluded_label)}</span></p>"
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
+class _SideView:
     """One side of the points, with its axes."""
 
     title: str
     across: int
     up: int
     about: str
-    language: Language
+    language: ReportLanguage
 
-    def drawn(self, points: Drawn, fills: Sequence[str], what: str) -> str:
-        box = _Box.around(points.place_m[:, self.across] * 1e3, points.place_m[:, self.up] * 1e3)
+    def render_points(self, points: DrawnPoints, fills: Sequence[str], what: str) -> str:
+        box = _PlotBox.enclosing_box(points.place_m[:, self.across] * 1e3, points.place_m[:, self.up] * 1e3)
         size = _SMALLER if len(points.labels) > _MANY else 1.0
         marks = "".join(
-            _mark(box.at(place[self.across] * 1e3, place[self.up] * 1e3), left, fill, label, size)
-            for place, left, fill, label in zip(
-                points.place_m.tolist(), points.left.tolist(), fills, points.labels, strict=True
+            _render_mark(
+                box.to_pixels(place[self.across] * 1e3, place[self.up] * 1e3), excluded, fill, label, size
+            )
+            for place, excluded, fill, label in zip(
+                points.place_m.tolist(), points.is_excluded.tolist(), fills, points.labels, strict=True
             )
         )
         texts = self.language.texts
@@ -145,22 +147,22 @@ class _View:
         return (
             f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(what)}, {escape(self.title)}">'
             f'<text class="view" x="{(_LEFT + _WIDTH - _RIGHT) / 2}" y="16" text-anchor="middle">'
-            f"{escape(self.title)}</text>{box.axes(across, texts.axis.format('xyz'[self.up]))}{marks}</svg>"
+            f"{escape(self.title)}</text>{box.render_axes(across, texts.axis.format('xyz'[self.up]))}{marks}</svg>"
         )
 
 
-def _mark(at: tuple[float, float], left: bool, colour: str, label: str, size: float) -> str:
-    (x, y), told, arm = at, f"<title>{escape(label)}</title>", 4 * size
-    if left:
+def _render_mark(at: tuple[float, float], is_excluded: bool, colour: str, label: str, size: float) -> str:
+    (x, y), tooltip, arm = at, f"<title>{escape(label)}</title>", 4 * size
+    if is_excluded:
         far = 2 * arm
         cross = f"M{x - arm:.1f} {y - arm:.1f}l{far:.1f} {far:.1f}m0 {-far:.1f}l{-far:.1f} {far:.1f}"
-        return f'<path class="left" stroke-width="{2.2 * size:.2g}" d="{cross}">{told}</path>'
+        return f'<path class="left" stroke-width="{2.2 * size:.2g}" d="{cross}">{tooltip}</path>'
     style = f'fill="{colour}"' if colour else 'class="unknown"'
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3.4 * size:.2g}" {style}>{told}</circle>'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3.4 * size:.2g}" {style}>{tooltip}</circle>'
 
 
 @dataclass(frozen=True, slots=True)
-class _Box:
+class _PlotBox:
     """A part of a plane in millimetres, at one scale both ways, and where it is drawn."""
 
     across_mm: float  # of its middle
@@ -168,28 +170,28 @@ class _Box:
     per_mm: float  # drawn units
 
     @classmethod
-    def around(cls, across_mm: Array, up_mm: Array) -> "_Box":
+    def enclosing_box(cls, across_mm: Array, up_mm: Array) -> "_PlotBox":
         middle = [float(side.min() + side.max()) / 2 for side in (across_mm, up_mm)]
         spans = [max(float(np.ptp(side)), 1.0) * 1.1 for side in (across_mm, up_mm)]
         room = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
         return cls(middle[0], middle[1], min(room[0] / spans[0], room[1] / spans[1]))
 
-    def at(self, across_mm: float, up_mm: float) -> tuple[float, float]:
+    def to_pixels(self, across_mm: float, up_mm: float) -> tuple[float, float]:
         x = (_LEFT + _WIDTH - _RIGHT) / 2 + (across_mm - self.across_mm) * self.per_mm
         y = (_TOP + _HEIGHT - _BOTTOM) / 2 - (up_mm - self.up_mm) * self.per_mm
         return x, y
 
-    def axes(self, across: str, up: str) -> str:
+    def render_axes(self, across: str, up: str) -> str:
         floor, right = _HEIGHT - _BOTTOM, _WIDTH - _RIGHT
         parts = [
             f'<rect class="frame" x="{_LEFT}" y="{_TOP}" width="{right - _LEFT}" height="{floor - _TOP}"/>'
         ]
-        for value in _ticks(self.across_mm, (right - _LEFT) / self.per_mm):
-            x = self.at(value, self.up_mm)[0]
+        for value in _round_ticks(self.across_mm, (right - _LEFT) / self.per_mm):
+            x = self.to_pixels(value, self.up_mm)[0]
             parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{floor}"/>')
             parts.append(f'<text x="{x:.1f}" y="{floor + 14}" text-anchor="middle">{value:g}</text>')
-        for value in _ticks(self.up_mm, (floor - _TOP) / self.per_mm):
-            y = self.at(self.across_mm, value)[1]
+        for value in _round_ticks(self.up_mm, (floor - _TOP) / self.per_mm):
+            y = self.to_pixels(self.across_mm, value)[1]
             parts.append(f'<path class="grid" d="M{_LEFT} {y:.1f}H{right}"/>')
             parts.append(f'<text x="{_LEFT - 5}" y="{y + 3.5:.1f}" text-anchor="end">{value:g}</text>')
         parts.append(
@@ -200,7 +202,7 @@ class _Box:
         return "".join(parts)
 
 
-def _ticks(middle: float, span: float) -> list[float]:
+def _round_ticks(middle: float, span: float) -> list[float]:
     """Return round values inside a span, about five."""
     rough = span / 5
     power = 10.0 ** math.floor(math.log10(rough))

@@ -4,13 +4,13 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from cellcal.service.translation import Locale, Sayings, sayings
+from cellcal.service.translation import Locale, Translations, load_translations
 
 Forms = tuple[str, str]  # for one, for more
 
 
 @dataclass(frozen=True, slots=True)
-class Texts:
+class ReportTexts:
     """One language; a sentence that a language lacks is found by the type checker."""
 
     counts: str
@@ -47,13 +47,13 @@ class Texts:
     axis_of: str
     step: str
     not_known: str
-    left: str
+    excluded_label: str
     lines: Forms
     more_lines: str
     more_programs: Forms
 
 
-ENGLISH = Texts(
+ENGLISH = ReportTexts(
     counts="{programs}, {points}: {changed} changed, {unchanged} unchanged, {left} left as they were.",
     programs=("{} program", "{} programs"),
     points=("{} point", "{} points"),
@@ -97,12 +97,12 @@ ENGLISH = Texts(
     axis_of="{axis} in mm, {about}",
     step="{} to {}",
     not_known="not known",
-    left="left as it was",
+    excluded_label="left as it was",
     lines=("line {}", "lines {}"),
     more_lines="{} and {} more",
     more_programs=("{} and {} more program", "{} and {} more programs"),
 )  # fmt: skip
-GERMAN = Texts(
+GERMAN = ReportTexts(
     counts="{programs}, {points}: {changed} geändert, {unchanged} unverändert, {left} belassen.",
     programs=("{} Programm", "{} Programme"),
     points=("{} Punkt", "{} Punkte"),
@@ -149,12 +149,12 @@ GERMAN = Texts(
     axis_of="{axis} in mm, {about}",
     step="{} bis {}",
     not_known="nicht bekannt",
-    left="belassen",
+    excluded_label="belassen",
     lines=("Zeile {}", "Zeilen {}"),
     more_lines="{} und {} weitere",
     more_programs=("{} und {} weiteres Programm", "{} und {} weitere Programme"),
 )  # fmt: skip
-SPANISH = Texts(
+SPANISH = ReportTexts(
     counts="{programs}, {points}: {changed} cambiados, {unchanged} sin cambios, {left} dejados como estaban.",
     programs=("{} programa", "{} programas"),
     points=("{} punto", "{} puntos"),
@@ -201,12 +201,12 @@ SPANISH = Texts(
     axis_of="{axis} en mm, {about}",
     step="{} a {}",
     not_known="desconocido",
-    left="se dejó como estaba",
+    excluded_label="se dejó como estaba",
     lines=("línea {}", "líneas {}"),
     more_lines="{} y {} más",
     more_programs=("{} y {} programa más", "{} y {} programas más"),
 )  # fmt: skip
-CHINESE = Texts(
+CHINESE = ReportTexts(
     counts="{programs}，{points}：{changed} 个已更改，{unchanged} 个未变，{left} 个保持原样。",
     programs=("{} 个程序", "{} 个程序"),
     points=("{} 个点", "{} 个点"),
@@ -243,31 +243,31 @@ CHINESE = Texts(
     axis_of="{axis}，mm，{about}",
     step="{} 至 {}",
     not_known="未知",
-    left="保持原样",
+    excluded_label="保持原样",
     lines=("第 {} 行", "第 {} 行"),
     more_lines="{} 及另外 {} 行",
     more_programs=("{} 及另外 {} 个程序", "{} 及另外 {} 个程序"),
 )  # fmt: skip
-TEXTS: dict[Locale, Texts] = {"en": ENGLISH, "de": GERMAN, "es": SPANISH, "zh": CHINESE}
+TEXTS: dict[Locale, ReportTexts] = {"en": ENGLISH, "de": GERMAN, "es": SPANISH, "zh": CHINESE}
 
 
 @dataclass(frozen=True, slots=True)
-class Language:
+class ReportLanguage:
     """A language of a report: its own words, what others say, and numbers."""
 
     locale: Locale
-    texts: Texts
+    texts: ReportTexts
     say: Callable[[str], str]
     number: Callable[[str], str]
     join: Callable[[Iterable[str]], str]  # sentences
 
     @classmethod
-    def of(cls, locale: Locale, tables: Sayings | None = None) -> "Language":
+    def for_locale(cls, locale: Locale, tables: Translations | None = None) -> "ReportLanguage":
         """Return a language, with the tables of the built pages unless others are given."""
-        found = sayings(locale) if tables is None else tables
-        return cls(locale, TEXTS[locale], found.say, found.number, found.join)
+        found = load_translations(locale) if tables is None else tables
+        return cls(locale, TEXTS[locale], found.translate, found.format_number, found.join_sentences)
 
 
-def counted(count: int, forms: Forms) -> str:
+def count_with_noun(count: int, forms: Forms) -> str:
     """Return a count with its noun."""
     return forms[count != 1].format(count)

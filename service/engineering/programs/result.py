@@ -11,7 +11,7 @@ CHANGED, UNCHANGED, LEFT = "changed", "unchanged", "left"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class PointFinding:
     """A point that the new program does not bring to where the change asks for, though its numbers are right."""
 
     line: int  # of the instruction
@@ -29,7 +29,7 @@ class ProgramResult:
     """One program before and after, N positions in the order of ``before.positions``.
 
     A point is ``changed``; ``unchanged``, because its new coordinates are the old ones in the file's own number
-    format; or ``left`` as it was, and then ``reason`` says why. A cell that runs a program with points left runs
+    format; or ``excluded_points`` as it was, and then ``reason`` says why. A cell that runs a program with points left runs
     these as they were taught for another cell.
     """
 
@@ -44,31 +44,31 @@ class ProgramResult:
     expected_error_m: Array  # (N,) k = 2, of the tip at its work in that cell; NaN where nobody can know
     uncorrected_m: Array  # (N,) what the point would miss by without the robots' models; NaN where not asked
     warnings: tuple[str, ...] = ()  # sentences about the program as a whole
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[PointFinding, ...] = ()
 
     @property
-    def name(self) -> str:
+    def program_name(self) -> str:
         """Return the program's own name."""
         return self.before.name
 
     @property
-    def counts(self) -> dict[str, int]:
+    def status_counts(self) -> dict[str, int]:
         """Return how many points are changed, unchanged and left."""
         found = Counter(self.status)
         return {status: found[status] for status in (CHANGED, UNCHANGED, LEFT)}
 
     @property
-    def ok(self) -> bool:
+    def is_complete(self) -> bool:
         """Tell whether no point was left, and none of the others is off."""
         return LEFT not in self.status and not self.findings
 
     @property
     def exit_code(self) -> ExitCode:
         """Return what the shell gets to know about this program."""
-        return ExitCode.PASS if self.ok else ExitCode.REFUSED
+        return ExitCode.PASS if self.is_complete else ExitCode.REFUSED
 
     @property
-    def left(self) -> tuple[tuple[str, str], ...]:
+    def excluded_points(self) -> tuple[tuple[str, str], ...]:
         """Return name and reason of every point that was left."""
         found = zip(self.before.positions.names, self.status, self.reason, strict=True)
         return tuple((name, reason) for name, status, reason in found if status == LEFT)

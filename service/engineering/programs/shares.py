@@ -3,14 +3,16 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
-from cellcal.service.engineering.programs.files import Source
-from cellcal.service.engineering.programs.forks import forked
+from cellcal.service.engineering.programs.files import ProgramSource
 from cellcal.service.engineering.programs.siblings import read_siblings
+from cellcal.service.engineering.programs.worker_processes import run_in_processes
 
 Part = TypeVar("Part")
 
 
-def shared_out(work: Callable[[Sequence[Source]], Part], sources: Sequence[Source]) -> Iterator[Part]:
+def shared_out(
+    work: Callable[[Sequence[ProgramSource]], Part], sources: Sequence[ProgramSource]
+) -> Iterator[Part]:
     """Yield what work makes of sources, in their order; large lines are worked on by all processors."""
     read_siblings(sources)
-    yield from forked(work, sources)
+    yield from run_in_processes(work, sources)

@@ -5,31 +5,35 @@ from typing import cast
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import SUFFIXES, brand_named, brand_of, read_programs
-from cellcal.drivers.programs.across import Across, Said
-from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.brands import DeclaringProgram
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations, FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.files import Source, read_bytes
-from cellcal.service.engineering.programs.forks import forked, pays
+from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
+from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes
 
 
-def read_siblings(sources: Sequence[Source]) -> None:
+def read_siblings(sources: Sequence[ProgramSource]) -> None:
     """Read what a batch's programs say of each other, once; needed where one process starts others."""
     for siblings in {id(one.siblings): one.siblings for one in sources if one.siblings is not None}.values():
         if siblings.across is None:
-            told = [one for one in siblings.sources if _may_tell(one)]
-            if pays(told):
-                said = {file: said for some in forked(_said_of, told) for file, said in some}
+            informative = [one for one in siblings.sources if _may_inform(one)]
+            if is_worthwhile(informative):
+                statements = {
+                    file: statements
+                    for some in run_in_processes(_statements_of, informative)
+                    for file, statements in some
+                }
             else:
-                said = {}
-                for file, data in _bytes_of(told):
-                    if (seen := _seen(file, data)) is not None:
-                        said[file] = seen
-                    elif (program := _read(file, data)) is not None:
-                        siblings.read[file], said[file] = program, program.said
-            siblings.across = Across(said)
+                statements = {}
+                for file, data in _bytes_of(informative):
+                    if (statement := _quick_statement(file, data)) is not None:
+                        statements[file] = statement
+                    elif (program := _read_informative(file, data)) is not None:
+                        siblings.read[file], statements[file] = program, program.declarations
+            siblings.across = BatchDeclarations(statements)
 
 
-def kept(source: Source, data: bytes) -> ProgramFile | None:
+def cached_program(source: ProgramSource, data: bytes) -> ProgramFile | None:
     """Return a program that was read with its siblings, once; None where it was not, or the file changed since."""
     if source.siblings is None:
         return None
@@ -37,32 +41,34 @@ def kept(source: Source, data: bytes) -> ProgramFile | None:
     return program if program is not None and program.to_bytes() == data else None
 
 
-def with_siblings(source: Source, program: ProgramFile) -> ProgramFile:
+def with_siblings(source: ProgramSource, program: ProgramFile) -> ProgramFile:
     """Return a program with what the others of its batch say of its positions."""
     if not brand_named(program.brand).tells:
         return program
     if source.siblings is None:
-        across = Across({str(source.path): cast(Telling, program).said})
+        across = BatchDeclarations({str(source.path): cast(DeclaringProgram, program).declarations})
     else:
         read_siblings([source])
-        across = cast(Across, source.siblings.across)
-    abroad = across.of(str(source.path))
-    return program if abroad is None else cast(Telling, program).with_abroad(abroad)
+        across = cast(BatchDeclarations, source.siblings.across)
+    abroad = across.uses_of_file(str(source.path))
+    return program if abroad is None else cast(DeclaringProgram, program).with_external_uses(abroad)
 
 
-def _may_tell(source: Source) -> bool:
+def _may_inform(source: ProgramSource) -> bool:
     suffix = source.path.suffix.lower()
     return any(brand_named(brand).tells for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
 
 
-def _said_of(sources: Sequence[Source]) -> list[tuple[str, Said]]:
+def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:
     """Return what files say without keeping them: read whole only where a look does not tell."""
     return [
-        (file, said) for file, data in _bytes_of(sources) if (said := _seen(file, data) or _heard(file, data))
+        (file, statement)
+        for file, data in _bytes_of(sources)
+        if (statement := _quick_statement(file, data) or _full_statement(file, data))
     ]
 
 
-def _seen(file: str, data: bytes) -> Said | None:
+def _quick_statement(file: str, data: bytes) -> FileDeclarations | None:
     brand = brand_of(file, data)
     try:
         return None if brand is None or not brand.tells else brand.says(file, data)
@@ -70,20 +76,20 @@ def _seen(file: str, data: bytes) -> Said | None:
         return None
 
 
-def _heard(file: str, data: bytes) -> Said | None:
-    program = _read(file, data)
-    return None if program is None else program.said
+def _full_statement(file: str, data: bytes) -> FileDeclarations | None:
+    program = _read_informative(file, data)
+    return None if program is None else program.declarations
 
 
-def _read(file: str, data: bytes) -> Telling | None:
+def _read_informative(file: str, data: bytes) -> DeclaringProgram | None:
     """Return a program; None for one that tells nothing, and for one that is refused when its turn comes."""
     (program,) = read_programs([(file, data)])
     if isinstance(program, CellError) or not brand_named(program.brand).tells:
         return None
-    return cast(Telling, program)
+    return cast(DeclaringProgram, program)
 
 
-def _bytes_of(sources: Sequence[Source]) -> Iterator[tuple[str, bytes]]:
+def _bytes_of(sources: Sequence[ProgramSource]) -> Iterator[tuple[str, bytes]]:
     for source in sources:
         try:
             yield str(source.path), read_bytes(source.path)

@@ -11,10 +11,10 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.drivers.programs.shifts import Axes, Shift
-from cellcal.service.engineering.programs.cell_of_program import Points, frame_of, name_in
+from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
+from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, frame_of, name_in
 from cellcal.service.engineering.programs.project import Project
-from cellcal.service.engineering.programs.result import Finding
+from cellcal.service.engineering.programs.result import PointFinding
 
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
 _TOO_FAR_M = (
@@ -39,7 +39,7 @@ _MAY_TURN = (
 )
 
 
-class Changing(Protocol):
+class ChangeRoute(Protocol):
     """What is asked of a route."""
 
     @property
@@ -48,10 +48,10 @@ class Changing(Protocol):
     def target(self) -> Project: ...
     @property
     def change(self) -> Array: ...
-    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str: ...
+    def covers_frame(self, frame: str | None, *, bare_joints: bool) -> bool | str: ...
 
 
-class _Turned(NamedTuple):
+class _TurnedChange(NamedTuple):
     """The change as one frame sees it, and that frame before it; ``exact`` where the frame is known."""
 
     change: Array
@@ -59,7 +59,7 @@ class _Turned(NamedTuple):
     exact: bool
 
 
-def find_turned_shifts(points: Points, route: Changing) -> list[tuple[Finding, ...]]:
+def find_turned_shifts(points: ProgramPoints, route: ChangeRoute) -> list[tuple[PointFinding, ...]]:
     """Return for each program its shifted points that the change does not bring to where they belong."""
     starts = np.searchsorted(points.of, np.arange(len(points.programs)))
     return [
@@ -68,87 +68,99 @@ def find_turned_shifts(points: Points, route: Changing) -> list[tuple[Finding, .
     ]
 
 
-def _findings_of(points: Points, number: int, start: int, route: Changing) -> list[Finding]:
+def _findings_of(points: ProgramPoints, number: int, start: int, route: ChangeRoute) -> list[PointFinding]:
     program = points.programs[number]
-    known: dict[str | None, _Turned] = {}
-    found: list[Finding] = []
+    by_frame: dict[str | None, _TurnedChange] = {}
+    found: list[PointFinding] = []
     for shift in program.positions.shifts:
         if not shift.rows:
             frame = name_in(route.source, program, shift.user_frame)
-            if frame is None or route.takes(frame, bare_joints=False) is True:
+            if frame is None or route.covers_frame(frame, bare_joints=False) is True:
                 found.append(
-                    _finding(shift, shift.point, -1, None, _turned(known, program, frame, shift, route))
+                    _shift_finding(
+                        shift, shift.point, -1, None, _turned_change(by_frame, program, frame, shift, route)
+                    )
                 )
             continue
         for row in shift.rows:
             at = start + row
             if points.reasons[at] or points.stays[at]:
                 continue  # it is named already, or does not go along
-            seen = _turned(known, program, points.user_frames[at], shift, route)
+            turned = _turned_change(by_frame, program, points.user_frames[at], shift, route)
             pose = points.frame_tip[at] if points.cartesian[at] else None
-            found.append(_finding(shift, program.positions.names[row], row, pose, seen))
+            found.append(_shift_finding(shift, program.positions.names[row], row, pose, turned))
     return [one for one in found if one.text]
 
 
-def _turned(
-    known: dict[str | None, _Turned], program: ProgramFile, frame: str | None, shift: Shift, route: Changing
-) -> _Turned:
-    if frame not in known:
+def _turned_change(
+    by_frame: dict[str | None, _TurnedChange],
+    program: ProgramFile,
+    frame: str | None,
+    shift: ProgramShift,
+    route: ChangeRoute,
+) -> _TurnedChange:
+    if frame not in by_frame:
         before = frame_of(route.source, program, frame)
         after = frame_of(route.target, program, frame, at_home=route.source is route.target)
         if before is None or after is None:
-            known[frame] = _Turned(route.change, np.eye(4), False)
+            by_frame[frame] = _TurnedChange(route.change, np.eye(4), False)
         else:
-            known[frame] = _Turned(inverse_transform(after) @ route.change @ before, before, True)
-    seen = known[frame]
-    return _Turned(route.change, seen.frame, True) if shift.axes is Axes.BASE else seen
+            by_frame[frame] = _TurnedChange(inverse_transform(after) @ route.change @ before, before, True)
+    turned = by_frame[frame]
+    return _TurnedChange(route.change, turned.frame, True) if shift.axes is ShiftAxes.BASE else turned
 
 
-def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turned) -> Finding:
+def _shift_finding(
+    shift: ProgramShift, point: str, row: int, pose: Array | None, turned: _TurnedChange
+) -> PointFinding:
     """Return what a shift costs at one point; without a text where it costs nothing."""
-    change = seen.change
+    change = turned.change
     angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
-    if _size_counts(shift, seen) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
+    if _size_counts(shift, turned) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
         if angle > _LEAST_RAD:
-            text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+            text = _finding_text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord_length(angle), 0.0)
         else:  # a turn of the shift swings the step of the change
-            text = _text(_MAY_TURN, shift, point, angle, 2.0 * float(np.linalg.norm(change[:3, 3])), 0.0)
-        return Finding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
-    if not seen.exact:
-        distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord(angle)
+            text = _finding_text(
+                _MAY_TURN, shift, point, angle, 2.0 * float(np.linalg.norm(change[:3, 3])), 0.0
+            )
+        return PointFinding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
+    if not turned.exact:
+        distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord_length(angle)
         turn = 0.0
     else:
         tip = np.eye(4) if pose is None else pose
-        tip = seen.frame @ tip if shift.axes is Axes.BASE else tip
-        wanted, reached = change @ shift.matrix() @ tip, shift.matrix() @ change @ tip
-        distance = float(np.linalg.norm(wanted[:3, 3] - reached[:3, 3]))
-        turn = float(np.linalg.norm(log_rotation(wanted[:3, :3].T @ reached[:3, :3])))
+        tip = turned.frame @ tip if shift.axes is ShiftAxes.BASE else tip
+        expected, reached = change @ shift.to_matrix() @ tip, shift.to_matrix() @ change @ tip
+        distance = float(np.linalg.norm(expected[:3, 3] - reached[:3, 3]))
+        turn = float(np.linalg.norm(log_rotation(expected[:3, :3].T @ reached[:3, :3])))
     costs = distance > _LEAST_M or turn > _LEAST_RAD
     text = (
-        _text(_COSTS_EACH_TIME if shift.each_time else _COSTS, shift, point, angle, distance, turn)
+        _finding_text(_COSTS_EACH_TIME if shift.each_time else _COSTS, shift, point, angle, distance, turn)
         if costs
         else ""
     )
-    return Finding(shift.line, point, shift.what, angle, distance, turn, text, row)
+    return PointFinding(shift.line, point, shift.what, angle, distance, turn, text, row)
 
 
-def _size_counts(shift: Shift, seen: _Turned) -> bool:
+def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
     """Tell whether a part of the shift that is not readable costs something."""
-    change = seen.change
+    change = turned.change
     if shift.quaternion is None and (np.abs(change - np.eye(4)) > _LEAST_M).any():
         return True
     unread = np.isnan(shift.translation_m)
     apart = change[:3, :3] - np.eye(3)
-    costs = np.linalg.norm(apart if seen.exact else np.full((3, 3), np.abs(apart).max()), axis=0)
+    costs = np.linalg.norm(apart if turned.exact else np.full((3, 3), np.abs(apart).max()), axis=0)
     return bool((costs[unread] * _TOO_FAR_M > _LEAST_M).any())
 
 
-def _chord(angle_rad: float) -> float:
+def _chord_length(angle_rad: float) -> float:
     """Return how far a turn takes the end of a unit length across its axis."""
     return 2.0 * math.sin(min(angle_rad, math.pi) / 2.0)
 
 
-def _text(form: str, shift: Shift, point: str, angle: float, distance_m: float, turn: float) -> str:
+def _finding_text(
+    form: str, shift: ProgramShift, point: str, angle: float, distance_m: float, turn: float
+) -> str:
     return form.format(
         what=shift.what,
         point=point,

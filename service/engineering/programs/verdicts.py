@@ -29,7 +29,7 @@ def verdict_of(reason: str) -> str:
     return next((word for beginning, word in _BEGINNINGS if reason.startswith(beginning)), UNKNOWN)
 
 
-def counted(reasons: Iterable[str]) -> dict[str, int]:
+def count_verdicts(reasons: Iterable[str]) -> dict[str, int]:
     """Return how many points have which verdict."""
     found = dict.fromkeys(VERDICTS, 0)
     for reason in reasons:
@@ -38,7 +38,7 @@ def counted(reasons: Iterable[str]) -> dict[str, int]:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FilePlace:
     """Where in a file something is wrong; zeros: the file as a whole."""
 
     line: int
@@ -46,9 +46,11 @@ class Place:
     sentence: str
 
 
-def place_in(message: str) -> Place:
+def place_in(message: str) -> FilePlace:
     """Return line and column that a refusal begins with, and the rest of it."""
     found = _PLACE.match(message)
     return (
-        Place(0, 0, message) if found is None else Place(int(found[1]), int(found[2]), message[found.end() :])
+        FilePlace(0, 0, message)
+        if found is None
+        else FilePlace(int(found[1]), int(found[2]), message[found.end() :])
     )

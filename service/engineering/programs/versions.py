@@ -23,7 +23,7 @@ from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.files import FilesError, Refused, read_bytes, whole_file
+from cellcal.service.engineering.programs.files import FilesError, RefusedProgram, read_bytes, whole_file
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 
@@ -31,7 +31,7 @@ RECORD = "cellcal_clones.json"
 _FORMAT = 1
 
 
-class State(StrEnum):
+class CloneState(StrEnum):
     """What a cell has of a master's program."""
 
     CURRENT = "current"
@@ -43,7 +43,7 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class CloneRecord:
     """One clone as it was written."""
 
     file: str
@@ -62,24 +62,24 @@ class Made:
 
 
 @dataclass(frozen=True, slots=True)
-class CellProgram:
+class ProgramInCell:
     """A master's program in one cell."""
 
     cell: str
     program: str
-    state: State
+    state: CloneState
     master_sha256: str  # of the program as it is in the master's cell
     made_from_sha256: str  # of the program that the clone was made from; empty where nobody knows
     made_at: str
     note: str
 
     @property
-    def ok(self) -> bool:
+    def is_current(self) -> bool:
         """Tell whether this cell runs what it should."""
-        return self.state is State.CURRENT
+        return self.state is CloneState.CURRENT
 
 
-class Recorder:
+class CloneRecorder:
     """Records clones as they are written."""
 
     def __init__(self, master: Project, clone: Project) -> None:
@@ -87,14 +87,14 @@ class Recorder:
         self._cells = cell_sha256(master), cell_sha256(clone)
         self._made_with = installed_version("cellcal")  # reads a file each time it is asked
 
-    def made_of(self, source: str, written: str, result: ProgramResult) -> Made:
+    def made_of(self, source: str, written: str, result: ProgramResult) -> CloneRecord:
         """Return the record of a clone that was just written."""
-        return Made(
+        return CloneRecord(
             file=Path(written).name,
-            sha256=_sha256(result.after.to_bytes()),
+            sha256=_sha256_hex(result.after.to_bytes()),
             points_sha256=points_sha256(result.after),
             source=Path(source).name,
-            source_sha256=_sha256(result.before.to_bytes()),
+            source_sha256=_sha256_hex(result.before.to_bytes()),
             master=self._master,
             master_cell_sha256=self._cells[0],
             cell=self._clone,
@@ -105,21 +105,21 @@ class Recorder:
             made_with=self._made_with,
         )
 
-    def end(self, made: Iterable[tuple[str, Made]]) -> None:
+    def write_records(self, made: Iterable[tuple[str, CloneRecord]]) -> None:
         """Write the records beside their clones."""
-        by_folder: defaultdict[Path, list[Made]] = defaultdict(list)
+        by_folder: defaultdict[Path, list[CloneRecord]] = defaultdict(list)
         for written, one in made:
             by_folder[Path(written).parent].append(one)
         for folder, some in by_folder.items():
-            keep_records(folder, some)
+            merge_records(folder, some)
 
 
-def keep_records(folder: Path, made: Sequence[Made]) -> None:
+def merge_records(folder: Path, made: Sequence[CloneRecord]) -> None:
     """Add records to those of a folder, in place of older ones of the same file."""
     path = folder / RECORD
-    kept = {one.file.casefold(): one for one in (_read(path) if path.is_file() else ())}
-    kept |= {one.file.casefold(): one for one in made}
-    document = {"format": _FORMAT, "clones": [asdict(kept[name]) for name in sorted(kept)]}
+    by_file = {one.file.casefold(): one for one in (_read_records(path) if path.is_file() else ())}
+    by_file |= {one.file.casefold(): one for one in made}
+    document = {"format": _FORMAT, "clones": [asdict(by_file[name]) for name in sorted(by_file)]}
     with whole_file(path, replace=True) as file:
         file.write((json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
 
@@ -154,15 +154,15 @@ def _names_a_master(path: Path) -> bool:
         return False
 
 
-def status_of(projects: Iterable[Path]) -> tuple[list[CellProgram], list[Refused]]:
+def status_of(projects: Iterable[Path]) -> tuple[list[ProgramInCell], list[RefusedProgram]]:
     """Compare the cells of some clones' projects with their masters, and say which projects cannot be used."""
-    found: list[CellProgram] = []
-    refused: list[Refused] = []
+    found: list[ProgramInCell] = []
+    refused: list[RefusedProgram] = []
     for path in projects:
         try:
             found += _of_project(path)
         except CellError as error:
-            refused.append(Refused.because(path, error))
+            refused.append(RefusedProgram.from_error(path, error))
     return found, refused
 
 
@@ -195,18 +195,18 @@ def cell_sha256(project: Project) -> str:
     ]
     digest = hashlib.sha256(json.dumps(words).encode())
     matrices = [project.controller.placements, project.controller.joint_coupling]
-    matrices += [m for name in sorted(project.tools) for m in _matrices(project, name)]
+    matrices += [m for name in sorted(project.tools) for m in _project_matrices(project, name)]
     matrices += [project.frames[name] for name in sorted(project.frames)]
     for matrix in matrices:
         digest.update(np.ascontiguousarray(matrix + 0.0, dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
-def _matrices(project: Project, tool: str) -> list[Any]:
+def _project_matrices(project: Project, tool: str) -> list[Any]:
     return [project.tools[tool].entered, project.tools[tool].real]
 
 
-def _of_project(path: Path) -> list[CellProgram]:
+def _of_project(path: Path) -> list[ProgramInCell]:
     clone = read_project(path)
     if clone.master is None:
         raise FilesError(
@@ -220,60 +220,62 @@ def _of_project(path: Path) -> list[CellProgram]:
             f"{path}: its master {clone.master} names no programs.",
             remedy='Write programs = ["programs/*.ls"] or the like into it.',
         )
-    records = [one for file in sorted(path.parent.rglob(RECORD)) for one in _read(file)]
+    records = [one for file in sorted(path.parent.rglob(RECORD)) for one in _read_records(file)]
     here = {file.name.casefold(): file for file in clone.program_files()}
     cells = cell_sha256(master), cell_sha256(clone)
-    return [_compared(file, here.get(file.name.casefold()), clone, records, cells) for file in programs]
+    return [_compare_clone(file, here.get(file.name.casefold()), clone, records, cells) for file in programs]
 
 
-def _compared(
-    source: Path, here: Path | None, clone: Project, records: Sequence[Made], cells: tuple[str, str]
-) -> CellProgram:
-    master_sha256 = _sha256(read_bytes(source))
+def _compare_clone(
+    source: Path, here: Path | None, clone: Project, records: Sequence[CloneRecord], cells: tuple[str, str]
+) -> ProgramInCell:
+    master_sha256 = _sha256_hex(read_bytes(source))
     if here is None:
-        return CellProgram(clone.name, source.name, State.MISSING, master_sha256, "", "", "")
+        return ProgramInCell(clone.name, source.name, CloneState.MISSING, master_sha256, "", "", "")
     data = read_bytes(here)
     points = points_sha256(read_program(str(here), data))
     own = [one for one in records if one.file.casefold() == here.name.casefold() and one.cell == clone.name]
     if not own:
-        return CellProgram(clone.name, source.name, State.UNKNOWN, master_sha256, "", "", "")
-    made = max(own, key=lambda one: (one.sha256 == _sha256(data), one.points_sha256 == points, one.made_at))
-    state = _state(made, points, master_sha256, cells)
-    return CellProgram(
+        return ProgramInCell(clone.name, source.name, CloneState.UNKNOWN, master_sha256, "", "", "")
+    made = max(
+        own, key=lambda one: (one.sha256 == _sha256_hex(data), one.points_sha256 == points, one.made_at)
+    )
+    state = _clone_state(made, points, master_sha256, cells)
+    return ProgramInCell(
         clone.name,
         source.name,
         state,
         master_sha256,
         made.source_sha256,
         made.made_at,
-        _note(made, resaved=state is not State.EDITED and made.sha256 != _sha256(data)),
+        _clone_note(made, resaved=state is not CloneState.EDITED and made.sha256 != _sha256_hex(data)),
     )
 
 
-def _state(made: Made, points: str, master_sha256: str, cells: tuple[str, str]) -> State:
+def _clone_state(made: CloneRecord, points: str, master_sha256: str, cells: tuple[str, str]) -> CloneState:
     if made.points_sha256 != points:
-        return State.EDITED
+        return CloneState.EDITED
     if made.source_sha256 != master_sha256:
-        return State.OLD
-    return State.CURRENT if (made.master_cell_sha256, made.cell_sha256) == cells else State.OUTDATED
+        return CloneState.OLD
+    return CloneState.CURRENT if (made.master_cell_sha256, made.cell_sha256) == cells else CloneState.OUTDATED
 
 
-def _note(made: Made, *, resaved: bool) -> str:
-    told = (
+def _clone_note(made: CloneRecord, *, resaved: bool) -> str:
+    remarks = (
         ["its points are the clone's, its text is not: saved again, or edited elsewhere"] if resaved else []
     )
     if made.left:
-        told.append(f"{made.left} of {made.points} points were left as in the master")
-    return "; ".join(told)
+        remarks.append(f"{made.left} of {made.points} points were left as in the master")
+    return "; ".join(remarks)
 
 
-def _read(path: Path) -> list[Made]:
+def _read_records(path: Path) -> list[CloneRecord]:
     try:
         document = parse_json(read_plain_text(path))
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']}")
-        names = {field.name for field in fields(Made)}
-        return [Made(**{name: one[name] for name in names}) for one in document["clones"]]
+        names = {field.name for field in fields(CloneRecord)}
+        return [CloneRecord(**{name: one[name] for name in names}) for one in document["clones"]]
     except (OSError, ValueError, KeyError, TypeError) as broken:
         raise FilesError(
             f"{path} is no record of clones: {broken!r}.",
@@ -281,5 +283,5 @@ def _read(path: Path) -> list[Made]:
         ) from broken
 
 
-def _sha256(data: bytes) -> str:
+def _sha256_hex(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()

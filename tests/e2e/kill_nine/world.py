@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.procedures.cell import Cell, MotionLevel, MotionLimits
-from cellcal.procedures.progress import Progress
+from cellcal.procedures.cell import Cell, MotionCaps, MotionLevel
+from cellcal.procedures.progress import StepProgress
 from cellcal.service.record.journal import Journal
-from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
+from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
 from tests.procedures.cells import Scene
 
 Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]
@@ -35,14 +35,14 @@ class Remote:
     async def identify(self) -> Any:
         return await self._call("identify")
 
-    async def condition(self) -> Any:
+    async def read_condition(self) -> Any:
         return await self._call("condition")
 
 
 class RemoteArm(Remote):
     """The arm."""
 
-    async def joints(self) -> Any:
+    async def read_joints(self) -> Any:
         return await self._call("joints")
 
     async def flange_pose(self) -> Any:
@@ -60,7 +60,7 @@ class RemoteArm(Remote):
     async def encoder_counts(self) -> Any:
         return await self._call("encoder_counts")
 
-    async def mastering(self) -> Any:
+    async def read_mastering(self) -> Any:
         return await self._call("mastering")
 
     async def drive_train(self) -> Any:
@@ -82,7 +82,7 @@ class RemoteArm(Remote):
 class RemoteWire(Remote):
     """The gauge."""
 
-    async def distance(self) -> Any:
+    async def read_distance(self) -> Any:
         return await self._call("distance")
 
 
@@ -92,7 +92,7 @@ class RemoteHands(Remote):
     async def confirm(self, instruction: Any) -> Any:
         return await self._call("confirm", instruction)
 
-    async def enter(self, question: Any) -> Any:
+    async def ask_question(self, question: Any) -> Any:
         return await self._call("enter", question)
 
 
@@ -105,17 +105,17 @@ def child(pipe: Connection, journal_path: Path, name: str, parts: dict[str, Any]
         parts["cell"](arm, wire, hands), record=parts["record"], gauge_setup=parts["gauge_setup"]
     )
 
-    def told(progress: Progress) -> None:
+    def told(progress: StepProgress) -> None:
         if progress.kind == "finding":
             pipe.send((ACK, progress.step, (progress.value,), {}))
 
     async def main() -> None:
-        how = Conditions(told, free_bytes=0)
-        with Journal.open(journal_path) as journal:
+        how = RunConditions(told, free_bytes=0)
+        with Journal.open_file(journal_path) as journal:
             if run_id is None:
                 await run_procedure(cell, name, parts["spec"], journal, how=how)
             else:
-                await resume(cell, run_id, journal, how=how)
+                await resume_procedure(cell, run_id, journal, how=how)
 
     asyncio.run(main())
     pipe.close()
@@ -123,7 +123,7 @@ def child(pipe: Connection, journal_path: Path, name: str, parts: dict[str, Any]
 
 def remote_cell(arm: RemoteArm, wire: RemoteWire, hands: RemoteHands) -> Cell:
     """Return a cell of remote devices."""
-    limits = MotionLimits(settle_s=0.0)
+    limits = MotionCaps(settle_s=0.0)
     model = load_model("fanuc_m6ib")
     return Cell(
         "test",

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.drivers.program_registry import brand_named
-from cellcal.drivers.programs.across import Across
-from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.brands import DeclaringProgram
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.move import moving
-from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.move import move_transfer
+from cellcal.service.engineering.programs.project import Project, ProjectTool
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from tests.programs.motion.geometry import Array, Named, Tip, moved_wrongly, pose, unnamed_stops
 
@@ -66,7 +66,7 @@ def _project(language: Language) -> Project:
         controller=model,
         factory_known=False,
         identified=None,
-        tools={name: Tool(one, one) for name, one in flange.items()},
+        tools={name: ProjectTool(one, one) for name, one in flange.items()},
         frames=dict(language.frames),
         unsaid_tool=None,
         unsaid_frame=None,
@@ -95,11 +95,13 @@ def results(language: Language, texts: dict[str, str], change: Array) -> Sequenc
     brand = brand_named(language.brand)
     files: list[ProgramFile] = [brand.read(name, text.encode("latin-1")) for name, text in texts.items()]
     if brand.tells:
-        telling: list[Telling] = files  # type: ignore[assignment]  # the brand says so
-        across = Across({name: one.said for name, one in zip(texts, telling, strict=True)})
-        seen = [(one, across.of(name)) for name, one in zip(texts, telling, strict=True)]
-        files = [one if abroad is None else one.with_abroad(abroad) for one, abroad in seen]
-    return moving(_project(language), change, brand.configurations, joints="keep").carry(files)
+        telling: list[DeclaringProgram] = files  # type: ignore[assignment]  # the brand says so
+        across = BatchDeclarations({name: one.declarations for name, one in zip(texts, telling, strict=True)})
+        seen = [(one, across.uses_of_file(name)) for name, one in zip(texts, telling, strict=True)]
+        files = [one if abroad is None else one.with_external_uses(abroad) for one, abroad in seen]
+    return move_transfer(_project(language), change, brand.configurations, joints="keep").transfer_programs(
+        files
+    )
 
 
 def try_one(language: Language, seed: int, tally: Tally) -> None:
@@ -111,14 +113,14 @@ def try_one(language: Language, seed: int, tally: Tally) -> None:
     old, new = language.interpret(texts), language.interpret(after)
     wrong = [*moved_wrongly(old, new, change, named), *unnamed_stops(old, named)]
     deviates = bool(named.lines)
-    if deviates and all(one.ok for one in done):
+    if deviates and all(one.is_complete for one in done):
         wrong.append("named, and exit code 0")
     tally.wrong += [f"seed {seed}: {one}" for one in wrong]
     tally.programs += len(texts)
     tally.motions += len(old)
     tally.points += sum(len(one.status) for one in done)
-    tally.changed += sum(one.counts["changed"] for one in done)
-    tally.left += sum(one.counts[LEFT] for one in done)
+    tally.changed += sum(one.status_counts["changed"] for one in done)
+    tally.left += sum(one.status_counts[LEFT] for one in done)
     tally.findings += sum(len(one.findings) for one in done)
 
 

@@ -7,17 +7,17 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform
-from cellcal.calibration.identification.free_parameters import values_of
-from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.geometry import Pose, exp_twist, homogeneous_matrix, inverse_transform
+from cellcal.calibration.identification.free_parameters import parameter_values
+from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.parameters import GRAVITY
-from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.calibration.points.alignment import Alignment, alignment_text
 from cellcal.calibration.points.fixture import place_points
 from cellcal.drivers.fanuc.program_files.programs import BRAND
-from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, to_text
 from cellcal.service.engineering.programs.project import Project, read_project
@@ -26,13 +26,15 @@ MODEL = load_model("fanuc_m6ib")
 TRACKER_M = 3e-5  # of one coordinate
 FIXTURE_POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.5, 0.6, 0.0), (0.0, 0.6, 0.15))
 REFLECTORS = np.array([[0.0, 0.0, 0.0], [0.15, 0.0, -0.05], [0.0, 0.15, -0.05]])  # in the tool, from the tip
-ENTERED_TOOL = homogeneous(
+ENTERED_TOOL = homogeneous_matrix(
     rotation_from("fanuc_wpr", np.deg2rad([3.0, -20.0, 10.0])), np.array([0.03, 0.01, 0.18])
 )
-ENTERED_FRAME = homogeneous(
+ENTERED_FRAME = homogeneous_matrix(
     rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 15.0])), np.array([0.75, -0.3, -0.25])
 )
-FIXTURE = homogeneous(rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 5.0])), np.array([0.72, -0.3, -0.3]))
+FIXTURE = homogeneous_matrix(
+    rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 5.0])), np.array([0.72, -0.3, -0.3])
+)
 _APPROACH_RAD = 0.02
 
 
@@ -58,7 +60,7 @@ class FakeCell:
     around: float = 0.0  # how far the whole cell is turned about the base's z
 
     def __post_init__(self) -> None:
-        self.arm = Arm.from_model(MODEL.name, self.seed, name=self.name)
+        self.arm = SimulatedArm.from_model(MODEL.name, self.seed, name=self.name)
         self.rng = np.random.default_rng([self.seed, len(self.name)])
         turned = exp_twist(np.array([0.0, 0.0, 0.0, 0.0, 0.0, self.around]))
         self.base_fixture = turned @ FIXTURE @ self._strayed(self.shift_m, self.turn_rad)
@@ -73,8 +75,8 @@ class FakeCell:
         """Return where the flange really is (N, 4, 4), each posture reached from below; with backlash."""
         found = []
         for joints in joints_rad:
-            self.arm.place(joints - _APPROACH_RAD)
-            self.arm.place(joints)
+            self.arm.put_joints(joints - _APPROACH_RAD)
+            self.arm.put_joints(joints)
             self.arm.clock.advance(1.0)
             found.append(self.arm.base_flange())
         return np.array(found)
@@ -117,7 +119,9 @@ class FakeCell:
         seen = self.seen(joints, tracker, 0)
         once = np.zeros(poses, dtype=np.intp)
         rows = PointObservations(joints, seen, np.full(poses, TRACKER_M), once)
-        result = identify(MODEL, rows, options=Options(level=GRAVITY, judge=False, find_breaks=False))
+        result = identify_arm(
+            MODEL, rows, options=IdentificationOptions(level=GRAVITY, judge=False, find_breaks=False)
+        )
         fit = result.robust.fit
         state = fit.state
         base_tracker = inverse_transform(state.devices[0].device_base)
@@ -125,7 +129,7 @@ class FakeCell:
             _Identified(p.name, p.unit, float(v), float(s), p.prior)
             for p, v, s in zip(
                 fit.layout.parameters,
-                values_of(fit.layout, state),
+                parameter_values(fit.layout, state),
                 np.sqrt(np.diag(fit.covariance)),
                 strict=True,
             )
@@ -140,7 +144,7 @@ class FakeCell:
         )
 
     def _tool(self, state, tracker, base_tracker, joints) -> np.ndarray:
-        flanges = state.arm.base_flange(state.moved_joints(joints, _term_values(state, joints)))
+        flanges = state.arm_model.base_flange(state.moved_joints(joints, _term_values(state, joints)))
         found = [state.flange_tool[:3, 3]]
         for reflector in (1, 2):
             seen = self.seen(joints, tracker, reflector)
@@ -148,7 +152,7 @@ class FakeCell:
             local = np.einsum("nji,nj->ni", flanges[:, :3, :3], in_base - flanges[:, :3, 3])
             found.append(local.mean(axis=0))
         placed = place_points(REFLECTORS, found, 1e-9 * np.eye(9), sigma_point_m=1e-5)
-        return placed.outer_inner.matrix()
+        return placed.outer_inner.to_matrix()
 
     def _fixture(self, tracker, base_tracker) -> tuple[Pose, tuple]:
         points = np.array(FIXTURE_POINTS)
@@ -183,7 +187,7 @@ class FakeCell:
         draft = ParameterSet(
             self.name, MODEL.name, nominal_sha256(MODEL), "2026-01-01T00:00:00Z", "test", "tracker", values
         )
-        return to_text(ParameterSets(folder / "sets").save(draft))
+        return to_text(ParameterSets(folder / "sets").save_draft(draft))
 
 
 @dataclass(frozen=True)
@@ -213,7 +217,7 @@ def work_postures(cell: FakeCell, count: int, seed: int) -> np.ndarray:
 
 def listing(name: str, frame_tip: np.ndarray, joints_rad: np.ndarray) -> bytes:
     """Write taught points as a FANUC listing, in this file's own words."""
-    texts = BRAND.configurations.spelled(MODEL, joints_rad, ["N U T, 0, 0, 0"] * len(joints_rad))
+    texts = BRAND.configurations.write_configurations(MODEL, joints_rad, ["N U T, 0, 0, 0"] * len(joints_rad))
     lines = [f"/PROG  {name}", "/ATTR", "OWNER\t\t= MNEDITOR;", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
     lines += [f"{i:4d}:L P[{i}] 250mm/sec FINE    ;" for i in range(1, len(texts) + 1)]
     lines.append("/POS")

@@ -13,7 +13,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.points.fixture import PlacedPoints, place_points
 from cellcal.calibration.wires.design import best_order, with_poses
 from cellcal.calibration.wires.model import WirePrior
-from cellcal.calibration.wires.network import Mounting, Place, WireBelief
+from cellcal.calibration.wires.network import WireBelief, WireMounting, WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork, fit_network
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
@@ -50,7 +50,7 @@ class FixtureWorld:
 
     def __post_init__(self) -> None:
         self.world = World(self.seed, 0.0)
-        self.world.add_furniture(FAKE)
+        self.world.add_fixtures(FAKE)
         self.arm = self.world.add_arm("fanuc", MODEL.name)
         self.gauge = WireGauge(self.world, {"name": "wire", "robot": "fanuc"})
 
@@ -58,8 +58,8 @@ class FixtureWorld:
         """Measure at these joints, each reached from below, as the mean of several readings."""
         lengths = []
         for joints in joints_rad:
-            self.arm.place(joints - 0.02)
-            self.arm.place(joints)
+            self.arm.put_joints(joints - 0.02)
+            self.arm.put_joints(joints)
             self.world.clock.advance(1.0)  # it settles
             lengths.append(np.mean([self.gauge.read_m()[0] for _ in range(SAMPLES)]))
         return np.array(lengths)
@@ -75,11 +75,11 @@ class FixtureWorld:
 
 def mounting(
     exit_: int, hook: int, joints: np.ndarray, lengths: np.ndarray, mouth=None, **more: Any
-) -> Mounting:
+) -> WireMounting:
     """Put captures into the form of the mathematics."""
     poses = tuple(tuple(float(q) for q in pose) for pose in joints)
     values = tuple(float(v) for v in lengths)
-    return Mounting(exit_, hook, poses, values, (CAPTURE_SIGMA_M,) * len(poses), mouth, **more)
+    return WireMounting(exit_, hook, poses, values, (CAPTURE_SIGMA_M,) * len(poses), mouth, **more)
 
 
 @cache
@@ -113,24 +113,24 @@ def candidates(
 
 def fixture_belief() -> WireBelief:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
-    exits = (Place(ANCHOR, 0.010), *(Place(_at(ROUGH, point), 0.020) for point in POINTS))
-    return WireBelief.tight(PRIOR, exits, (Place(HOOK, 0.002),), 1e-4)
+    exits = (WirePlace(ANCHOR, 0.010), *(WirePlace(_at(ROUGH, point), 0.020) for point in POINTS))
+    return WireBelief.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), 1e-4)
 
 
 def tool_belief() -> WireBelief:
     """Return what a technician knows before the targets are measured; the record's hook comes first."""
-    hooks = (Place(HOOK, 0.002), *(Place(_at(ROUGH_TOOL, target), 0.010) for target in TARGETS))
-    return WireBelief.tight(PRIOR, (Place(ANCHOR, 0.010),), hooks, 1e-4)
+    hooks = (WirePlace(HOOK, 0.002), *(WirePlace(_at(ROUGH_TOOL, target), 0.010) for target in TARGETS))
+    return WireBelief.with_certified_scale(PRIOR, (WirePlace(ANCHOR, 0.010),), hooks, 1e-4)
 
 
 def _at(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = pose.rotation() @ np.array(point) + np.array(pose.position_m)
+    x, y, z = pose.rotation_matrix() @ np.array(point) + np.array(pose.position_m)
     return (float(x), float(y), float(z))
 
 
 def error_of(found: Pose, truth: np.ndarray) -> np.ndarray:
     """Return how far the truth is from a pose found, along and about its axes (x, y, z, rx, ry, rz)."""
-    return log_transform(np.linalg.inv(found.matrix()) @ truth)
+    return log_transform(np.linalg.inv(found.to_matrix()) @ truth)
 
 
 def stated_u(covariance: Any) -> np.ndarray:
@@ -175,7 +175,7 @@ def align(world: FixtureWorld, per_spot: int = 20) -> Aligned:
     record, *spots = designed(False, per_spot)
     mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
     for point, poses in enumerate(spots, 1):
-        world.gauge.mount(point, MOUTH)
+        world.gauge.mount_exit(point, MOUTH)
         mountings.append(mounting(point, 0, poses, world.lengths(poses), MOUTH))
     network = fit_network(MODEL, fixture_belief(), mountings)
     points = list(range(1, len(POINTS) + 1))

@@ -33,7 +33,7 @@ def kit():
 
 def healthy_record(world):
     counts, lengths = world.counts(kit()), world.lengths(kit())
-    wire = fit_wire_reference(MODEL, DRIVE.joints(counts, world.zero_counts), lengths, SIGMA_M, PRIOR)
+    wire = fit_wire_reference(MODEL, DRIVE.to_joints(counts, world.zero_counts), lengths, SIGMA_M, PRIOR)
     captures = tuple(
         WireCapture(tuple(c), float(y), SIGMA_M) for c, y in zip(counts.tolist(), lengths, strict=True)
     )

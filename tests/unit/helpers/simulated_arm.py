@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.geometry import exp_twist, homogeneous
+from cellcal.calibration.geometry import exp_twist, homogeneous_matrix
 from cellcal.calibration.identification.observations import (
-    Device,
+    DevicePlacement,
     LengthObservations,
     PointObservations,
     pose_from_points,
 )
 from cellcal.calibration.identification.parameters import ArmState, nominal_state
 
-TOOL = homogeneous(np.eye(3), np.array([0.05, -0.04, 0.12]))
+TOOL = homogeneous_matrix(np.eye(3), np.array([0.05, -0.04, 0.12]))
 TRACKER = exp_twist(np.array([1.5, -0.8, 0.3, 0.2, -0.4, 1.1]))
 ANCHOR = np.array([0.9, -0.7, -0.4])
 
@@ -37,7 +37,7 @@ def dh_errors(model, rng, *, length_m=4e-4, angle_deg=0.03, offset_deg=0.15):
 
 def random_joints(model, rng, count, *, reach=2.0):
     low, high = np.maximum(model.lower_rad, -reach), np.minimum(model.upper_rad, reach)
-    return rng.uniform(low, high, (count, model.axes))
+    return rng.uniform(low, high, (count, model.axis_count))
 
 
 def true_state(model, rng, devices):
@@ -47,7 +47,7 @@ def true_state(model, rng, devices):
 
 def tracker_points(robot="ur10", count=100, *, seed=1, sigma_m=5e-5, joints=None):
     model, rng = load_model(robot), np.random.default_rng(seed)
-    truth = true_state(model, rng, (Device(TRACKER, np.zeros(3)),))
+    truth = true_state(model, rng, (DevicePlacement(TRACKER, np.zeros(3)),))
     joints = random_joints(model, rng, count) if joints is None else joints
     tips = truth.seen_from(0).base_flange(joints)[:, :3, 3]
     seen = tips + sigma_m * rng.standard_normal(tips.shape)
@@ -67,7 +67,7 @@ def tracker_poses(robot="ur10", count=60, *, seed=1, sigma_m=5e-5, sigma_rad=1e-
 
 def wire_lengths(robot="fanuc_m6ib", count=120, *, seed=1, sigma_m=5e-5, anchors=(ANCHOR,), breaks=()):
     model, rng = load_model(robot), np.random.default_rng(seed)
-    devices = tuple(Device(np.eye(4), np.asarray(anchor)) for anchor in anchors)
+    devices = tuple(DevicePlacement(np.eye(4), np.asarray(anchor)) for anchor in anchors)
     truth = true_state(model, rng, devices)
     joints = random_joints(model, rng, count, reach=1.2)
     tips = truth.seen_from(0).base_flange(joints)[:, :3, 3]

@@ -12,7 +12,7 @@ from cellcal.calibration.cells.contact_observations import (
     PlaneContacts,
     SphereContacts,
 )
-from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous_matrix, inverse_transform
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
@@ -20,7 +20,7 @@ from cellcal.calibration.identification.observations import (
 )
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
-TOOL = homogeneous(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([0.05, -0.04, 0.12]))
+TOOL = homogeneous_matrix(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([0.05, -0.04, 0.12]))
 TRACKER = exp_twist(np.array([2.5, -1.8, 0.3, 0.2, -0.4, 1.1]))  # in the world
 REFLECTORS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.02], [0.0, 0.12, 0.0]])
 
@@ -49,7 +49,7 @@ class World:
 
     def frames(self, joints, offset=(0.0, 0.0, 0.0)):
         there = self.base @ self.real.base_flange(joints) @ self.tool
-        return there @ homogeneous(np.eye(3), np.asarray(offset, dtype=float))
+        return there @ homogeneous_matrix(np.eye(3), np.asarray(offset, dtype=float))
 
     def tips(self, joints, offset=(0.0, 0.0, 0.0)):
         return self.frames(joints, offset)[:, :3, 3]
@@ -83,7 +83,7 @@ class World:
     def guided_lengths(self, exit_frame, radius, count=60):
         """The wire is bent round the lip step by step: no formula of the fit."""
         joints = self.joints(count)
-        tips = (inverse_transform(exit_frame) @ homogeneous(np.eye(3), self.tips(joints)))[:, :3, 3]
+        tips = (inverse_transform(exit_frame) @ homogeneous_matrix(np.eye(3), self.tips(joints)))[:, :3, 3]
         lengths = np.array([shortest_wire(np.hypot(x, y), z, radius) for x, y, z in tips])
         return GuidedLengthObservations(joints, lengths + self.noise(count), *self.sigmas(joints))
 

@@ -12,7 +12,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.points.alignment import Alignment, WirePoints
 from cellcal.calibration.points.fixture import place_points
 from cellcal.calibration.wires.design import best_order, with_poses
-from cellcal.calibration.wires.network import Mounting, Place, WireBelief
+from cellcal.calibration.wires.network import WireBelief, WireMounting, WirePlace
 from cellcal.calibration.wires.network_fit import fit_network
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
@@ -76,7 +76,7 @@ class Robot:
         belief, (record, *spots) = belief_of(self.name, self.effort), poses_of(self.name, self.effort)
         mountings = [self._mounted(0, record, mouth_at_m=HOME_MOUTH, another_day=True)]
         for point, poses in enumerate(spots, 1):
-            self.gauge.mount(point, MOUTH)
+            self.gauge.mount_exit(point, MOUTH)
             mountings.append(self._mounted(point, poses, mouth_at_m=MOUTH))
         network = fit_network(MODEL, belief, mountings)
         points = range(1, len(self.effort.points) + 1)
@@ -112,11 +112,11 @@ class Robot:
         assert fixture is not None
         return fixture
 
-    def _mounted(self, exit_: int, joints: np.ndarray, **more: Any) -> Mounting:
+    def _mounted(self, exit_: int, joints: np.ndarray, **more: Any) -> WireMounting:
         lengths = []
         for pose in joints:
-            self.arm.place(pose - 0.02)
-            self.arm.place(pose)
+            self.arm.put_joints(pose - 0.02)
+            self.arm.put_joints(pose)
             self.world.clock.advance(1.0)  # it settles
             lengths.append(float(np.mean([self.gauge.read_m()[0] for _ in range(self.effort.samples)])))
         return _mounting(exit_, joints, tuple(lengths), self.effort, **more)
@@ -126,7 +126,7 @@ def two_robots(seed: int, effort: Effort = DEFAULT) -> tuple[Robot, Robot]:
     """Return two robots of one world; everything hidden is drawn from the seed."""
     world = World(seed, 0.0)
     seen = {"left": [850.0, 0.0, -200.0, 0.0, 0.0, 0.0], "right": [850.0, 0.0, -200.0, 0.0, 0.0, 180.0]}
-    world.add_furniture(
+    world.add_fixtures(
         {"fixture": {"points_mm": [[1e3 * v for v in p] for p in effort.points], "seen_from": seen}}
     )
     for name in seen:
@@ -138,9 +138,9 @@ def two_robots(seed: int, effort: Effort = DEFAULT) -> tuple[Robot, Robot]:
 def belief_of(name: str, effort: Effort) -> WireBelief:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
     rough = ROUGH[name]
-    at = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in effort.points]
-    exits = (Place(ANCHOR, 0.010), *(Place((float(x), float(y), float(z)), 0.020) for x, y, z in at))
-    return WireBelief.tight(PRIOR, exits, (Place(HOOK, 0.002),), effort.sigma_scale)
+    at = [rough.rotation_matrix() @ np.array(p) + np.array(rough.position_m) for p in effort.points]
+    exits = (WirePlace(ANCHOR, 0.010), *(WirePlace((float(x), float(y), float(z)), 0.020) for x, y, z in at))
+    return WireBelief.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), effort.sigma_scale)
 
 
 @cache
@@ -170,6 +170,6 @@ def _record(count: int) -> np.ndarray:
 
 def _mounting(
     exit_: int, joints: np.ndarray, lengths: tuple[float, ...], effort: Effort, **more: Any
-) -> Mounting:
+) -> WireMounting:
     poses = tuple(tuple(float(q) for q in pose) for pose in joints)
-    return Mounting(exit_, 0, poses, lengths, (effort.sigma_m,) * len(poses), **more)
+    return WireMounting(exit_, 0, poses, lengths, (effort.sigma_m,) * len(poses), **more)

@@ -81,7 +81,9 @@ def recover_walking(loss, at, *, most=MOST):
             here = poses[-1]
             candidates = _candidates(here)
             efold = 200.0 if not found.accepted and len(poses) < 16 else 800.0
-            worth, gain = planner(loss.record).worth(here, np.array(poses), candidates, efold_s=efold)
+            worth, gain = planner(loss.record).rate_candidates(
+                here, np.array(poses), candidates, efold_s=efold
+            )
             best = int(np.argmax(worth))
             if found.accepted and gain[best] < 0.15:
                 break

@@ -21,7 +21,7 @@ def test_every_branch_reaches_and_the_first_posture_is_among_them(name: str) -> 
     joints = _postures(model)
     wanted = model.base_flange(joints)
 
-    found = all_branches(AxesAtZero.of(model), wanted)
+    found = all_branches(AxesAtZero.from_model(model), wanted)
 
     reached = np.isfinite(found).all(axis=2)
     for branch, rows in zip(found, reached, strict=True):
@@ -33,7 +33,7 @@ def test_every_branch_reaches_and_the_first_posture_is_among_them(name: str) -> 
 @pytest.mark.parametrize("name", ["fanuc_m6ib", "kuka_kr6_r900", "abb_irb120", "ur10e"])
 def test_branches_are_different_postures(name: str) -> None:
     model = load_model(name)
-    found = all_branches(AxesAtZero.of(model), model.base_flange(_postures(model)))
+    found = all_branches(AxesAtZero.from_model(model), model.base_flange(_postures(model)))
 
     turned = np.remainder(found[:, None] - found[None, :] + np.pi, 2 * np.pi) - np.pi
     apart = np.abs(turned).max(axis=3)
@@ -47,7 +47,7 @@ def test_a_pose_beyond_reach_has_no_posture() -> None:
     far = model.base_flange(np.zeros((1, 6)))
     far[0, :3, 3] *= 5.0
 
-    assert np.isnan(all_branches(AxesAtZero.of(model), far)).any(axis=2).all()
+    assert np.isnan(all_branches(AxesAtZero.from_model(model), far)).any(axis=2).all()
 
 
 @pytest.mark.parametrize("name", ["fanuc_m6ib", "abb_irb120", "ur5e"])
@@ -57,7 +57,7 @@ def test_a_singular_wrist_still_gives_a_posture(name: str) -> None:
     joints[:, 4] = -model.theta0_rad[4]
     wanted = model.base_flange(joints)
 
-    found = all_branches(AxesAtZero.of(model), wanted)
+    found = all_branches(AxesAtZero.from_model(model), wanted)
 
     reached = np.isfinite(found).all(axis=2)
     if name != "ur5e":  # there joint 4 is one of the free turns of the singular wrist, and may not reach
@@ -84,4 +84,4 @@ def test_an_arm_of_neither_family_is_refused() -> None:
 
     for model in (strange, nearly, short):
         with pytest.raises(CalibrationError, match="postures"):
-            AxesAtZero.of(model)
+            AxesAtZero.from_model(model)

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from cellcal.drivers.programs.call_graph import reached
+from cellcal.drivers.programs.call_graph import reached_settings
 
 
 def walked(begin, further):
@@ -24,7 +24,7 @@ def test_what_is_set_below_and_around_a_routine_is_what_a_walk_finds(seed):
     calls = [{rng.randrange(count) for _ in range(rng.randint(0, 2))} for _ in range(count)]
     own = [{rng.choice("1234")} if rng.random() < 0.3 else set() for _ in range(count)]
     callers = [{one for one in range(count) if routine in calls[one]} for routine in range(count)]
-    below, above = reached(calls, own)
+    below, above = reached_settings(calls, own)
     for routine in range(count):
         under = {value for one in {routine, *walked([routine], calls)} for value in own[one]}
         over = walked([routine], callers)
@@ -36,6 +36,8 @@ def test_what_is_set_below_and_around_a_routine_is_what_a_walk_finds(seed):
 
 def test_a_chain_deeper_than_python_recurses_is_followed():
     count = 20_000
-    below, above = reached([[k + 1] for k in range(count - 1)] + [[]], [["1"]] + [[]] * (count - 2) + [["2"]])
+    below, above = reached_settings(
+        [[k + 1] for k in range(count - 1)] + [[]], [["1"]] + [[]] * (count - 2) + [["2"]]
+    )
     assert below[0] == (("1", 0), ("2", count - 1))
     assert above[count - 1] == below[0]

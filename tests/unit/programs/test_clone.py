@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import Pose, homogeneous, inverse_transform
-from cellcal.calibration.motion.collision import CellShape, Plane, arm_shape
+from cellcal.calibration.geometry import Pose, homogeneous_matrix, inverse_transform
+from cellcal.calibration.motion.collision import CellShape, PlaneObstacle, arm_shape
 from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import Frames
+from cellcal.drivers.programs.positions import ProgramFrames
 from cellcal.service.engineering.programs.clone import clone_programs
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.result import LEFT
@@ -32,7 +32,7 @@ def test_cloned_points_stand_where_the_masters_robot_stood(cells: Cells) -> None
 
     missed = cells.missed_m(result.after.positions.frame_tip, np.arange(40))
     untouched = cells.missed_m(result.before.positions.frame_tip, np.arange(40))
-    assert result.left == ()
+    assert result.excluded_points == ()
     assert missed.mean() < 0.25e-3
     assert missed.max() < 0.5e-3
     assert untouched.mean() > 5e-3
@@ -43,7 +43,7 @@ def test_cloned_points_stand_where_the_masters_robot_stood(cells: Cells) -> None
 def test_base_shift_alone_misses_what_the_report_says(cells: Cells) -> None:
     result = cells.cloned()
     route = cells.clone_project.alignment.base_fixture @ cells.master_project.alignment.base_fixture.inverse()
-    shift = inverse_transform(cells.clone.base_frame) @ route.matrix() @ cells.master.base_frame
+    shift = inverse_transform(cells.clone.base_frame) @ route.to_matrix() @ cells.master.base_frame
 
     missed = cells.missed_m(shift @ result.before.positions.frame_tip, np.arange(40))
 
@@ -95,7 +95,7 @@ def test_a_joint_beyond_its_limit_is_named_and_left(cells: Cells) -> None:
     assert all(result.reason[i].startswith("joint 2 would pass its limit by") for i in left)
     for i in left:
         assert (result.after.positions.frame_tip[i] == result.before.positions.frame_tip[i]).all()
-    assert not result.ok
+    assert not result.is_complete
     assert result.exit_code != 0
     others = changed_rows(result)
     assert cells.missed_m(result.after.positions.frame_tip, others).max() < 0.5e-3
@@ -104,7 +104,7 @@ def test_a_joint_beyond_its_limit_is_named_and_left(cells: Cells) -> None:
 def test_a_table_in_the_way_is_named(cells: Cells) -> None:
     flange_z = cells.clone.arm.believed_flange(cells.joints)[:, 2, 3]
     height = float(np.median(flange_z))
-    table = Plane("the table", (0.0, 0.0, height - 0.1), (0.0, 0.0, 1.0))
+    table = PlaneObstacle("the table", (0.0, 0.0, height - 0.1), (0.0, 0.0, 1.0))
     shape = CellShape(arm_shape(MODEL, radius_m=0.05)[3:], (table,))
 
     result = clone_programs(
@@ -231,14 +231,14 @@ def test_turn_numbers_are_derived_anew_where_an_axis_crosses_half_a_turn(cells: 
     result = clone_programs([program], wide[0], wide[1], RULE)[0]
 
     after = result.after.positions
-    assert result.left == ()
+    assert result.excluded_points == ()
     changed = [a != b for a, b in zip(after.configurations, program.positions.configurations, strict=True)]
     assert any(changed)
     flange = cells.clone.base_frame @ after.frame_tip @ inverse_transform(ENTERED_TOOL)
     for i in np.flatnonzero(changed):
         posture = cells.clone.commanded(after.frame_tip[i : i + 1], joints[i : i + 1])
         assert posture[0, 5] > np.pi
-        assert RULE.agrees(MODEL, posture, [after.configurations[i]]).all()
+        assert RULE.matches_postures(MODEL, posture, [after.configurations[i]]).all()
         assert np.abs(MODEL.base_flange(posture)[0] - flange[i]).max() < 1e-6
 
 
@@ -249,7 +249,7 @@ def test_a_file_that_holds_another_arms_kinematics_is_refused(cells: Cells) -> N
         brand="fanuc",
         positions=cells.program.positions,
         remarks=(),
-        frames=Frames(kinematics=other),
+        frames=ProgramFrames(kinematics=other),
     )
 
     with pytest.raises(ProgramFileError, match=r"mm away .* calibration\.conf"):
@@ -265,13 +265,13 @@ def test_what_other_files_of_the_masters_cell_declare_counts_there_and_not_in_th
 ) -> None:
     """A backup holds the master's frames: they must be the master project's, and are never the clone's."""
     (name, base_frame), *_ = cells.master_project.frames.items()
-    shift = homogeneous(np.eye(3), np.array([5e-3, 0.0, 0.0]))
+    shift = homogeneous_matrix(np.eye(3), np.array([5e-3, 0.0, 0.0]))
     clone = replace(cells.clone_project, frames={name: shift @ cells.clone_project.frames[name]})
     seen = Pose.from_matrix(base_frame)
     seen = replace(seen, position_m=(seen.position_m[0] + away_m, *seen.position_m[1:]))
 
     class OfABackup(LsProgram):
-        frames = Frames(cell_base_frame={name: seen})
+        frames = ProgramFrames(cell_base_frame={name: seen})
 
     program = OfABackup("A.LS", cells.program.to_bytes())
     result = clone_programs([program], cells.master_project, clone, RULE)[0]

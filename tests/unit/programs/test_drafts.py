@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cellcal.service.engineering.programs.files import NewPlace, whole_file
+from cellcal.service.engineering.programs.files import OutputFolder, whole_file
 
 KILLED = """
 import os, signal, sys
@@ -31,7 +31,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next_one(tmp_path: Path) -> No
     assert (below / "A.LS").read_bytes() == b"old"
     assert len(list(below.iterdir())) == 2
 
-    NewPlace(tmp_path / "cell", ())
+    OutputFolder(tmp_path / "cell", ())
 
     assert [path.name for path in below.iterdir()] == ["A.LS"]
 
@@ -41,6 +41,6 @@ def test_drafts_of_a_run_that_goes_on_and_files_of_others_stay(tmp_path: Path) -
     (tmp_path / ".cellcal-elsewhere-1-0123456789abcdef").write_text("another computer's")
     with whole_file(tmp_path / "B.LS", replace=False) as file:
         file.write(b"new")
-        NewPlace(tmp_path, ())
+        OutputFolder(tmp_path, ())
     assert (tmp_path / "B.LS").read_bytes() == b"new"
     assert len(list(tmp_path.iterdir())) == 3

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform, log_rotation
+from cellcal.calibration.geometry import Pose, exp_twist, homogeneous_matrix, inverse_transform, log_rotation
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.abb.program_files.programs import BRAND as ABB_BRAND
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.programs.positions import CARTESIAN
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
-from cellcal.service.engineering.programs.clone import cloning
-from cellcal.service.engineering.programs.compensate import compensating
+from cellcal.service.engineering.programs.clone import clone_transfer
+from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
-from cellcal.service.engineering.programs.move import change_of_frame, moving, redefined_frame
+from cellcal.service.engineering.programs.move import change_of_frame, move_transfer, redefined_frame
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.reach import reach_of
@@ -39,13 +39,13 @@ def test_moved_points_keep_their_place_at_the_moved_work(cells: Cells) -> None:
     master, project = cells.master, cells.master_project
     change = change_of_frame(master.base_frame, OFFSET)
 
-    result = moving(project, change, RULE).carry([cells.program])[0]
+    result = move_transfer(project, change, RULE).transfer_programs([cells.program])[0]
 
     joints = master.commanded(result.after.positions.frame_tip, cells.joints)
     before = master.flanges(cells.joints) @ master.flange_tool
     after = master.flanges(joints) @ master.flange_tool
     missed = np.linalg.norm((change @ before - after)[:, :3, 3], axis=1)
-    assert result.ok
+    assert result.is_complete
     assert missed.max() < 0.3e-3
     assert (missed <= result.expected_error_m).mean() > 0.9
     assert result.shift_m.min() > 0.02
@@ -56,7 +56,7 @@ def test_without_parameters_a_move_is_eq_7(cells: Cells) -> None:
     tools = {"1": replace(plain.tools["1"], real=plain.tools["1"].entered, measured=False)}
     change = change_of_frame(cells.master.base_frame, OFFSET)
 
-    result = moving(replace(plain, tools=tools), change, RULE).carry([cells.program])[0]
+    result = move_transfer(replace(plain, tools=tools), change, RULE).transfer_programs([cells.program])[0]
 
     before, after = result.before.positions, result.after.positions
     assert np.abs(after.frame_tip - OFFSET @ before.frame_tip)[:, :3, 3].max() < 1e-6
@@ -71,10 +71,10 @@ def test_only_points_of_the_named_frame_move(cells: Cells) -> None:
     )
     change = change_of_frame(cells.master.base_frame, OFFSET)
 
-    result = moving(project, change, RULE, frame="2").carry([read_ls("A.LS", text)])[0]
+    result = move_transfer(project, change, RULE, frame="2").transfer_programs([read_ls("A.LS", text)])[0]
 
     assert result.status == ("changed",) * 5 + ("unchanged",) * 35
-    assert result.ok
+    assert result.is_complete
     assert result.after.to_bytes().splitlines()[-200:] == text.splitlines()[-200:]
 
 
@@ -90,27 +90,33 @@ def test_a_frame_may_be_entered_anew_instead(cells: Cells) -> None:
     with pytest.raises(ProjectError, match="no user frame 5"):
         redefined_frame(cells.master_project, "5", change)
     with pytest.raises(CalibrationError, match="rigid"):
-        moving(cells.master_project, 2.0 * np.eye(4), RULE)
+        move_transfer(cells.master_project, 2.0 * np.eye(4), RULE)
 
 
 def test_compensated_points_stand_where_the_program_says(cells: Cells) -> None:
     master = cells.master
     frame_tip = master.taught(cells.joints)
 
-    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
+    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
+        [cells.program]
+    )[0]
 
     joints = master.commanded(result.after.positions.frame_tip, cells.joints)
     # The base of the world is the drawing's; that of the calibration differs by what its fit put into the base.
     real = _fitted(master.flanges(joints) @ master.flange_tool, master.base_frame @ frame_tip)
     plain = _fitted(master.flanges(cells.joints) @ master.flange_tool, master.base_frame @ frame_tip)
-    assert result.ok
+    assert result.is_complete
     assert real.mean() < 0.15e-3
     assert plain.mean() > 2 * real.mean()
 
 
 def test_upload_and_download_are_each_others_way_back(cells: Cells) -> None:
-    up = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
-    down = compensating(cells.master_project, Direction.DOWNLOAD, RULE).carry([up.after])[0]
+    up = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
+        [cells.program]
+    )[0]
+    down = compensation_transfer(cells.master_project, ProgramDirection.DOWNLOAD, RULE).transfer_programs(
+        [up.after]
+    )[0]
 
     apart = down.after.positions.frame_tip[:, :3, 3] - cells.program.positions.frame_tip[:, :3, 3]
     assert np.abs(up.shift_m).min() > 1e-4
@@ -119,16 +125,20 @@ def test_upload_and_download_are_each_others_way_back(cells: Cells) -> None:
 
 def test_compensation_asks_for_parameters(cells: Cells) -> None:
     with pytest.raises(ProjectError, match="no parameters"):
-        compensating(replace(cells.master_project, identified=None), Direction.UPLOAD, RULE)
+        compensation_transfer(replace(cells.master_project, identified=None), ProgramDirection.UPLOAD, RULE)
 
 
 def test_points_of_the_wrong_configuration_are_named(cells: Cells) -> None:
     frame_tip = cells.master.taught(cells.joints)
     text = listing("A", frame_tip, cells.joints)
-    first = RULE.spelled(cells.master_project.controller, cells.joints[:1], ["N U T, 0, 0, 0"])[0]
+    first = RULE.write_configurations(cells.master_project.controller, cells.joints[:1], ["N U T, 0, 0, 0"])[
+        0
+    ]
     wrong = text.replace(first.encode(), first.replace("T", "B").encode(), 1)
 
-    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([read_ls("A.LS", wrong)])[0]
+    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
+        [read_ls("A.LS", wrong)]
+    )[0]
 
     assert result.reason[0].startswith("no posture of the arm reaches this pose with the configuration")
     assert set(result.status[1:]) == {"changed"}
@@ -141,12 +151,12 @@ def test_no_way_changes_an_increment(cells: Cells, way: str) -> None:
     assert data != old
     program = read_ls("A.LS", data)
     carriers = {
-        "cloned": lambda: cloning(cells.master_project, cells.clone_project, RULE),
-        "compensated": lambda: compensating(cells.master_project, Direction.UPLOAD, RULE),
-        "moved": lambda: moving(cells.master_project, OFFSET, RULE),
+        "cloned": lambda: clone_transfer(cells.master_project, cells.clone_project, RULE),
+        "compensated": lambda: compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE),
+        "moved": lambda: move_transfer(cells.master_project, OFFSET, RULE),
     }
 
-    result = carriers[way]().carry([program])[0]
+    result = carriers[way]().transfer_programs([program])[0]
 
     assert result.status[1] == "left"
     assert "increment" in result.reason[1]
@@ -162,7 +172,9 @@ def _fitted(poses: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def test_the_tool_as_entered_is_what_positions_are_written_in(cells: Cells) -> None:
-    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
+    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
+        [cells.program]
+    )[0]
 
     flange = result.base_tip_after @ inverse_transform(ENTERED_TOOL)
     joints = cells.master.commanded(result.after.positions.frame_tip, cells.joints)
@@ -212,9 +224,9 @@ def test_a_frame_that_is_not_one_in_program_and_cell_leaves_its_points(
     file.write_text(PROJECT.replace(project_old, project_new), encoding="utf-8")
     project, program = read_project(file), ABB_BRAND.read("a.mod", ABB.replace(old, new).encode())
 
-    result = moving(project, homogeneous(np.eye(3), np.array([0.01, 0, 0])), ABB_BRAND.configurations).carry(
-        [program]
-    )[0]
+    result = move_transfer(
+        project, homogeneous_matrix(np.eye(3), np.array([0.01, 0, 0])), ABB_BRAND.configurations
+    ).transfer_programs([program])[0]
     reach = reach_of([program], project)[0]
 
     assert result.status == (("left",) if words else ("changed",))
@@ -227,9 +239,11 @@ def test_a_quadrant_that_an_axis_leaves_is_written_anew_and_is_no_other_posture(
     file = tmp_path / "project.toml"
     file.write_text(PROJECT, encoding="utf-8")
     program = ABB_BRAND.read("a.mod", ABB.encode())
-    shift = homogeneous(np.eye(3), np.array([0, -0.1, 0]))
+    shift = homogeneous_matrix(np.eye(3), np.array([0, -0.1, 0]))
 
-    result = moving(read_project(file), shift, ABB_BRAND.configurations).carry([program])[0]
+    result = move_transfer(read_project(file), shift, ABB_BRAND.configurations).transfer_programs([program])[
+        0
+    ]
 
     assert (result.status, result.reason) == (("changed",), ("",))
     assert program.positions.configurations == ("[0,0,0,0]",)
@@ -244,7 +258,7 @@ def test_a_pose_without_a_configuration_is_taken_near_the_posture_that_is_taught
     near = np.array([[0.2, -1.3, 1.5, -1.4, -1.5, 0.5], [2.5, -1.7, -1.5, -1.4, 1.5, 0.5]])
     there = near + 0.05
     tip = [Pose.from_matrix(pose) for pose in arm.base_flange(np.vstack([near, there]))]
-    vectors = log_rotation(np.array([pose.rotation() for pose in tip]))
+    vectors = log_rotation(np.array([pose.rotation_matrix() for pose in tip]))
     texts = [",".join(f"{x:.9f}" for x in (*p.position_m, *v)) for p, v in zip(tip, vectors, strict=True)]
     lines = [
         line
@@ -254,10 +268,10 @@ def test_a_pose_without_a_configuration_is_taken_near_the_posture_that_is_taught
     text = "\n".join(["def a():", "set_tcp(p[0,0,0,0,0,0])", *lines, "end", ""])
     file = tmp_path / "project.toml"
     file.write_text('format = 1\nname = "u"\n[robot]\nserial = "S"\nmodel = "ur10e"\n', encoding="utf-8")
-    shift = homogeneous(np.eye(3), np.array([0.01, 0, 0]))
+    shift = homogeneous_matrix(np.eye(3), np.array([0.01, 0, 0]))
     program = read_script("a.script", text.encode())
 
-    result = moving(read_project(file), shift, None, joints="move").carry([program])[0]
+    result = move_transfer(read_project(file), shift, None, joints="move").transfer_programs([program])[0]
 
     assert result.status == ("changed",) * 4, result.reason
     moved = result.after.positions
@@ -287,10 +301,12 @@ def test_joint_angles_without_a_frame_move_or_stay_as_somebody_says(
     file = tmp_path / "project.toml"
     file.write_text(PROJECT, encoding="utf-8")
     program = ABB_BRAND.read("a.mod", WITH_A_HOME.encode())
-    shift = homogeneous(np.eye(3), np.array([0.01, 0, 0]))
+    shift = homogeneous_matrix(np.eye(3), np.array([0.01, 0, 0]))
     at_home = [kind == CARTESIAN for kind in program.positions.kinds].index(False)
 
-    result = moving(read_project(file), shift, ABB_BRAND.configurations, joints=joints).carry([program])[0]
+    result = move_transfer(
+        read_project(file), shift, ABB_BRAND.configurations, joints=joints
+    ).transfer_programs([program])[0]
 
     assert set(result.status) == status, result.reason
     assert result.reason[at_home] == (UNDECIDED if joints is None else "")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -106,7 +106,7 @@ def test_the_base_needs_no_entry_and_nobody_can_enter_another_one(
 
 def test_a_turn_is_told_as_the_make_writes_it(tmp_path: Path) -> None:
     project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
-    turned = homogeneous(rotation_from("yaskawa_rpy", np.deg2rad([0.0, 0.0, 1.5])), np.zeros(3))
+    turned = homogeneous_matrix(rotation_from("yaskawa_rpy", np.deg2rad([0.0, 0.0, 1.5])), np.zeros(3))
 
     told = redefined_frame(project, "2", turned)[1]
 

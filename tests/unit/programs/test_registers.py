@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.fanuc.program_files.va_backup import read_backup
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
-from cellcal.service.engineering.programs.registers import Registers
+from cellcal.service.engineering.programs.registers import ProgramRegisters
 from tests.unit.helpers.fanuc_va import Controller
 
 _PROJECT = """format = 1
@@ -55,7 +55,7 @@ _GOES = ("  UFRAME_NUM=0", "  UTOOL_NUM=0", "J PR[1:Home] 50% FINE", "L PR[2] 10
 def test_registers_that_programs_use_are_told_with_their_values(tmp_path: Path) -> None:
     cell, programs = _cell(tmp_path, *_GOES, "L P[1] 100mm/sec FINE Offset,PR[4]", "J PR[3] 50% FINE")
 
-    told = [str(register) for register in Registers(programs, cell).all]
+    told = [str(register) for register in ProgramRegisters(programs, cell).all]
 
     assert told[0].startswith("PR[1] 'Höhe': J1 45.000 deg, J2 -45.000 deg")
     assert "used in WELD line 6" in told[0]
@@ -66,22 +66,22 @@ def test_registers_that_programs_use_are_told_with_their_values(tmp_path: Path) 
 
 def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path: Path) -> None:
     cell, programs = _cell(tmp_path, *_GOES)
-    shift = homogeneous(np.eye(3), np.array([0.012, 0.0, -0.0035]))
-    found = Registers(programs, cell)
+    shift = homogeneous_matrix(np.eye(3), np.array([0.012, 0.0, -0.0035]))
+    found = ProgramRegisters(programs, cell)
 
-    assert found.carried(
-        moving(cell, shift, BRAND.configurations), cell
-    ).result.left  # a register in joint angles
-    carried = found.carried(moving(cell, shift, BRAND.configurations, joints="move"), cell)
+    assert found.transfer_registers(
+        move_transfer(cell, shift, BRAND.configurations), cell
+    ).result.excluded_points  # a register in joint angles
+    carried = found.transfer_registers(move_transfer(cell, shift, BRAND.configurations, joints="move"), cell)
 
-    assert carried.result.ok, carried.result.left
+    assert carried.result.is_complete, carried.result.excluded_points
     poses = cell.controller.base_flange(np.array([found.places.positions.joints[0]]))
     (tmp_path / "saved" / "POSREG.VA").write_bytes(carried.file or b"")
     after = read_backup(tmp_path / "saved")
-    moved = after.registers[1, 2].pose()
+    moved = after.registers[1, 2].to_pose()
     assert moved is not None
     assert moved.position_m == pytest.approx((0.712, 0.1, 0.2965), abs=1e-9)
-    turned = cell.controller.base_flange(np.array([after.registers[1, 1].axes()]))
+    turned = cell.controller.base_flange(np.array([after.registers[1, 1].to_joints()]))
     assert turned[0, :3, 3] == pytest.approx((shift @ poses[0])[:3, 3], abs=5e-5)
     variables = {edit.variable for edit in carried.edits}
     assert {"$POSREG[1,2].X", "$POSREG[1,2].Z"} <= variables
@@ -114,7 +114,7 @@ def test_what_a_register_is_used_for(lines: tuple[str, ...], uses: list) -> None
 def test_a_project_without_a_backup_says_what_is_missing(tmp_path: Path) -> None:
     cell, programs = _cell(tmp_path, *_GOES)
     with pytest.raises(ProjectError, match="no backup of the controller"):
-        Registers(programs, replace(cell, backup=None))
+        ProgramRegisters(programs, replace(cell, backup=None))
 
 
 def test_the_command_prints_what_to_type_and_writes_the_file(

@@ -18,14 +18,26 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cellcal.drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
-from cellcal.service.engineering.programs import forks, shares
+from cellcal.drivers.programs.positions import CARTESIAN, PositionChange, Positions, ProgramFrames, Remark
+from cellcal.service.engineering.programs import shares, worker_processes
 from cellcal.service.engineering.programs.diff import unified_diff
-from cellcal.service.engineering.programs.files import FilesError, NewPlace, Refused, Source, find_programs
-from cellcal.service.engineering.programs.report import Report, entry_of
-from cellcal.service.engineering.programs.report_files import formats
+from cellcal.service.engineering.programs.files import (
+    FilesError,
+    OutputFolder,
+    ProgramSource,
+    RefusedProgram,
+    find_programs,
+)
+from cellcal.service.engineering.programs.report import ProgramsReport, entry_of
+from cellcal.service.engineering.programs.report_files import report_formats
 from cellcal.service.engineering.programs.report_html import as_html
-from cellcal.service.engineering.programs.report_words import Note, accuracy, problems, said_once, verdict
+from cellcal.service.engineering.programs.report_sentences import (
+    ReportNote,
+    accuracy_text,
+    list_problems,
+    merge_notes,
+    verdict_text,
+)
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
 from cellcal.service.exit_codes import ExitCode
 from tests.machine_speed import stretched_s
@@ -36,7 +48,7 @@ class Program:
     """A program of points along a line, without a file."""
 
     brand = "fanuc"
-    frames = Frames()
+    frames = ProgramFrames()
 
     def __init__(self, name: str, count: int, remarks: tuple[Remark, ...] = ()) -> None:
         self.name, self.remarks = name, remarks
@@ -60,7 +72,7 @@ class Program:
     def to_bytes(self) -> bytes:
         return self.name.encode()
 
-    def changed(self, _: Change) -> "Program":
+    def with_changes(self, _: PositionChange) -> "Program":
         return self
 
 
@@ -90,38 +102,40 @@ def result(
     )
 
 
-def report_of(*results: ProgramResult) -> Report:
-    return Report("Moved", [entry_of(f"{r.name}.ls", f"out/{r.name}.ls", r) for r in results])
+def report_of(*results: ProgramResult) -> ProgramsReport:
+    return ProgramsReport(
+        "Moved", [entry_of(f"{r.program_name}.ls", f"out/{r.program_name}.ls", r) for r in results]
+    )
 
 
 def test_the_worst_comes_first_and_what_was_left_before_it() -> None:
     report = report_of(result("A", [1.0, None, 0.0], [0.3, 0.0, 0.1]), result("B", [2.0, 3.0], [0.5, 0.2]))
-    shown = [(p.program, p.point[:4], p.left) for p in report.worst_first(9)]
+    shown = [(p.program, p.point[:4], p.is_excluded) for p in report.worst_first(9)]
     assert shown == [
         ("A", "P[1:", True), ("B", "P[0:", False), ("A", "P[0:", False), ("B", "P[1:", False), ("A", "P[2:", False),
     ]  # fmt: skip
-    assert report.counts == {CHANGED: 3, UNCHANGED: 1, LEFT: 1}
+    assert report.status_counts == {CHANGED: 3, UNCHANGED: 1, LEFT: 1}
     assert [entry.program for entry in report.programs_worst_first()] == ["A", "B"]
     assert report.exit_code is ExitCode.REFUSED
-    report.refused.append(Refused("x.ls", "damaged.", "Mend it."))
+    report.refused.append(RefusedProgram("x.ls", "damaged.", "Mend it."))
     assert report.exit_code is ExitCode.FILES_REFUSED
-    assert "1 file refused" in verdict(report)
-    assert accuracy(report).startswith("Expected error at most 0.50 mm")
+    assert "1 file refused" in verdict_text(report)
+    assert accuracy_text(report).startswith("Expected error at most 0.50 mm")
 
 
 def test_without_expected_errors_the_largest_shift_is_the_worst() -> None:
     report = report_of(result("A", [1.0, 5.0, 2.0], [np.nan] * 3))
     assert [p.shift_m for p in report.worst_first(3)] == pytest.approx([5e-3, 2e-3, 1e-3])
-    assert "Expected" not in accuracy(report)
+    assert "Expected" not in accuracy_text(report)
 
 
 def test_a_sentence_is_said_once_with_its_programs_and_lines() -> None:
     report = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
-    assert problems(report) == [
+    assert list_problems(report) == [
         "A, B, C and 2 more programs: no accuracy can be foretold",
         "A (line 3), B (line 3), C (line 3) and 2 more programs: PR[1] shifts",
     ]
-    many = said_once([Note("A", line, "shifts") for line in range(1, 9)])
+    many = merge_notes([ReportNote("A", line, "shifts") for line in range(1, 9)])
     assert many == ["A (lines 1, 2, 3 and 5 more): shifts"]
 
 
@@ -172,7 +186,7 @@ def test_csv_and_json_hold_every_point_and_no_nan() -> None:
         kind: form.head
         + form.between.join(form.one("a.ls", "out/a.ls", one) for one in found)
         + form.end(report_of(*found))
-        for kind, form in formats("Moved").items()
+        for kind, form in report_formats("Moved").items()
     }
     points = list(csv.DictReader(io.StringIO(written["csv"].decode())))
     assert [(p["program"], p["status"], p["shift_mm"]) for p in points] == [
@@ -182,8 +196,8 @@ def test_csv_and_json_hold_every_point_and_no_nan() -> None:
     assert loaded["programs"][0]["points"][1]["shift_mm"] is None
     assert loaded["programs"][0]["points"][1]["reason"] == "out of reach"
     assert (loaded["point_count"], loaded["counts"]["left"], loaded["exit_code"]) == (3, 1, 4)
-    nothing = formats("Nothing")["json"]
-    assert json.loads(nothing.head + nothing.end(Report("Nothing")))["programs"] == []
+    nothing = report_formats("Nothing")["json"]
+    assert json.loads(nothing.head + nothing.end(ProgramsReport("Nothing")))["programs"] == []
     assert written["diff"] == b""
 
 
@@ -248,12 +262,12 @@ def test_files_folders_and_patterns_are_found_once(tmp_path: Path) -> None:
 
 def test_a_new_place_keeps_what_came_meanwhile(tmp_path: Path) -> None:
     (tmp_path / "a.ls").write_bytes(b"old")
-    source = Source(tmp_path / "a.ls", Path("a.ls"))
-    place = NewPlace(tmp_path / "out" / "deep", [source])
-    assert place.write(source, b"new").read_bytes() == b"new"
+    source = ProgramSource(tmp_path / "a.ls", Path("a.ls"))
+    place = OutputFolder(tmp_path / "out" / "deep", [source])
+    assert place.write_program(source, b"new").read_bytes() == b"new"
     assert [path.name for path in (tmp_path / "out" / "deep").iterdir()] == ["a.ls"]
     with pytest.raises(FilesError):
-        NewPlace(tmp_path / "a.ls", [source])
+        OutputFolder(tmp_path / "a.ls", [source])
 
 
 def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monkeypatch) -> None:
@@ -261,13 +275,13 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
     for i in range(40):
         path = tmp_path / f"{i}.ls"
         path.write_bytes(b"x" * (300 + i))
-        sources.append(Source(path, Path(path.name)))
+        sources.append(ProgramSource(path, Path(path.name)))
     one = list(shares.shared_out(_named, sources))
     assert [name for part in one for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert {part[0] for part in one} == {os.getpid()}
-    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
-    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 1000)
-    monkeypatch.setattr(forks, "_processors", lambda: 2)
+    monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 1000)
+    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
     many = list(shares.shared_out(_named, sources))
     assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert len(many) > 10
@@ -281,32 +295,36 @@ def test_a_process_that_is_ended_from_outside_ends_the_work_with_a_sentence(
 ) -> None:
     path = tmp_path / "a.ls"
     path.write_bytes(b"x" * 300)
-    sources = [Source(path, Path(path.name))] * 4
-    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
-    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 300)
-    monkeypatch.setattr(forks, "_processors", lambda: 2)
-    theirs = list(forks.forked(lambda _: (signal.getsignal(signal.SIGTERM), os.getpid()), sources))
+    sources = [ProgramSource(path, Path(path.name))] * 4
+    monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
+    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
+    theirs = list(
+        worker_processes.run_in_processes(lambda _: (signal.getsignal(signal.SIGTERM), os.getpid()), sources)
+    )
     assert {handler for handler, _ in theirs} == {signal.SIG_DFL}
     assert os.getpid() not in {pid for _, pid in theirs}
     with pytest.raises(FilesError, match="ended from outside"):
-        list(forks.forked(lambda _: os.kill(os.getpid(), signal.SIGKILL), sources))
+        list(worker_processes.run_in_processes(lambda _: os.kill(os.getpid(), signal.SIGKILL), sources))
 
 
 def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "a.ls"
     path.write_bytes(b"x" * 300)
-    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
-    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 300)
-    monkeypatch.setattr(forks, "_processors", lambda: 2)
+    monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
+    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
     alive, held = os.pipe()  # ends when nobody is left that holds it
 
-    def work(_: Sequence[Source]) -> None:
+    def work(_: Sequence[ProgramSource]) -> None:
         os.write(held, b"x")
         time.sleep(600)
         os._exit(1)  # where this test fails
 
     command = multiprocessing.get_context("fork").Process(
-        target=lambda: list(forks.forked(work, [Source(path, Path(path.name))] * 4))
+        target=lambda: list(
+            worker_processes.run_in_processes(work, [ProgramSource(path, Path(path.name))] * 4)
+        )
     )
     command.start()
     os.close(held)
@@ -320,5 +338,5 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     os.close(alive)
 
 
-def _named(sources: Sequence[Source]) -> tuple[int, list[str]]:
+def _named(sources: Sequence[ProgramSource]) -> tuple[int, list[str]]:
     return os.getpid(), [source.path.name for source in sources]

@@ -9,12 +9,12 @@ import pytest
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED
 from cellcal.service.engineering.programs import postures
-from cellcal.service.engineering.programs.files import Refused
-from cellcal.service.engineering.programs.report import Report
+from cellcal.service.engineering.programs.files import RefusedProgram
+from cellcal.service.engineering.programs.report import ProgramsReport
 from cellcal.service.engineering.programs.report_html import as_html
-from cellcal.service.engineering.programs.report_texts import ENGLISH, TEXTS, Language, Texts
-from cellcal.service.engineering.programs.report_words import accuracy, problems, verdict
-from cellcal.service.translation import LOCALES, Locale, Sayings
+from cellcal.service.engineering.programs.report_sentences import accuracy_text, list_problems, verdict_text
+from cellcal.service.engineering.programs.report_texts import ENGLISH, TEXTS, ReportLanguage, ReportTexts
+from cellcal.service.translation import LOCALES, Locale, Translations
 from tests.service.spoken import ROOT
 from tests.unit.programs.test_report import Program, report_of, result
 
@@ -43,8 +43,8 @@ STATEMENTS = b"""/MN
 """
 
 
-def spoken(locale: Locale) -> Language:
-    return Language.of(locale, Sayings.read(locale, TABLES))
+def spoken(locale: Locale) -> ReportLanguage:
+    return ReportLanguage.for_locale(locale, Translations.read_tables(locale, TABLES))
 
 
 def holes(text: object) -> list[list[str]]:
@@ -56,7 +56,7 @@ def holes(text: object) -> list[list[str]]:
 @pytest.mark.parametrize("locale", FOREIGN)
 def test_every_language_has_every_word_with_its_holes_and_its_columns(locale: Locale) -> None:
     assert set(TEXTS) == set(LOCALES)
-    for word in fields(Texts):
+    for word in fields(ReportTexts):
         english, said = (getattr(texts, word.name) for texts in (ENGLISH, TEXTS[locale]))
         assert holes(said) == holes(english), word.name
         assert all(form.strip() for form in (said if isinstance(said, tuple) else (said,))), word.name
@@ -91,11 +91,11 @@ def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
     report.title = "Moved in cell 7"
     report.entries[0].reasons[1] = REASONS[0]
     report.refused.append(
-        Refused("x.ls", "the file is empty.", "Save the program from the controller again.")
+        RefusedProgram("x.ls", "the file is empty.", "Save the program from the controller again.")
     )
     page, english = as_html(report, spoken(locale)), as_html(report)
     assert f'<html lang="{locale}">' in page
-    for word in fields(Texts):
+    for word in fields(ReportTexts):
         said = getattr(ENGLISH, word.name)
         whole = said if isinstance(said, str) else ""
         if whole and "{" not in whole and whole in english and whole != getattr(TEXTS[locale], word.name):
@@ -107,23 +107,23 @@ def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
 
 def test_numbers_are_written_as_people_write_them() -> None:
     report = report_of(result("A", [1.25], [0.5]))
-    assert "0,50 mm" in accuracy(report, spoken("de"))
-    assert "0.50 mm" in accuracy(report, spoken("zh"))
+    assert "0,50 mm" in accuracy_text(report, spoken("de"))
+    assert "0.50 mm" in accuracy_text(report, spoken("zh"))
     assert ">1,250</td>" in as_html(report, spoken("es"))
     assert "width:" not in as_html(report, spoken("de")).replace("width: 100%", "").split("<body>")[1]
 
 
 def test_one_and_many_are_told_apart() -> None:
     one = report_of(result("A", [1.0], [0.1]))
-    assert verdict(one, spoken("de")).startswith("1 Programm, 1 Punkt: 1 geändert")
+    assert verdict_text(one, spoken("de")).startswith("1 Programm, 1 Punkt: 1 geändert")
     many = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
-    assert verdict(many, spoken("es")).startswith("5 programas, 5 puntos")
-    assert problems(many, spoken("de"))[1].startswith(
+    assert verdict_text(many, spoken("es")).startswith("5 programas, 5 puntos")
+    assert list_problems(many, spoken("de"))[1].startswith(
         "A (Zeile 3), B (Zeile 3), C (Zeile 3) und 2 weitere Programme: "
     )
 
 
 def test_without_tables_what_others_say_stays_english(tmp_path) -> None:
-    language = Language.of("de", Sayings.read("de", tmp_path))
+    language = ReportLanguage.for_locale("de", Translations.read_tables("de", tmp_path))
     assert language.say(REASONS[0]) == REASONS[0]
-    assert verdict(Report("Nothing"), language).startswith("0 Programme")
+    assert verdict_text(ProgramsReport("Nothing"), language).startswith("0 Programme")

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from cellcal.service.engineering.programs import judge
+from cellcal.service.engineering.programs import point_checks
 from cellcal.service.engineering.programs.postures import (
     NO_POSTURE,
     OTHER_CONFIGURATION,
@@ -13,7 +13,7 @@ from cellcal.service.engineering.programs.postures import (
     UNREACHABLE,
 )
 from cellcal.service.engineering.programs.verdicts import VERDICTS, place_in, verdict_of
-from cellcal.service.shown_paths import without_paths
+from cellcal.service.path_redaction import without_paths
 
 
 def test_every_reason_has_its_verdict() -> None:
@@ -29,14 +29,14 @@ def test_every_reason_has_its_verdict() -> None:
     words = [
         const
         for function in (
-            judge.Judge.judge,
-            judge.Judge._limits,
-            judge.Judge._flips,
-            judge.Judge._configurations,
+            point_checks.TransferChecks.check_points,
+            point_checks.TransferChecks._check_limits,
+            point_checks.TransferChecks._check_flips,
+            point_checks.TransferChecks._check_configurations,
         )
         for const in _words(function.__code__)
     ]
-    words += _words(judge._contact.__code__)
+    words += _words(point_checks._describe_contact.__code__)
     beginnings = [
         word for word in words if re.match(r"(unreach|near a|joint |the wrist|collides|comes too)", word)
     ]

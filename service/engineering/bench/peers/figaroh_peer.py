@@ -41,16 +41,16 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as folder:
         data, config = Path(folder) / "data.csv", Path(folder) / "config.yaml"
-        _write(data, inputs["joints"], inputs["positions"])
+        _write_data_file(data, inputs["joints"], inputs["positions"])
         config.write_text(_CONFIG.format(data=data, count=len(inputs["joints"])), encoding="utf-8")
 
-        def solve() -> Any:
-            calibration = Calibration(_robot(inputs["nominal_placements"]), str(config))
+        def solve_calibration() -> Any:
+            calibration = Calibration(_build_robot(inputs["nominal_placements"]), str(config))
             calibration.calib_config.update(known_baseframe=False, known_tipframe=False)
             calibration.initialize()
             return calibration, calibration.solve(enable_logging=False)
 
-        seconds, (calibration, result) = measure(solve)
+        seconds, (calibration, result) = measure(solve_calibration)
     settings = {**calibration.calib_config, "NbSample": len(inputs["check_joints"])}
     places = tools.calc_updated_fkm(
         calibration.model, calibration.data, result.x, inputs["check_joints"], settings
@@ -67,16 +67,16 @@ def poses(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     optimal = import_module("figaroh.optimal.base_optimal_calibration")
     blocks, chosen = inputs["blocks"], int(inputs["chosen"])
 
-    def solve() -> Any:
+    def solve_design() -> Any:
         pool = {i: blocks[:, :, i] @ blocks[:, :, i].T for i in range(blocks.shape[2])}
         optimiser = optimal.SOCPOptimizer(pool, {"NbSample": len(pool)})
         return list(optimiser.solve()[1])[:chosen]
 
-    seconds, indices = measure(solve)
+    seconds, indices = measure(solve_design)
     return {"seconds": seconds, "indices": np.array(indices)}
 
 
-def _robot(placements: Any) -> Any:
+def _build_robot(placements: Any) -> Any:
     pin = import_module("pinocchio")
     wrapper = import_module("pinocchio.robot_wrapper").RobotWrapper
     model, joint = pin.Model(), 0
@@ -89,7 +89,7 @@ def _robot(placements: Any) -> Any:
     return wrapper(model)
 
 
-def _write(path: Path, joints: Any, positions: Any) -> None:
+def _write_data_file(path: Path, joints: Any, positions: Any) -> None:
     names = ["x1", "y1", "z1", *(f"joint_{k + 1}" for k in range(joints.shape[1]))]
     rows = np.column_stack([positions, joints])
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.12g")

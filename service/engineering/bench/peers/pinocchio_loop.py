@@ -16,20 +16,20 @@ _IDENTIFIED = 1e-6  # m, rad: below what anybody sees
 def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Newton with the same damping, cap and tolerance as ours, verified by the last forward kinematics."""
     pin = import_module("pinocchio")
-    nominal, real = (_Arm(pin, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
+    nominal, real = (_PinocchioArm(pin, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
     joints = inputs["joints"]
 
-    def solve() -> tuple[Any, Any]:
+    def solve_postures() -> tuple[Any, Any]:
         found, claimed = joints.copy(), np.zeros(len(joints), dtype=bool)
         for i in range(len(joints)):
-            claimed[i] = _follow(pin, real, nominal.place(joints[i]), found[i])
+            claimed[i] = _solve_posture(pin, real, nominal.flange_placement(joints[i]), found[i])
         return found, claimed
 
-    seconds, (found, claimed) = measure(solve)
+    seconds, (found, claimed) = measure(solve_postures)
     return {"joints": found, "seconds": seconds, "claimed": claimed}
 
 
-class _Arm:
+class _PinocchioArm:
     """A pinocchio model of turning joints between placements, with one frame at the flange."""
 
     def __init__(self, pin: Any, placements: Any) -> None:
@@ -43,12 +43,12 @@ class _Arm:
         self.flange = self.model.addFrame(frame, False)
         self.data = self.model.createData()
 
-    def place(self, joints: Any) -> Any:
+    def flange_placement(self, joints: Any) -> Any:
         self.pin.framesForwardKinematics(self.model, self.data, joints)
         return self.data.oMf[self.flange].copy()
 
 
-def _follow(pin: Any, arm: _Arm, target: Any, joints: Any) -> bool:
+def _solve_posture(pin: Any, arm: _PinocchioArm, target: Any, joints: Any) -> bool:
     """Step ``joints`` in place until the flange is at the target."""
     model, data, flange, identity = arm.model, arm.data, arm.flange, np.eye(6)
     for _ in range(_MOST_STEPS):
@@ -67,15 +67,15 @@ def _follow(pin: Any, arm: _Arm, target: Any, joints: Any) -> bool:
 
 def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Gauss-Newton as one writes it: frames, regressor and residual of each posture onto lists."""
-    return _identify(inputs, measure, _plain_equations)
+    return _fit_placements(inputs, measure, _plain_equations)
 
 
 def identify_lean(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Do the same, with nothing in the loop but calls of pinocchio and copies into arrays."""
-    return _identify(inputs, measure, _lean_equations)
+    return _fit_placements(inputs, measure, _lean_equations)
 
 
-def _identify(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str, Any]:
+def _fit_placements(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str, Any]:
     """Fit twists of all placements and the tool, held by a prior so loose that it decides only what data cannot."""
     pin = import_module("pinocchio")
     joints, measured = inputs["joints"], inputs["positions"]
@@ -83,10 +83,10 @@ def _identify(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str,
     start[0] = inputs["device_base_start"] @ start[0]
     start[-1, :3, 3] += start[-1, :3, :3] @ inputs["target_start"]
 
-    def solve() -> Any:
+    def solve_fit() -> Any:
         placements = start.copy()
         for _ in range(_MOST_STEPS):
-            arm = _Arm(pin, placements)
+            arm = _PinocchioArm(pin, placements)
             design, residual = equations(pin, arm, joints, measured)
             step = np.linalg.solve(design.T @ design + _LOOSE * np.eye(design.shape[1]), design.T @ residual)
             for k, twist in enumerate(step.reshape(-1, 6)):
@@ -95,27 +95,27 @@ def _identify(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str,
                 break
         return placements
 
-    seconds, placements = measure(solve)
-    arm = _Arm(pin, placements)
-    places = [arm.place(check).translation for check in inputs["check_joints"]]
+    seconds, placements = measure(solve_fit)
+    arm = _PinocchioArm(pin, placements)
+    places = [arm.flange_placement(check).translation for check in inputs["check_joints"]]
     return {"seconds": seconds, "check_positions": np.array(places)}
 
 
-def _plain_equations(pin: Any, arm: _Arm, joints: Any, measured: Any) -> Any:
+def _plain_equations(pin: Any, arm: _PinocchioArm, joints: Any, measured: Any) -> Any:
     rows, residuals = [], []
     for posture, place in zip(joints, measured, strict=True):
         pin.forwardKinematics(arm.model, arm.data, posture)
         pin.updateFramePlacements(arm.model, arm.data)
         tip = arm.data.oMf[arm.flange]
-        regressor = pin.computeFrameKinematicRegressor(arm.model, arm.data, arm.flange, _aligned(pin))
+        regressor = pin.computeFrameKinematicRegressor(arm.model, arm.data, arm.flange, _aligned_joint(pin))
         rows.append(np.hstack([regressor[:3], tip.rotation, np.zeros((3, 3))]))
         residuals.append(place - tip.translation)
     return np.vstack(rows), np.concatenate(residuals)
 
 
-def _lean_equations(pin: Any, arm: _Arm, joints: Any, measured: Any) -> Any:
+def _lean_equations(pin: Any, arm: _PinocchioArm, joints: Any, measured: Any) -> Any:
     count = len(joints)
-    model, data, flange, axes = arm.model, arm.data, arm.flange, _aligned(pin)
+    model, data, flange, axes = arm.model, arm.data, arm.flange, _aligned_joint(pin)
     design, places = np.zeros((count, 3, 6 * (model.nv + 1))), np.empty((count, 3))
     width = 6 * model.nv
     for i in range(count):
@@ -127,5 +127,5 @@ def _lean_equations(pin: Any, arm: _Arm, joints: Any, measured: Any) -> Any:
     return design.reshape(3 * count, -1), (measured - places).reshape(-1)
 
 
-def _aligned(pin: Any) -> Any:
+def _aligned_joint(pin: Any) -> Any:
     return pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

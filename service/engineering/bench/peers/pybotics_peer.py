@@ -10,10 +10,10 @@ _POINTS = 100  # at about a hundred a second, more would tell nothing new
 
 def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Solve the first hundred postures with ``Robot.ik``, which works in millimetres and bounds joints by pi."""
-    nominal, real = (_robot(inputs[f"{name}_dh"]) for name in ("nominal", "real"))
+    nominal, real = (_build_robot(inputs[f"{name}_dh"]) for name in ("nominal", "real"))
     joints = inputs["joints"][:_POINTS]
 
-    def solve() -> tuple[Any, Any]:
+    def solve_postures() -> tuple[Any, Any]:
         found, claimed = joints.copy(), np.zeros(len(joints), dtype=bool)
         for i, start in enumerate(joints):
             answer = real.ik(nominal.fk(start), q=start)
@@ -21,7 +21,7 @@ def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
                 found[i], claimed[i] = answer, True
         return found, claimed
 
-    seconds, (found, claimed) = measure(solve)
+    seconds, (found, claimed) = measure(solve_postures)
     return {"joints": found, "seconds": seconds, "claimed": claimed}
 
 
@@ -30,7 +30,7 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     optimization = import_module("pybotics.optimization")
     least_squares = import_module("scipy.optimize").least_squares
     positions = inputs["positions"] * 1e3
-    robot = _robot(inputs["nominal_dh"])
+    robot = _build_robot(inputs["nominal_dh"])
     tool = robot.tool.matrix.copy()
     tool[:3, 3] += tool[:3, :3] @ inputs["target_start"] * 1e3
     robot.tool.matrix = tool
@@ -38,7 +38,7 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     world[:3, 3] *= 1e3
     robot.world_frame = world
 
-    def solve() -> Any:
+    def solve_parameters() -> Any:
         handler = optimization.OptimizationHandler(
             robot, kinematic_chain_mask=True, tool_mask=[True] * 3 + [False] * 3, world_mask=True
         )
@@ -49,12 +49,12 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
         handler.apply_optimization_vector(answer.x)
         return handler.robot
 
-    seconds, found = measure(solve)
+    seconds, found = measure(solve_parameters)
     places = [found.fk(check)[:3, 3] * 1e-3 for check in inputs["check_joints"]]
     return {"seconds": seconds, "check_positions": np.array(places)}
 
 
-def _robot(rows: Any) -> Any:
+def _build_robot(rows: Any) -> Any:
     """Build from standard rows theta, d, a, alpha: modified rows take the link before the joint."""
     import_module("scipy")
     robot_module = import_module("pybotics.robot")

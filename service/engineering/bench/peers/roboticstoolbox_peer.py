@@ -11,10 +11,10 @@ _TOLERANCE = 1e-14  # half the squared error [m^2, rad^2]; with its default of 1
 def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Search from the joints given, once: a second search would begin at random joints."""
     toolbox = import_module("roboticstoolbox")
-    nominal, real = (_chain(toolbox, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
+    nominal, real = (_build_chain(toolbox, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
     joints = inputs["joints"]
 
-    def solve() -> tuple[Any, Any]:
+    def solve_postures() -> tuple[Any, Any]:
         found, claimed = np.empty_like(joints), np.zeros(len(joints), dtype=bool)
         for i, start in enumerate(joints):
             answer = real.ik_LM(
@@ -23,11 +23,11 @@ def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
             found[i], claimed[i] = answer.q, answer.success
         return found, claimed
 
-    seconds, (found, claimed) = measure(solve)
+    seconds, (found, claimed) = measure(solve_postures)
     return {"joints": found, "seconds": seconds, "claimed": claimed}
 
 
-def _chain(toolbox: Any, placements: Any) -> Any:
+def _build_chain(toolbox: Any, placements: Any) -> Any:
     chain = toolbox.ET.SE3(placements[0])
     for placement in placements[1:]:
         chain = chain * toolbox.ET.Rz() * toolbox.ET.SE3(placement)

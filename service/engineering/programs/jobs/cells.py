@@ -12,16 +12,16 @@ from cellcal.calibration.motion.collision import CellShape
 from cellcal.procedures.surroundings import NOTHING_KNOWN, cell_shape
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project, Tool
+from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project, ProjectTool
 from cellcal.service.engineering.programs.project_arms import IdentifiedArm, identified_arm
 
 _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
 
 
-def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
+def cell_here(config: CellConfig, cell_input: Mapping[str, Any]) -> Project:
     """Return a robot of this service's cell with its newest parameters, and tools and frames as runs left them.
 
-    ``given`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell file, and with
+    ``cell_input`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell file, and with
     ``measured``, what runs of this cell kept. What a person entered goes before what a run measured.
 
     Raises
@@ -29,11 +29,13 @@ def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
     CellError
         There is no such robot, or its parameters cannot be used.
     """
-    robot = config.robot(given["name"] or None)
+    robot = config.robot_named(cell_input["name"] or None)
     model = load_model(robot.model)
-    tools, frames = _measured(given["measured"])
-    tools |= {each["name"]: Tool(pose_given(each), pose_given(each)) for each in given["tools"]}
-    frames |= {each["name"]: pose_given(each) for each in given["frames"]}
+    tools, frames = _measured_frames(cell_input["measured"])
+    tools |= {
+        each["name"]: ProjectTool(pose_from_json(each), pose_from_json(each)) for each in cell_input["tools"]
+    }
+    frames |= {each["name"]: pose_from_json(each) for each in cell_input["frames"]}
     return Project(
         path=Path(f"{config.cell.name}, {robot.name}"),
         name=f"{config.cell.name}, {robot.name}",
@@ -41,36 +43,36 @@ def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
         nominal=model,
         controller=model,
         factory_known=False,
-        identified=_identified(config, given["sets"], robot.serial, model),
+        identified=_identified_arm(config, cell_input["sets"], robot.serial, model),
         tools=tools,
         frames=frames,
-        unsaid_tool=_only(given["tools"]),
-        unsaid_frame=_only(given["frames"]),
+        unsaid_tool=_only_name(cell_input["tools"]),
+        unsaid_frame=_only_name(cell_input["frames"]),
         alignment=None,
-        shapes=_shapes(config, robot.name, model),
+        shapes=_cell_shape(config, robot.name, model),
         smallest_sigma=SMALLEST_SIGMA,
         master=None,
         programs=(),
     )
 
 
-def _identified(config: CellConfig, sets: str, serial: str, model: RobotModel) -> IdentifiedArm | None:
+def _identified_arm(config: CellConfig, sets: str, serial: str, model: RobotModel) -> IdentifiedArm | None:
     folder = Path(config.path).parent
-    if serial not in ParameterSets(folder / sets).robots():
+    if serial not in ParameterSets(folder / sets).robot_serials():
         return None
     return identified_arm({"parameter_store": sets}, folder, model, serial, "this cell")
 
 
-def _measured(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, Tool], dict[str, Array]]:
-    tools: dict[str, Tool] = {}
+def _measured_frames(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, ProjectTool], dict[str, Array]]:
+    tools: dict[str, ProjectTool] = {}
     frames: dict[str, Array] = {}
-    for kept in found:
-        value = kept["value"]
-        if kept["what"] == "tool_frame":
-            entered, real = (pose_given(value[key]) for key in ("read_back", "flange_tool"))
-            tools[kept["subject"]] = Tool(entered, real, _tip_sigma_m(value), measured=True)
-        elif kept["what"] == "user_frame":
-            frames[kept["subject"]] = pose_given(value["read_back"])
+    for result in found:
+        value = result["value"]
+        if result["what"] == "tool_frame":
+            entered, real = (pose_from_json(value[key]) for key in ("read_back", "flange_tool"))
+            tools[result["subject"]] = ProjectTool(entered, real, _tip_sigma_m(value), measured=True)
+        elif result["what"] == "user_frame":
+            frames[result["subject"]] = pose_from_json(value["read_back"])
     return tools, frames
 
 
@@ -79,17 +81,17 @@ def _tip_sigma_m(tool: Mapping[str, Any]) -> float:
     return float(within) / _IN_SPACE
 
 
-def _shapes(config: CellConfig, robot: str, model: RobotModel) -> CellShape | None:
+def _cell_shape(config: CellConfig, robot: str, model: RobotModel) -> CellShape | None:
     around = config.motion_of(robot).surroundings
     return None if around == NOTHING_KNOWN else cell_shape(model, around)
 
 
-def _only(entered: Sequence[Mapping[str, Any]]) -> str | None:
+def _only_name(entered: Sequence[Mapping[str, Any]]) -> str | None:
     """Return the one that a person entered, if it is one: programs that do not say mean it."""
     return str(entered[0]["name"]) if len(entered) == 1 else None
 
 
-def pose_given(told: Mapping[str, Any]) -> Array:
+def pose_from_json(raw: Mapping[str, Any]) -> Array:
     """Return a pose (4, 4); a quaternion that a page sent need not be of unit length.
 
     Raises
@@ -97,7 +99,7 @@ def pose_given(told: Mapping[str, Any]) -> Array:
     CalibrationError
         It is no pose.
     """
-    x, y, z = (float(v) for v in told["position_m"])
-    turn = np.array([float(v) for v in told["quaternion"]])
+    x, y, z = (float(v) for v in raw["position_m"])
+    turn = np.array([float(v) for v in raw["quaternion"]])
     w, qx, qy, qz = (float(v) for v in turn / max(float(np.linalg.norm(turn)), 1e-12))
-    return Pose((x, y, z), (w, qx, qy, qz)).matrix()
+    return Pose((x, y, z), (w, qx, qy, qz)).to_matrix()

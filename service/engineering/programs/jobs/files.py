@@ -7,17 +7,17 @@ from typing import Any
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
-from cellcal.service.engineering.measured.carried import content_of, plain_name
+from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
 from cellcal.service.engineering.programs.jobs.shapes import (
     MOST_FILE_BYTES,
-    Carried,
     ProgramsFault,
     RefusedFile,
+    UploadedFile,
 )
 
 PROJECTS = "projects"  # beside the cell file
 # of a job's folder; pages of points are called points-<program or all>-<page>.json
-SOURCES, OUT, ASKED, PREVIEW, ARCHIVE, ALL = (
+SOURCES, OUT, REQUEST_FILE, PREVIEW, ARCHIVE, ALL = (
     "sources", "programs", "asked.json", "preview.json", "programs.zip", "all",
 )  # fmt: skip
 _SUFFIX = ".toml"
@@ -26,13 +26,13 @@ _NAMED = (("robot", "factory"), ("robot", "parameters"), ("fixture", "alignment"
 _FOLDERS = (("robot", "parameter_store"), ("robot", "backup"))
 
 
-class CarriedError(CellError):
+class UploadError(CellError):
     """What was brought along cannot be used."""
 
     code = "usage"
 
 
-def put_programs(files: Sequence[Carried], folder: Path) -> list[RefusedFile]:
+def write_programs(files: Sequence[UploadedFile], folder: Path) -> list[RefusedFile]:
     """Write program files and return those that cannot be kept; a name is taken once, whatever its case.
 
     Raises
@@ -46,13 +46,15 @@ def put_programs(files: Sequence[Carried], folder: Path) -> list[RefusedFile]:
     size = 0
     for file in files:
         try:
-            name, data = _unpacked(file, taken)
+            name, data = _unpack_file(file, taken)
         except CellError as error:
-            refused.append(RefusedFile(**_said(error).model_dump(), file=file.name[:120], line=0, column=0))
+            refused.append(
+                RefusedFile(**_fault_of(error).model_dump(), file=file.name[:120], line=0, column=0)
+            )
             continue
         size += len(data)
         if size > MOST_FILE_BYTES:
-            raise CarriedError(
+            raise UploadError(
                 f"the files are larger than {MOST_FILE_BYTES >> 20} MB together.",
                 remedy="Make them in several goes, or with `cellcal program` at the service's computer.",
             )
@@ -60,7 +62,7 @@ def put_programs(files: Sequence[Carried], folder: Path) -> list[RefusedFile]:
     return refused
 
 
-def put_project(files: Sequence[Carried], folder: Path) -> Path:
+def write_project(files: Sequence[UploadedFile], folder: Path) -> Path:
     """Write a project and the files that it names, and return the project's own; it may name nothing else.
 
     Raises
@@ -72,14 +74,14 @@ def put_project(files: Sequence[Carried], folder: Path) -> Path:
     taken: set[str] = set()
     projects: list[tuple[Path, dict[str, Any]]] = []
     for file in files:
-        name, data = _unpacked(file, taken)
+        name, data = _unpack_file(file, taken)
         path = folder / name
         path.write_bytes(data)
-        table = _table(path) if path.suffix.lower() == _SUFFIX else None
+        table = _read_table(path) if path.suffix.lower() == _SUFFIX else None
         if table is not None and "robot" in table and "format" in table:
             projects.append((path, table))
     if len(projects) != 1:
-        raise CarriedError(
+        raise UploadError(
             f"there are {len(projects)} project files among those that came along.",
             remedy="Choose one project (TOML, with format and [robot]) and the files that it names.",
         )
@@ -88,14 +90,14 @@ def put_project(files: Sequence[Carried], folder: Path) -> Path:
     return path
 
 
-def kept_projects(cell_folder: Path) -> dict[str, tuple[Path, dict[str, Any]]]:
+def stored_projects(cell_folder: Path) -> dict[str, tuple[Path, dict[str, Any]]]:
     """Return the projects beside a cell file by their names: ``projects/*.toml`` and ``projects/*/project.toml``."""
     place = cell_folder / PROJECTS
     found: dict[str, tuple[Path, dict[str, Any]]] = {}
     for path in sorted(
         [*place.glob("*.toml"), *place.glob("*/project.toml"), *place.glob("*/*/project.toml")]
     ):
-        table = _table(path)
+        table = _read_table(path)
         if table is None:
             found[path.parent.name if path.name == "project.toml" else path.stem] = path, {}
         elif "robot" in table and "format" in table:
@@ -104,10 +106,10 @@ def kept_projects(cell_folder: Path) -> dict[str, tuple[Path, dict[str, Any]]]:
     return found
 
 
-def _unpacked(file: Carried, taken: set[str]) -> tuple[str, bytes]:
+def _unpack_file(file: UploadedFile, taken: set[str]) -> tuple[str, bytes]:
     name = plain_name(file.name, "programs")
     if name.casefold() in taken:
-        raise CarriedError(
+        raise UploadError(
             f"{name}: another file of that name came along.", remedy="Bring each file once, or in another go."
         )
     taken.add(name.casefold())
@@ -122,23 +124,23 @@ def _refuse_elsewhere(path: Path, table: dict[str, Any]) -> None:
         if value is None:
             continue
         if (section, key) in _FOLDERS:
-            raise CarriedError(
+            raise UploadError(
                 f"{path.name}: {key} under [{section}] is a folder of the service's computer.",
                 remedy="Name one file that comes along, or keep the project beside the cell file.",
             )
         if not isinstance(value, str) or Path(value).name != value or not (path.parent / value).is_file():
-            raise CarriedError(
+            raise UploadError(
                 f"{path.name}: {key} under [{section}] names {str(value)[:80]!r}, which did not come along.",
                 remedy="Choose it together with the project; it must be named without a folder.",
             )
 
 
-def _table(path: Path) -> dict[str, Any] | None:
+def _read_table(path: Path) -> dict[str, Any] | None:
     try:
         return parse_toml(read_plain_text(path))
     except (OSError, ValueError):
         return None
 
 
-def _said(error: CellError) -> ProgramsFault:
+def _fault_of(error: CellError) -> ProgramsFault:
     return ProgramsFault(message=error.message, remedy=error.remedy)

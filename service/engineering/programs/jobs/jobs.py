@@ -25,28 +25,28 @@ from cellcal.service.engineering.parameters.parameter_sets import FOLDER
 from cellcal.service.engineering.programs.jobs.files import (
     ALL,
     ARCHIVE,
-    ASKED,
     PREVIEW,
+    REQUEST_FILE,
     SOURCES,
-    kept_projects,
-    put_programs,
-    put_project,
+    stored_projects,
+    write_programs,
+    write_project,
 )
 from cellcal.service.engineering.programs.jobs.shapes import (
-    CellGiven,
-    PointsMade,
-    Preview,
+    CellInput,
+    JobPreview,
+    PointsPage,
     ProgramsFault,
     ProgramsJob,
-    Wanted,
-    spelled,
+    ProgramsRequest,
+    request_to_json,
 )
-from cellcal.service.record.stored_results import all_kept
-from cellcal.service.shown_paths import without_paths
+from cellcal.service.path_redaction import without_paths
+from cellcal.service.record.stored_results import list_stored_results
 
 _WORK_MODULE = "cellcal.service.engineering.programs.jobs.work"
 _log = logging.getLogger(__name__)
-_KEPT, _MOST_OPEN = 6, 4
+_MOST_JOBS, _MOST_OPEN = 6, 4
 _LONGEST_S = 900.0
 _LONGEST_LINE = 1 << 20
 State = Literal["waiting", "running", "done", "failed", "stopped"]
@@ -60,10 +60,10 @@ class ProgramsError(CellError):
 
 
 @dataclass(eq=False)
-class Work:
+class TransferJob:
     """One job and its folder."""
 
-    wanted: Wanted
+    request: ProgramsRequest
     who: str
     id: str = field(default_factory=lambda: secrets.token_hex(6))
     at: datetime.datetime = field(default_factory=lambda: datetime.datetime.now(datetime.UTC))
@@ -82,24 +82,24 @@ class Work:
         return Path(self._place.name)
 
     @property
-    def name(self) -> str:
+    def archive_name(self) -> str:
         """Return what the archive is called: no source has this name."""
-        return f"cellcal_{self.wanted.do}_{self.at:%Y%m%d_%H%M%S}_{self.id[:4]}"
+        return f"cellcal_{self.request.do}_{self.at:%Y%m%d_%H%M%S}_{self.id[:4]}"
 
-    def told(self) -> ProgramsJob:
+    def to_response(self) -> ProgramsJob:
         """Return how it stands."""
         return ProgramsJob(
-            id=self.id, do=self.wanted.do, who=self.who, at_utc=self.at.isoformat(timespec="seconds"),
+            id=self.id, do=self.request.do, who=self.who, at_utc=self.at.isoformat(timespec="seconds"),
             state=self.state, done=self.done, total=self.total, fault=self.fault,
         )  # fmt: skip
 
-    def preview(self) -> Preview | None:
+    def read_preview(self) -> JobPreview | None:
         """Return what was made, None while nothing is."""
         if self.state != "done":
             return None
-        return Preview.model_validate_json(read_plain_bytes(self.folder / PREVIEW))
+        return JobPreview.model_validate_json(read_plain_bytes(self.folder / PREVIEW))
 
-    def points(self, program: int | None, page: int) -> PointsMade:
+    def read_points(self, program: int | None, page: int) -> PointsPage:
         """Return a page of points: all worst first, or of one program.
 
         Raises
@@ -108,9 +108,9 @@ class Work:
             It is not made, or has no such page.
         """
         file = self.folder / f"points-{ALL if program is None else program}-{page}.json"
-        return PointsMade.model_validate_json(self._made(file))
+        return PointsPage.model_validate_json(self._read_result(file))
 
-    def archive(self) -> bytes:
+    def read_archive(self) -> bytes:
         """Return the new programs with their reports.
 
         Raises
@@ -118,14 +118,14 @@ class Work:
         ProgramsError
             They are not made.
         """
-        return self._made(self.folder / ARCHIVE)
+        return self._read_result(self.folder / ARCHIVE)
 
-    def _made(self, file: Path) -> bytes:
+    def _read_result(self, file: Path) -> bytes:
         if self.state != "done" or not file.is_file():
             raise ProgramsError("that is not made.", remedy="Wait for it, or look at what is there.")
         return read_plain_bytes(file)
 
-    def forget(self) -> None:
+    def delete_files(self) -> None:
         """Remove its files."""
         self._place.cleanup()
 
@@ -136,13 +136,13 @@ class Jobs:
     def __init__(self, config: CellConfig) -> None:
         self._config = config
         self._turn = asyncio.Lock()
-        self._works: OrderedDict[str, Work] = OrderedDict()
+        self._works: OrderedDict[str, TransferJob] = OrderedDict()
 
     def newest_first(self) -> list[ProgramsJob]:
         """Return every job that is kept."""
-        return [work.told() for work in reversed(self._works.values())]
+        return [work.to_response() for work in reversed(self._works.values())]
 
-    def find(self, job_id: str) -> Work:
+    def find_job(self, job_id: str) -> TransferJob:
         """Return a job.
 
         Raises
@@ -154,7 +154,7 @@ class Jobs:
             raise ProgramsError("there is no such job any more.", remedy="Make the programs again.")
         return self._works[job_id]
 
-    async def begin(self, wanted: Wanted, who: str) -> Work:
+    async def begin_job(self, request: ProgramsRequest, who: str) -> TransferJob:
         """Take the files of a job and start it.
 
         Raises
@@ -168,43 +168,43 @@ class Jobs:
                 remedy="Ask again in a moment.",
                 code="programs.busy",
             )
-        check(wanted)
-        work = Work(wanted, who)
+        check_request(request)
+        work = TransferJob(request, who)
         try:
-            await asyncio.to_thread(_unpack, work, self._config)
+            await asyncio.to_thread(_unpack_files, work, self._config)
         except BaseException:
-            work.forget()
+            work.delete_files()
             raise
         self._works[work.id] = work
         self._forget_old()
-        work.task = asyncio.create_task(self._make(work), name=f"programs {work.id}")
+        work.task = asyncio.create_task(self._make_programs(work), name=f"programs {work.id}")
         return work
 
-    async def stop(self, work: Work) -> None:
+    async def stop_job(self, work: TransferJob) -> None:
         """End a job that is not done; what it had made is forgotten."""
         if work.task is not None and work.state in _OPEN:
             if not work.task.cancelling():  # a second one would not wait for the process to end
                 work.task.cancel()
             await asyncio.wait([work.task])  # goes on where whoever asked has left
 
-    async def leave(self) -> None:
+    async def close_all(self) -> None:
         """End every job and forget what was made."""
         for work in self._works.values():
-            await self.stop(work)
-            await asyncio.to_thread(work.forget)
+            await self.stop_job(work)
+            await asyncio.to_thread(work.delete_files)
         self._works.clear()
 
     def _forget_old(self) -> None:
         old = [name for name, work in self._works.items() if work.state not in _OPEN]
-        for name in old[: max(0, len(self._works) - _KEPT)]:
-            self._works.pop(name).forget()
+        for name in old[: max(0, len(self._works) - _MOST_JOBS)]:
+            self._works.pop(name).delete_files()
 
-    async def _make(self, work: Work) -> None:
+    async def _make_programs(self, work: TransferJob) -> None:
         try:
             async with self._turn:
                 work.state = "running"
                 async with asyncio.timeout(_LONGEST_S):
-                    await self._run(work)
+                    await self._run_process(work)
         except asyncio.CancelledError:
             work.state = "stopped"
             raise
@@ -218,7 +218,7 @@ class Jobs:
                 message="The job could not be started.", remedy="The service's log has the cause."
             )
 
-    async def _run(self, work: Work) -> None:
+    async def _run_process(self, work: TransferJob) -> None:
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", _WORK_MODULE, os.fspath(self._config.path), os.fspath(work.folder),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
@@ -228,7 +228,7 @@ class Jobs:
         assert process.stdout is not None
         try:
             while line := await process.stdout.readline():
-                _take(work, parse_json(line))
+                _apply_message(work, parse_json(line))
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
@@ -240,18 +240,18 @@ class Jobs:
             )
 
 
-def _take(work: Work, said: dict[str, Any]) -> None:
-    if "end" in said:
-        work.state = said["end"]
+def _apply_message(work: TransferJob, message: dict[str, Any]) -> None:
+    if "end" in message:
+        work.state = message["end"]
         if work.state == "failed":
             work.fault = ProgramsFault(
-                message=without_paths(said["message"]), remedy=without_paths(said["remedy"])
+                message=without_paths(message["message"]), remedy=without_paths(message["remedy"])
             )
-    elif "done" in said:
-        work.done, work.total = said["done"], said["total"]
+    elif "done" in message:
+        work.done, work.total = message["done"], message["total"]
 
 
-def check(wanted: Wanted) -> None:
+def check_request(request: ProgramsRequest) -> None:
     """Refuse what does not fit together, before any file is written.
 
     Raises
@@ -259,42 +259,49 @@ def check(wanted: Wanted) -> None:
     ProgramsError
         With the cure.
     """
-    if (wanted.clone is not None) != (wanted.do == "clone"):
+    if (request.clone is not None) != (request.do == "clone"):
         raise ProgramsError(
             "a clone takes two cells, anything else one.", remedy="Name the cell that gets it."
         )
-    if (wanted.offset is not None) != (wanted.do == "move"):
+    if (request.offset is not None) != (request.do == "move"):
         raise ProgramsError("a move takes an offset, anything else none.", remedy="Say how the work moved.")
-    if wanted.own_files and wanted.cell.kind != "kept":
+    if request.own_files and request.cell.kind != "kept":
         raise ProgramsError("only a project that is kept here names programs.", remedy="Choose files.")
-    if not wanted.files and not wanted.own_files:
+    if not request.files and not request.own_files:
         raise ProgramsError("no program came along.", remedy="Choose the program files.")
-    for cell in (wanted.cell, wanted.clone):
+    for cell in (request.cell, request.clone):
         if cell is not None and cell.kind != "here" and (cell.tools or cell.frames):
             raise ProgramsError("a project names its own tools and frames.", remedy="Leave them out.")
 
 
-def _unpack(work: Work, config: CellConfig) -> None:
+def _unpack_files(work: TransferJob, config: CellConfig) -> None:
     """Write all that came along into the job's folder, and what is asked of it."""
-    wanted, folder = work.wanted, work.folder
-    refused = put_programs(wanted.files, folder / SOURCES)
-    asked = spelled(wanted)
-    for name, cell in (("cell", wanted.cell), ("clone", wanted.clone)):
+    request, folder = work.request, work.folder
+    refused = write_programs(request.files, folder / SOURCES)
+    request_json = request_to_json(request)
+    for name, cell in (("cell", request.cell), ("clone", request.clone)):
         if cell is not None:
-            asked[name] |= _looked_up(cell, folder / name, config)
-    told = {**asked, "refused": [one.model_dump() for one in refused], "archive": work.name}
-    (folder / ASKED).write_text(json.dumps(told), encoding="utf-8")
+            request_json[name] |= _looked_up(cell, folder / name, config)
+    document = {
+        **request_json,
+        "refused": [one.model_dump() for one in refused],
+        "archive": work.archive_name,
+    }
+    (folder / REQUEST_FILE).write_text(json.dumps(document), encoding="utf-8")
 
 
-def _looked_up(cell: CellGiven, folder: Path, config: CellConfig) -> dict[str, Any]:
+def _looked_up(cell: CellInput, folder: Path, config: CellConfig) -> dict[str, Any]:
     """Return what the process must know of a cell beside what a page said of it."""
     if cell.kind == "carried":
-        return {"project": put_project(cell.files, folder).name}
+        return {"project": write_project(cell.files, folder).name}
     if cell.kind == "here":
-        serial = config.robot(cell.name or None).serial
-        kept = [{"what": k.what, "subject": k.subject, "value": k.value} for k in all_kept(config, serial)]
-        return {"sets": FOLDER, "measured": kept}
-    if cell.name not in kept_projects(Path(config.path).resolve().parent):
+        serial = config.robot_named(cell.name or None).serial
+        results = [
+            {"what": k.what, "subject": k.subject, "value": k.value}
+            for k in list_stored_results(config, serial)
+        ]
+        return {"sets": FOLDER, "measured": results}
+    if cell.name not in stored_projects(Path(config.path).resolve().parent):
         raise ProgramsError(
             "there is no such project beside the cell file.", remedy="Choose one of the list."
         )

@@ -16,31 +16,31 @@ Fours = tuple[float, float, float, float]
 Verdict = Literal["fits", "reach", "limit", "singular", "flip", "collision", "unknown"]
 
 
-class _Given(BaseModel):
+class _RequestModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Carried(_Given):
+class UploadedFile(_RequestModel):
     """A file that a page brings along."""
 
     name: Annotated[str, StringConstraints(min_length=1, max_length=255)]
     content_base64: Annotated[str, StringConstraints(max_length=_MOST_BASE64)]
 
 
-class PoseGiven(_Given):
+class PoseInput(_RequestModel):
     """A pose, its quaternion as w, x, y, z."""
 
     position_m: Triple
     quaternion: Fours = (1.0, 0.0, 0.0, 0.0)
 
 
-class Entered(PoseGiven):
+class EnteredFrame(PoseInput):
     """A tool or user frame as the controller has it, by the name that programs use."""
 
     name: Annotated[str, StringConstraints(min_length=1, max_length=40)]
 
 
-class CellGiven(_Given):
+class CellInput(_RequestModel):
     """A cell: this service's robot, a project beside the cell file by its name, or a project whose files come along.
 
     Tools and frames are entered for this cell's robot only; a project names its own.
@@ -48,34 +48,34 @@ class CellGiven(_Given):
 
     kind: Literal["here", "kept", "carried"]
     name: Annotated[str, StringConstraints(max_length=120)] = ""  # of the robot, or of the project
-    files: Annotated[list[Carried], Field(max_length=12)] = []
-    tools: Annotated[list[Entered], Field(max_length=_MOST_POSES)] = []
-    frames: Annotated[list[Entered], Field(max_length=_MOST_POSES)] = []
+    files: Annotated[list[UploadedFile], Field(max_length=12)] = []
+    tools: Annotated[list[EnteredFrame], Field(max_length=_MOST_POSES)] = []
+    frames: Annotated[list[EnteredFrame], Field(max_length=_MOST_POSES)] = []
 
 
-class Wanted(_Given):
+class ProgramsRequest(_RequestModel):
     """What shall become of programs."""
 
     do: Literal["compensate", "download", "move", "clone"]
-    cell: CellGiven
-    clone: CellGiven | None = None  # the cell that gets the programs
-    offset: PoseGiven | None = None  # how the work moved
+    cell: CellInput
+    clone: CellInput | None = None  # the cell that gets the programs
+    offset: PoseInput | None = None  # how the work moved
     frame: Annotated[str, StringConstraints(max_length=40)] = (
         ""  # only points of it, and the offset seen from it
     )
     joints: JointPoints | None = None  # what becomes of points in joint angles without a frame
-    files: Annotated[list[Carried], Field(max_length=MOST_FILES)] = []
+    files: Annotated[list[UploadedFile], Field(max_length=MOST_FILES)] = []
     own_files: bool = False  # the programs that the kept project names itself
     language: Locale = "en"  # of who asks: of the report's page and of what to know
 
 
-class Told(BaseModel):
+class ResponseModel(BaseModel):
     """What is answered here."""
 
     model_config = ConfigDict(frozen=True)
 
 
-class ProgramsFault(Told):
+class ProgramsFault(ResponseModel):
     """What is wrong, and the cure."""
 
     message: str
@@ -90,7 +90,7 @@ class RefusedFile(ProgramsFault):
     column: int
 
 
-class Here(Told):
+class RobotOfCell(ResponseModel):
     """A robot of this cell, as its programs see it."""
 
     robot: str
@@ -101,7 +101,7 @@ class Here(Told):
     frames: list[str]
 
 
-class KeptProject(Told):
+class StoredProject(ResponseModel):
     """A project beside the cell file."""
 
     name: str
@@ -111,7 +111,7 @@ class KeptProject(Told):
     readable: bool
 
 
-class ProgramsJob(Told):
+class ProgramsJob(ResponseModel):
     """Programs that are made, or were."""
 
     id: str
@@ -124,17 +124,17 @@ class ProgramsJob(Told):
     fault: ProgramsFault | None
 
 
-class Bench(Told):
+class ProgramsOverview(ResponseModel):
     """What can be made here, what was made last, and what a page may bring along."""
 
-    robots: list[Here]
-    projects: list[KeptProject]
+    robots: list[RobotOfCell]
+    projects: list[StoredProject]
     jobs: list[ProgramsJob]
     most_files: int = MOST_FILES
     most_bytes: int = MOST_FILE_BYTES
 
 
-class ProgramMade(Told):
+class ProgramPreview(ResponseModel):
     """One program: what became of its points."""
 
     program: str
@@ -148,7 +148,7 @@ class ProgramMade(Told):
     largest_expected_m: float | None
 
 
-class Mark(Told):
+class PicturePoint(ResponseModel):
     """One point of the picture; ``step`` is the number of its colour, -1 where its shift is not known."""
 
     place_m: Triple
@@ -157,17 +157,17 @@ class Mark(Told):
     label: str
 
 
-class PointsPicture(Told):
+class PointsPicture(ResponseModel):
     """Points to draw, the worst last, and what the colours mean."""
 
     in_base: bool  # else each in its own user frame
-    points: list[Mark]
+    points: list[PicturePoint]
     colours: list[str]
     edges_m: list[float]
     not_drawn: int
 
 
-class Preview(Told):
+class JobPreview(ResponseModel):
     """What was made: programs worst first, what was refused, and what to know before any of them runs."""
 
     title: str
@@ -179,14 +179,14 @@ class Preview(Told):
     largest_shift_m: float | None
     largest_expected_m: float | None
     largest_uncorrected_m: float | None
-    programs: list[ProgramMade]
+    programs: list[ProgramPreview]
     refused: list[RefusedFile]
     notes: list[str]
     page_size: int
     picture: PointsPicture
 
 
-class PointMade(Told):
+class PointPreview(ResponseModel):
     """One point; places are in its user frame. None for what nobody knows."""
 
     program: str
@@ -207,24 +207,24 @@ class PointMade(Told):
     configuration_after: str
 
 
-class PointsMade(Told):
+class PointsPage(ResponseModel):
     """One page of points; ``pages`` counts from 1."""
 
     total: int
     pages: int
-    points: list[PointMade]
+    points: list[PointPreview]
 
 
-class MadeJob(ProgramsJob):
+class JobWithPreview(ProgramsJob):
     """A job with its preview, once it is done."""
 
-    preview: Preview | None
+    preview: JobPreview | None
 
 
-def spelled(wanted: Wanted) -> dict[str, Any]:
+def request_to_json(request: ProgramsRequest) -> dict[str, Any]:
     """Return what was asked for, without the files that came along."""
-    told: dict[str, Any] = wanted.model_dump(mode="json", exclude={"files"})
-    for cell in (told["cell"], told["clone"]):
+    document: dict[str, Any] = request.model_dump(mode="json", exclude={"files"})
+    for cell in (document["cell"], document["clone"]):
         if cell is not None:
             cell["files"] = [file["name"] for file in cell["files"]]
-    return told
+    return document

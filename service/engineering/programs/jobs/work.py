@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
@@ -21,20 +21,20 @@ from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.engineering.programs.clone import cloning
-from cellcal.service.engineering.programs.compensate import compensating
-from cellcal.service.engineering.programs.files import FilesError, Found, Source, find_programs
+from cellcal.service.engineering.programs.clone import clone_transfer
+from cellcal.service.engineering.programs.compensate import compensation_transfer
+from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, ProgramSource, find_programs
 from cellcal.service.engineering.programs.inspect import named_by
-from cellcal.service.engineering.programs.jobs.cells import cell_here, pose_given
-from cellcal.service.engineering.programs.jobs.files import ASKED, OUT, SOURCES, kept_projects
-from cellcal.service.engineering.programs.jobs.preview import Made, write_preview
+from cellcal.service.engineering.programs.jobs.cells import cell_here, pose_from_json
+from cellcal.service.engineering.programs.jobs.files import OUT, REQUEST_FILE, SOURCES, stored_projects
+from cellcal.service.engineering.programs.jobs.preview import JobResult, write_preview
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
-from cellcal.service.engineering.programs.move import change_of_frame, instead_of_moving, moving
+from cellcal.service.engineering.programs.move import change_of_frame, instead_of_moving, move_transfer
 from cellcal.service.engineering.programs.project import Project, read_project
-from cellcal.service.engineering.programs.report_run import Carry, Wanted, change_programs
-from cellcal.service.engineering.programs.report_texts import Language
+from cellcal.service.engineering.programs.report_run import ReportOutputs, TransferPrograms, change_programs
+from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.result import ProgramResult
-from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _log = logging.getLogger(__name__)
 _AT_ONCE = 1500  # points between two words about progress
@@ -42,16 +42,16 @@ _BROKEN = {"message": "The computation failed; the service's log has the cause."
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class ProgramTask:
     """What a job does: its cell, the cell that gets the programs, and in words."""
 
     cell: Project
     target: Project
     title: str
-    asked: dict[str, Any]
+    request: dict[str, Any]
 
     @classmethod
-    def read(cls, config: CellConfig, asked: dict[str, Any]) -> "Task":
+    def from_request(cls, config: CellConfig, request: dict[str, Any]) -> "ProgramTask":
         """Read the cells that were asked for.
 
         Raises
@@ -59,11 +59,11 @@ class Task:
         CellError
             One of them cannot be used.
         """
-        cell = _cell(config, asked["cell"], "cell")
-        target = cell if asked["clone"] is None else _cell(config, asked["clone"], "clone")
+        cell = _read_cell(config, request["cell"], "cell")
+        target = cell if request["clone"] is None else _read_cell(config, request["clone"], "clone")
         if (
-            asked["do"] in ("compensate", "download")
-            and asked["cell"]["kind"] == "here"
+            request["do"] in ("compensate", "download")
+            and request["cell"]["kind"] == "here"
             and not cell.identified
         ):
             raise FilesError(
@@ -76,42 +76,44 @@ class Task:
             "move": f"Moved in {cell.name}",
             "clone": f"{cell.name} cloned to {target.name}",
         }
-        return cls(cell, target, titles[asked["do"]], asked)
+        return cls(cell, target, titles[request["do"]], request)
 
-    def carry(self, rule: ConfigurationRule | None) -> Carry:
+    def make_transfer(self, rule: ConfigurationRule | None) -> TransferPrograms:
         """Return what makes programs of one brand."""
-        if self.asked["do"] == "clone":
-            return cloning(self.cell, self.target, rule).carry
-        if self.asked["do"] == "move":
-            frame, joints = self.asked["frame"] or None, self.asked["joints"]
-            return moving(self.cell, self._change(), rule, frame=frame, joints=joints).carry
-        way = Direction.DOWNLOAD if self.asked["do"] == "download" else Direction.UPLOAD
-        return compensating(self.cell, way, rule).carry
+        if self.request["do"] == "clone":
+            return clone_transfer(self.cell, self.target, rule).transfer_programs
+        if self.request["do"] == "move":
+            frame, joints = self.request["frame"] or None, self.request["joints"]
+            return move_transfer(
+                self.cell, self._work_change(), rule, frame=frame, joints=joints
+            ).transfer_programs
+        way = ProgramDirection.DOWNLOAD if self.request["do"] == "download" else ProgramDirection.UPLOAD
+        return compensation_transfer(self.cell, way, rule).transfer_programs
 
-    def notes(self) -> list[str]:
+    def list_notes(self) -> list[str]:
         """Return what a person must know beside what the programs say."""
-        frame = self.asked["frame"]
-        if self.asked["do"] != "move" or not frame:
+        frame = self.request["frame"]
+        if self.request["do"] != "move" or not frame:
             return []
-        told = instead_of_moving(self.cell, frame, self._change())
-        return [told] if told else []
+        advice = instead_of_moving(self.cell, frame, self._work_change())
+        return [advice] if advice else []
 
-    def _change(self) -> Any:
-        offset, frame = pose_given(self.asked["offset"]), self.asked["frame"]
+    def _work_change(self) -> Any:
+        offset, frame = pose_from_json(self.request["offset"]), self.request["frame"]
         if not frame:
             return offset
         return change_of_frame(self.cell.frame_named(frame), offset)
 
 
-def _cell(config: CellConfig, given: dict[str, Any], folder: str) -> Project:
-    if given["kind"] == "here":
-        return cell_here(config, given)
-    if given["kind"] == "carried":
-        return read_project(Path(folder) / given["project"])
-    return read_project(kept_projects(Path(config.path).parent)[given["name"]][0])
+def _read_cell(config: CellConfig, cell_input: dict[str, Any], folder: str) -> Project:
+    if cell_input["kind"] == "here":
+        return cell_here(config, cell_input)
+    if cell_input["kind"] == "carried":
+        return read_project(Path(folder) / cell_input["project"])
+    return read_project(stored_projects(Path(config.path).parent)[cell_input["name"]][0])
 
 
-def make(config: CellConfig, asked: dict[str, Any]) -> None:
+def make_programs(config: CellConfig, request: dict[str, Any]) -> None:
     """Make what was asked for, in the present folder.
 
     Raises
@@ -119,33 +121,33 @@ def make(config: CellConfig, asked: dict[str, Any]) -> None:
     CellError
         Nothing could be made.
     """
-    tell(stage="reading")
-    task = Task.read(config, asked)
-    found = _found(task)
-    told = Path(OUT)
-    language = Language.of(asked["language"])
-    wanted = Wanted(
-        told,
+    write_message(stage="reading")
+    task = ProgramTask.from_request(config, request)
+    found = _find_programs(task)
+    out_folder = Path(OUT)
+    language = ReportLanguage.for_locale(request["language"])
+    outputs = ReportOutputs(
+        out_folder,
         json=Path("report.json"),
         csv=Path("report.csv"),
         html=Path("report.html"),
         language=language.locale,
     )
     carry = _of_each_brand(task, len(found.sources))
-    report = change_programs(found, carry, wanted, task.title, lambda _: None)
-    tell(stage="writing")
-    write_preview(Made(report, task.cell, task.target, task.notes(), asked, language), Path())
+    report = change_programs(found, carry, outputs, task.title, lambda _: None)
+    write_message(stage="writing")
+    write_preview(JobResult(report, task.cell, task.target, task.list_notes(), request, language), Path())
 
 
-def _found(task: Task) -> Found:
-    if task.asked["own_files"]:
+def _find_programs(task: ProgramTask) -> FoundPrograms:
+    if task.request["own_files"]:
         _copy_own(task.cell)
     files = sorted(str(path) for path in Path(SOURCES).rglob("*") if path.is_file())
     if not files:
-        return Found((), ())
+        return FoundPrograms((), ())
     found = find_programs(files)
-    places = tuple(Source(one.path, PurePath(one.path).relative_to(SOURCES)) for one in found.sources)
-    return Found(places, found.refused)
+    places = tuple(ProgramSource(one.path, PurePath(one.path).relative_to(SOURCES)) for one in found.sources)
+    return FoundPrograms(places, found.refused)
 
 
 def _copy_own(cell: Project) -> None:
@@ -164,29 +166,29 @@ def _copy_own(cell: Project) -> None:
             place.write_bytes(read_plain_bytes(path))
 
 
-def _of_each_brand(task: Task, total: int) -> Carry:
+def _of_each_brand(task: ProgramTask, total: int) -> TransferPrograms:
     """Return what makes programs of any brand, a few at once, and tells how many are done."""
-    made: dict[str, Carry] = {}
+    made: dict[str, TransferPrograms] = {}
     done = 0
-    task.carry(None)  # what the cells lack is said once, and not of every file
+    task.make_transfer(None)  # what the cells lack is said once, and not of every file
 
-    def carry(programs: Sequence[ProgramFile]) -> Sequence[ProgramResult]:
+    def transfer_programs(programs: Sequence[ProgramFile]) -> Sequence[ProgramResult]:
         nonlocal done
         brand = programs[0].brand
         if brand not in made:
-            made[brand] = task.carry(brand_named(brand).configurations)
+            made[brand] = task.make_transfer(brand_named(brand).configurations)
         results: list[ProgramResult] = []
-        for some in _some(programs):
-            tell(done=done, total=total)
+        for some in _small_groups(programs):
+            write_message(done=done, total=total)
             results += made[brand](some)
             done = min(done + len(some), total)
-        tell(done=done, total=total)
+        write_message(done=done, total=total)
         return results
 
-    return carry
+    return transfer_programs
 
 
-def _some(programs: Sequence[ProgramFile]) -> Iterator[list[ProgramFile]]:
+def _small_groups(programs: Sequence[ProgramFile]) -> Iterator[list[ProgramFile]]:
     batch: list[ProgramFile] = []
     for program in programs:
         batch.append(program)
@@ -197,7 +199,7 @@ def _some(programs: Sequence[ProgramFile]) -> Iterator[list[ProgramFile]]:
         yield batch
 
 
-def tell(**words: Any) -> None:
+def write_message(**words: Any) -> None:
     """Write one line to the service."""
     sys.stdout.write(json.dumps(words) + "\n")
     sys.stdout.flush()
@@ -216,14 +218,14 @@ def main() -> None:
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
     try:
-        make(config, parse_json(read_plain_text(Path(ASKED))))
+        make_programs(config, parse_json(read_plain_text(Path(REQUEST_FILE))))
     except CellError as error:
-        tell(end="failed", message=error.message, remedy=error.remedy)
+        write_message(end="failed", message=error.message, remedy=error.remedy)
     except Exception:  # noqa: BLE001  whatever it was, the page is told
         _log.exception("a job of programs broke")
-        tell(end="failed", **_BROKEN)
+        write_message(end="failed", **_BROKEN)
     else:
-        tell(end="done")
+        write_message(end="done")
 
 
 if __name__ == "__main__":

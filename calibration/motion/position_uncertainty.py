@@ -1,0 +1,62 @@
+"""How far parts of an arm may be from where they are computed, while its joints are known to within a doubt only.
+
+Joints j = a + 1 .. b are each off by at most d_j, all at once. A point beyond, r_j from joint j's axis, is then
+off by at most D, where D = 0 and, from joint b to joint a + 1, D <- D + 2 sin(d_j / 2) (r_j + D): the chord of the
+largest turn about that axis, from anywhere that the joints beyond it may have brought the point. No linearisation,
+no sample.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.geometry import Array
+
+
+@dataclass(frozen=True, slots=True)
+class PositionUncertainty:
+    """By how much each joint may stand elsewhere than thought [rad], all at once."""
+
+    bodies_rad: tuple[float, ...]  # for whatever is solid, and the workspace
+    wire_rad: tuple[float, ...]  # for the draw-wire: who touches it bends nothing, and reads a wrong length
+
+
+@dataclass(frozen=True, eq=False)
+class AxisUncertainty:
+    """The frames of postures, and how far each axis may be turned from where it is thought."""
+
+    axes: Array  # (n, 3, N): direction of each joint's axis
+    origins: Array  # (n, 3, N): a point on it
+    chords: Array  # (n,): 2 sin(d / 2)
+
+    @classmethod
+    def from_joints(
+        cls, model: RobotModel, joints_rad: Array, uncertainty_rad: Sequence[float]
+    ) -> "AxisUncertainty":
+        """Return it for postures (N, n), doubts (n,) of the controller's joints [rad]."""
+        rotations, origins = chain_frames(model, joints_rad)
+        angles = np.abs(model.joint_coupling) @ np.abs(np.asarray(uncertainty_rad, dtype=float))
+        chords = 2.0 * np.sin(np.minimum(angles, np.pi) / 2.0)
+        return cls(rotations[:-1, :, 2], origins[:-1], chords)
+
+    def displacement_between(self, points: Sequence[Array], inner: int, outer: int) -> Array:
+        """Return (N,): how far points (3, N) on link ``outer`` may be displaced, seen from link ``inner`` [m]."""
+        return self._sum_displacements(points, range(outer - 1, inner - 1, -1))
+
+    def displacement_from(self, point: Array, link: int) -> Array:
+        """Return (N,): how far a point (3, N) of the base may be displaced, seen from a link [m]."""
+        return self._sum_displacements([point], range(link))
+
+    def _sum_displacements(self, points: Sequence[Array], joints: range) -> Array:
+        found = np.zeros(self.axes.shape[2])
+        for joint in joints:
+            found += self.chords[joint] * (self._point_levers(points, joint) + found)
+        return found
+
+    def _point_levers(self, points: Sequence[Array], joint: int) -> Array:
+        """Return (N,): how far the farthest of points on one link is from an axis [m]; convex, so ends suffice."""
+        axis = self.axes[joint]
+        away = [np.cross(point - self.origins[joint], axis, axis=0) for point in points]
+        return np.asarray(np.max([np.linalg.norm(each, axis=0) for each in away], axis=0), dtype=np.float64)

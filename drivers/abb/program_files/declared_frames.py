@@ -1,0 +1,90 @@
+"""Tools and work objects that a RAPID module declares."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.abb.program_files.collected_positions import RapidPositions, pose_of
+from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateError
+from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.programs.positions import ProgramFrames
+
+_HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and are not changed."
+_MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
+_STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
+_UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
+
+
+@dataclass
+class DeclaredFrames:
+    """The tools and work objects of a module while it is read."""
+
+    found: RapidPositions
+    uses: TargetUses
+    bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
+    tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
+    declared: set[str] = field(default_factory=set)  # in small letters
+    seen_outside: set[str] = field(default_factory=set)  # those of them that other modules see
+
+    def declare_name(self, name: str, *, shown: bool) -> None:
+        """Note a name; ``public_poses`` where other modules see it."""
+        self.declared.add(name.lower())
+        if shown:
+            self.seen_outside.add(name.lower())
+
+    def drop_ambiguous(self) -> None:
+        """Take away what is declared twice, differently."""
+        for poses in (self.tools, self.bases):
+            for name in [name for name in poses if name.lower() in self.uses.several]:
+                del poses[name]
+
+    def to_frames(self) -> ProgramFrames:
+        """Return the tools and fixed work objects that stand here, and the two of the language itself."""
+        return ProgramFrames(base_frame=self.bases, flange_tip=self.tools)
+
+    def public_poses(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
+        """Return what other modules see, by names in small letters; None for one without a fixed pose."""
+        of = {name.lower(): pose for name, pose in poses.items()}
+        return {name: of.get(name) for name in self.seen_outside}
+
+    def take_declaration(self, kind: str, name: str, declared: re.Match[str]) -> int:
+        """Take a tool or a work object that is declared; return where it ends."""
+        if not declared[4]:
+            return declared.end()
+        try:
+            found = AGGREGATES[kind].match_at(self.found.source.text, declared.end())
+        except AggregateError:
+            self.found.add_remark(declared.start(2), "foreign", _UNREAD_TEXT.format(name, kind))
+            return declared.end()
+        self.uses.spell_name(name)
+        if kind == "tooldata":
+            self._take_tool(name, found)
+        else:
+            self._take_work_object(name, found)
+        return found.end()
+
+    def _take_tool(self, name: str, found: re.Match[str]) -> None:
+        pose = pose_of(found.groups()[1:8])
+        if found[1].upper() == "FALSE":
+            self.uses.seen_from_flange.add(name.lower())
+            self.found.add_remark(found.start(), "foreign", _STATIONARY_TEXT.format(name))
+        elif pose is not None:
+            self._store_pose(self.tools, name, pose)
+
+    def _take_work_object(self, name: str, found: re.Match[str]) -> None:
+        user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
+        if found[1].upper() == "TRUE":
+            self.uses.seen_from_flange.add(name.lower())
+            self.found.add_remark(found.start(), "foreign", _HELD_TEXT.format(name))
+        elif found[2].upper() == "FALSE":
+            self.uses.moved.add(name.lower())
+            self.found.add_remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
+        elif user is not None and obj is not None:
+            self._store_pose(self.bases, name, user @ obj)
+
+    def _store_pose(self, poses: dict[str, Pose], name: str, pose: Pose) -> None:
+        """Take a tool's or a work object's pose; modules and routines of one file may each have their own."""
+        name = self.uses.spell_name(name)
+        if poses.setdefault(name, pose) != pose:
+            self.uses.several.add(name.lower())

@@ -1,0 +1,189 @@
+"""Shifts of RAPID that do not turn with the targets: what was found while reading, and the rows it counts for."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import nan
+
+from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.abb.program_files.displacements import WORDS, ActiveDisplacement, Displacements
+from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveTarget, offset_of
+from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W, after_blanks, decode_name
+from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.programs.barred import OVERWRITTEN
+from cellcal.drivers.programs.positions import CARTESIAN
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
+
+EXTERNAL_OFFSET = "an external axis is offset here, and the project does not know what it moves"
+COMPONENT_SET = "the program sets a component of it while it runs"
+_OTHERS = "what other routines go to while it holds"
+_COMPUTED = "a computed place"
+_NAME = re.compile(rf"{W}({NAME})", re.ASCII)
+_SUM = re.compile(r"([^;+\-]*+)([+-])([^;]*+);", re.ASCII)
+_TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
+_AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
+_PLACE = re.compile(r"\.(?:trans|rot)\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundShift:
+    """One shift as it stands in the text."""
+
+    place: int
+    what: str
+    scope: str
+    name: str  # of the target
+    user_frame: str | None
+    translation_m: Triple
+    quaternion: Quaternion | None = NO_TURN
+    row: int = -1  # of a target that is written into the move
+    each_time: bool = False
+
+
+@dataclass
+class FoundShifts:
+    """The shifts of a module."""
+
+    displacements: Displacements
+    found: list[FoundShift] = field(default_factory=list)
+    set_components: list[tuple[str, str]] = field(default_factory=list)  # name, scope: not by adding to it
+    overwritten: list[tuple[str, str]] = field(default_factory=list)  # by what is neither read nor a copy
+
+    def take_word(self, word: str, span: tuple[int, int], scope: str) -> None:
+        """Note a displacement, or a target that a function shifts."""
+        text, (start, end) = self.displacements.text, span
+        if word in WORDS:
+            self.displacements.take_instruction(word, text[start:end], end, scope)
+            return
+        opened = after_blanks(text, end)
+        if word not in ("offs", "mirpos") or text[opened : opened + 1] != "(":
+            return
+        named = _NAME.match(text, opened + 1)
+        size = offset_of(text, opened + 1, len(text)) if word == "offs" else UNREADABLE
+        turn = NO_TURN if word == "offs" else None
+        name = decode_name(named[1]) if named else ""
+        self.found.append(FoundShift(start, text[start:end], scope, name, None, size, turn))
+
+    def take_target(self, target: MoveTarget, move: tuple[str, int], scope: str, frame: str | None) -> None:
+        """Note a target that its move itself, by name and row, shifts or computes."""
+        if target.offset_m is None and target.remark != COMPUTED:
+            return
+        name, row = move
+        what, size, turn = ("Offs", target.offset_m, NO_TURN) if target.offset_m else (name, UNREADABLE, None)
+        self.found.append(FoundShift(target.place, what, scope, target.name, frame, size, turn, row))
+
+    def take_component(self, place: int, target: tuple[str, str], path: str, value_place: int) -> None:
+        """Note that a component of a target, a name in a scope, is assigned."""
+        if _PLACE.search(path) is None:
+            return
+        text = self.displacements.text
+        name, scope = target
+        translation: Triple = UNREADABLE
+        axis, added = _AXIS.search(path), _SUM.match(text, value_place)
+        itself = "".join(text[place:value_place].split()).removesuffix(":=").lower()
+        if axis is not None and added is not None and "".join(added[1].split()).lower() == itself:
+            term = _TERM.fullmatch(added[3])
+            size = float(term[1]) * (1e-3 if added[2] == "+" else -1e-3) if term else nan
+            translation = _along_axis(axis[1].lower(), size)
+            self._add_shift(place, name, scope, translation, NO_TURN)
+            return
+        self.set_components.append((name, scope))
+        self._add_shift(place, name, scope, UNREADABLE, None)
+
+    def _add_shift(
+        self, place: int, name: str, scope: str, translation: Triple, quaternion: Quaternion | None
+    ) -> None:
+        end = self.displacements.text.find(";", place)
+        what = " ".join(self.displacements.text[place : end if end >= 0 else place].split())[:80]
+        self.found.append(FoundShift(place, what, scope, name, None, translation, quaternion, each_time=True))
+
+    def to_shifts(self, collected: RapidPositions, uses: TargetUses) -> tuple[ProgramShift, ...]:
+        """Return the shifts with the rows of their targets, counted as they were read."""
+        named = [self._make_shift(one, collected, uses) for one in self.found]
+        return (
+            *named,
+            *(
+                shift
+                for displacement in self.displacements.active_displacements()
+                for shift in _shifts_of_displacement(displacement, collected, uses)
+            ),
+        )
+
+    def bar_targets(self, collected: RapidPositions, uses: TargetUses) -> None:
+        """Leave targets whose place is no longer what stands in the file when they are moved to."""
+        for targets, why in ((self.set_components, COMPONENT_SET), (self.overwritten, OVERWRITTEN)):
+            for name, scope in targets:
+                for row in _cartesian_rows(uses.rows_of(name, scope), collected):
+                    uses.barred.setdefault(row, why)
+        for displacement in self.displacements.active_displacements():
+            if displacement.event.word.startswith("eoffs"):
+                for row in _rows_of(displacement, collected, uses):
+                    uses.barred.setdefault(row, EXTERNAL_OFFSET)
+
+    @staticmethod
+    def _make_shift(one: FoundShift, collected: RapidPositions, uses: TargetUses) -> ProgramShift:
+        rows = (one.row,) if one.row >= 0 else _cartesian_rows(uses.rows_of(one.name, one.scope), collected)
+        return ProgramShift(
+            collected.source.line_of(one.place),
+            one.what,
+            ShiftAxes.USER_FRAME,
+            rows,
+            point=one.name or _COMPUTED,
+            user_frame=one.user_frame,
+            translation_m=one.translation_m,
+            quaternion=one.quaternion,
+            each_time=one.each_time,
+        )
+
+
+def _shifts_of_displacement(
+    displacement: ActiveDisplacement, collected: RapidPositions, uses: TargetUses
+) -> Iterator[ProgramShift]:
+    """Yield what a displacement shifts: rows of this file, targets of other files, and what may follow."""
+    event = displacement.event
+    if event.word.startswith("eoffs"):
+        return
+    line = collected.source.line_of(event.place)
+
+    def make_shift(rows: tuple[int, ...], point: str, frame: str | None) -> ProgramShift:
+        return ProgramShift(
+            line,
+            event.spelled,
+            ShiftAxes.USER_FRAME,
+            rows,
+            point,
+            frame,
+            event.translation_m,
+            event.quaternion,
+        )
+
+    rows = _rows_of(displacement, collected, uses)
+    if rows:
+        yield make_shift(rows, "", None)
+    elsewhere = {
+        (move.name, move.frame)
+        for move in displacement.moves
+        if move.name and not uses.rows_of(move.name, move.scope)
+    }
+    for name, frame in sorted(elsewhere, key=str):
+        yield make_shift((), name, frame)
+    if displacement.others:
+        yield make_shift((), _OTHERS, None)
+
+
+def _rows_of(
+    displacement: ActiveDisplacement, collected: RapidPositions, uses: TargetUses
+) -> tuple[int, ...]:
+    rows = {move.row for move in displacement.moves if move.row >= 0}
+    for name, scope in {(move.name, move.scope) for move in displacement.moves if move.name}:
+        rows |= set(uses.rows_of(name, scope))
+    return _cartesian_rows(sorted(rows), collected)
+
+
+def _along_axis(axis: str, size_m: float) -> Triple:
+    x, y, z = (size_m if axis == one else 0.0 for one in "xyz")
+    return x, y, z
+
+
+def _cartesian_rows(rows: Sequence[int], collected: RapidPositions) -> tuple[int, ...]:
+    return tuple(row for row in rows if collected.kinds[row] == CARTESIAN)

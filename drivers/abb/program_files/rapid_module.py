@@ -1,0 +1,390 @@
+"""RAPID modules: targets, tools and work objects that are declared, targets inside moves, and what changes them."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
+from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
+from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
+from cellcal.drivers.abb.program_files.instructions import (
+    MOVES,
+    STAR,
+    MoveInstruction,
+    MoveTarget,
+    read_instruction,
+)
+from cellcal.drivers.abb.program_files.literals import (
+    AGGREGATES,
+    NAME,
+    TARGETS,
+    AggregateError,
+    W,
+    after_blanks,
+    decode_name,
+    end_of_element,
+)
+from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.abb.program_files.unread import LIKE_A_POSITION, unread_positions
+from cellcal.drivers.abb.program_files.usual import USUAL
+from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
+from cellcal.drivers.programs.spans import ProgramText
+
+_BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
+_TOKEN = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}', re.ASCII)
+_DECLARED = re.compile(rf"{W}([A-Za-z]\w*+){W}({NAME}){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII)
+_ASSIGNED = re.compile(
+    rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
+)
+_NAME = re.compile(rf"{W}({NAME})", re.ASCII)
+_COPIED = re.compile(
+    rf"(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+[,;\]]",
+    re.ASCII | re.IGNORECASE,
+)
+_PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
+_PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
+_FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
+_SIZES = re.compile(r"\s*\d+\s*")
+_MOST_DIGITS = 9  # of an array's size
+_HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
+_REMARKED = {
+    "offs": ("offset", "Offs shifts this target while the program runs."),
+    "reltool": ("offset", "RelTool shifts this target along the tool while the program runs."),
+    "pdispon": ("offset", "PDispOn shifts every target that follows."),
+    "pdispset": ("offset", "PDispSet shifts every target that follows."),
+    "eoffson": ("offset", "EOffsOn shifts external axes of every target that follows."),
+    "eoffsset": ("offset", "EOffsSet shifts external axes of every target that follows."),
+    "crobt": ("computed", "CRobT takes a target from where the robot is."),
+    "cjointt": ("computed", "CJointT takes a target from where the robot is."),
+    "calcrobt": ("computed", "CalcRobT computes a target."),
+    "orobt": ("computed", "ORobT computes a target without displacement."),
+    "mirpos": ("computed", "MirPos computes a mirrored target."),
+}
+_ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
+_FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
+_COMPUTED_TEXT = "{} is computed; it is not read."
+_INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
+_INSIDE = "it stands inside other data, or is computed in part, and is not read"
+_STAR_UNKNOWN = "its coordinates are not in the file"
+
+
+@dataclass
+class RapidModule:
+    """A file of modules while it is read."""
+
+    found: RapidPositions
+    shifts: FoundShifts
+    uses: TargetUses
+    frames: DeclaredFrames
+    name: str = ""
+    assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
+    overwritten: list[tuple[int, str, str]] = field(
+        default_factory=list
+    )  # by what is neither read nor a copy
+    declared_local: bool = False
+    local: bool = False  # the declaration that follows is its module's only
+    looked_at: int = 0  # up to where the text was searched for positions inside other data
+    displaced: bool = False  # moves are noted one by one, for displacements
+    routine_begins: int = 0
+    set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
+    written: WrittenTargets = field(default_factory=lambda: WrittenTargets.without_rows(0))
+
+    def read_module(self) -> None:
+        """Take the whole text.
+
+        Raises
+        ------
+        ProgramFileError
+            A position is not understood.
+        """
+        text = self.found.source.text
+        place = len(_BYTE_ORDER_MARK) if text.startswith(_BYTE_ORDER_MARK) else 0
+        while True:
+            while (usual := USUAL.match(text, place)) is not None and self._take_usual(usual):
+                place = usual.end()
+            token = _TOKEN.search(text, place)
+            if token is None:
+                return
+            word = token[0]
+            self._remark_inside(place, token.start())
+            if word[0] == "!":
+                if "[" in word and _HOLDS_A_POSITION.search(word):
+                    self.found.add_remark(
+                        token.start(), "comment", "A comment holds a position; it stays as it is."
+                    )
+                place = token.end()
+            elif word[0] == '"':
+                place = token.end()
+            else:
+                place = self._take_word(word.lower(), token.start(), token.end())
+
+    def _take_usual(self, found: re.Match[str]) -> bool:
+        """Take a statement as the controller writes it; tell whether it was."""
+        if found["name"] is None:
+            frame = found["frame"] or "wobj0"
+            self.uses.note_use(found["to"], found["tool"], frame)
+            if self.displaced:
+                self._note_move(found.start("a_move"), found["to"], -1, frame)
+            return True
+        row = len(self.found.names)
+        if not self.found.add_usual(found):
+            return False
+        self.local, local = False, self.local
+        self.uses.declare_target(found["name"], row, local=local)
+        return True
+
+    def _remark_inside(self, place: int, end: int) -> None:
+        """Remark a position in a statement that is not read: in a record, a call, an array of another kind."""
+        text = self.found.source.text
+        if place < self.looked_at or text.find("[", place, end) < 0:
+            return
+        stop = text.find(";", place)
+        self.looked_at = stop if stop >= 0 else len(text)
+        found = LIKE_A_POSITION.search(text, place, self.looked_at)
+        if found is not None:
+            self.found.add_remark(found.start(), "computed", _INSIDE_TEXT)
+
+    def _note_move(self, place: int, name: str, row: int, frame: str | None) -> None:
+        self.shifts.displacements.moves.append(TargetMove(place, self.uses.scope, name, row, frame))
+
+    def finish_reading(self) -> None:
+        """Remark targets that the program sets, and take away those that are seen from the flange."""
+        for place in unread_positions(self.found.source.text, set(self.found.starts)):
+            self.found.add_unread(f"line {self.found.source.line_of(place)}", place, _INSIDE)
+        self.written = self.found.compute_usual()
+        self.uses.set_while_running |= {
+            name for name in self.set_names if name in self.frames.declared or name not in self.uses.shown
+        }
+        for place, name, scope in self.assigned:
+            if self.uses.rows_of(name, scope):
+                self.found.add_remark(place, "computed", _ASSIGNED_TEXT.format(name))
+        self.frames.drop_ambiguous()
+        self.uses.resolve_uses(self.found)
+        self.shifts.bar_targets(self.found, self.uses)
+
+    def _take_word(self, word: str, start: int, end: int) -> int:
+        """Take a word at statement level; return where to go on."""
+        handler = _HANDLERS.get(word)
+        if handler is not None:
+            return handler(self, word, end)
+        if word in MOVES:
+            return self._take_instruction(word, start, end)
+        if word in _REMARKED:
+            self.found.add_remark(start, *_REMARKED[word])
+        if word in _REMARKED or word in WORDS:
+            self.shifts.take_word(word, (start, end), self.uses.scope)
+            return end
+        assigned = _ASSIGNED.match(self.found.source.text, end)
+        return end if assigned is None else self._take_assignment(start, end, assigned)
+
+    def _take_declaration(self, word: str, end: int) -> int:
+        text = self.found.source.text
+        declared = _DECLARED.match(text, end)
+        if declared is None:
+            return end
+        kind, name, sizes = declared[1].lower(), decode_name(declared[2]), declared[3]
+        self.local, local = False, self.local
+        self.declared_local = local
+        if kind in ("tooldata", "wobjdata"):
+            self.frames.declare_name(name, shown=not local and self.uses.scope.endswith("/"))
+        if kind not in AGGREGATES:
+            return declared.end()
+        if sizes is not None:
+            return self._take_array(kind, name, sizes, declared)
+        if kind not in TARGETS:
+            return self.frames.take_declaration(kind, name, declared)
+        if not declared[4]:
+            self._declare_target(name, lambda: self.found.add_untaught(name, declared.start(2)))
+            return declared.end()
+        return self._take_target(kind, name, declared.end())
+
+    def _take_array(self, kind: str, name: str, sizes: str, declared: re.Match[str]) -> int:
+        if not declared[4] or kind not in TARGETS:
+            if kind in TARGETS:
+                self.found.add_remark(declared.start(2), "computed", _FILLED_TEXT.format(name))
+            return declared.end()
+        counts = [size.strip() if _SIZES.fullmatch(size) else None for size in sizes.split(",")]
+        if any(count is not None and len(count) > _MOST_DIGITS for count in counts):
+            raise self.found.source.error_at(
+                declared.start(3), f"{name} has more elements than any array.", remedy="Correct its size."
+            )
+        dimensions = [None if count is None else int(count) for count in counts]
+        return self._take_elements(kind, name, dimensions, declared.end())
+
+    def _take_elements(self, kind: str, name: str, sizes: list[int | None], place: int) -> int:
+        """Take the elements of an array of any dimension, in the order in which they are written.
+
+        A size is None where a constant or an expression says it.
+        """
+        text, source = self.found.source.text, self.found.source
+        index: list[int] = []
+        while True:
+            sign = text[place : place + 1]
+            if sign == "[" and len(index) < len(sizes):
+                index.append(1)
+                place = after_blanks(text, place + 1)
+                continue
+            if not index:
+                return self._take_computed(name, place)
+            place = self._take_element(kind, f"{name}{{{','.join(map(str, index))}}}", place)
+            while text[place : place + 1] == "]" and index:
+                if index[-1] != (sizes[len(index) - 1] or index[-1]):
+                    raise source.error_at(place, f"{name} does not have the elements that it declares.")
+                index.pop()
+                place = after_blanks(text, place + 1)
+            if not index:
+                return place
+            if text[place : place + 1] != ",":
+                raise source.error_at(place, f"here should be ',' or ']' of {name}.")
+            index[-1] += 1
+            place = after_blanks(text, place + 1)
+
+    def _take_element(self, kind: str, name: str, place: int) -> int:
+        """Take one element of an array; return where the sign behind it stands."""
+        text = self.found.source.text
+        literal = AGGREGATES[kind].pattern.match(text, place)
+        if literal is None and (end := end_of_element(text, place)) > place:
+            if text[place] == "[":
+                self._refuse_or_bar(name, place, AGGREGATES[kind].error_at(text, place))
+            else:
+                self._take_computed(name, place)
+            return end
+        return after_blanks(text, self._take_target(kind, name, place))
+
+    def _take_target(self, kind: str, name: str, place: int) -> int:
+        """Take a target's value; return where it ends."""
+        try:
+            found = AGGREGATES[kind].match_at(self.found.source.text, place)
+        except AggregateError as error:
+            return self._refuse_or_bar(name, place, error)
+        add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
+        self._declare_target(name, lambda: add(name, found))
+        return found.end()
+
+    def _refuse_or_bar(self, name: str, place: int, error: AggregateError) -> int:
+        if not error.computed:
+            raise self.found.source.error_at(
+                error.place, str(error), remedy="Correct it on the controller, or leave this program out."
+            ) from None
+        return max(self._take_computed(name, place), error.place)
+
+    def _take_computed(self, name: str, place: int) -> int:
+        """Take a target whose value only the controller knows, or another target has."""
+        self.found.add_remark(place, "computed", _COMPUTED_TEXT.format(name))
+        self.uses.declare_without_row(name)
+        self._note_copy(self.found.source.text, place, name)
+        return place
+
+    def _declare_target(self, name: str, add: Callable[[], None]) -> None:
+        row = len(self.found.names)
+        add()
+        self.uses.declare_target(name, row, local=self.declared_local)
+
+    def _take_assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
+        text = self.found.source.text
+        bare = decode_name(text[start:end])
+        name = bare + (f"{{{''.join(assigned[1].split())}}}" if assigned[1] else "")
+        if text[assigned.end() : assigned.end() + 1] == "[" and not assigned[2]:
+            for kind in TARGETS:
+                found = AGGREGATES[kind].pattern.match(text, assigned.end())
+                if found is not None:
+                    add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
+                    add(name, found)
+                    return found.end()
+        if assigned[2]:
+            path = "".join(assigned[2].split())
+            self.shifts.take_component(start, (name, self.uses.scope), path, assigned.end())
+        elif not self._note_copy(text, assigned.end(), bare):
+            self.shifts.overwritten.append((name, self.uses.scope))
+        part = assigned[2].partition(".")[2].strip().lower()
+        if not part or part.startswith(("uframe", "oframe", "tframe")):
+            self.set_names.add(bare.lower())
+        self.assigned.append((start, bare, self.uses.scope))
+        return assigned.end()
+
+    def _note_copy(self, text: str, place: int, to: str) -> bool:
+        """Note a target that is assigned to another, which moves go to in its place; tell whether it is one."""
+        copied = _COPIED.match(text, place)
+        if copied is not None:
+            self.uses.copied.add((self.uses.scope, decode_name(copied[1]), to))
+        return copied is not None
+
+    def _take_instruction(self, word: str, start: int, end: int) -> int:
+        if _ASSIGNED.match(self.found.source.text, end):
+            return end
+        instruction = read_instruction(self.found.source, word, end)
+        for part, target in enumerate(instruction.targets):
+            self._moved_to(instruction, part, target, start)
+        return instruction.end
+
+    def _moved_to(self, instruction: MoveInstruction, part: int, target: MoveTarget, start: int) -> None:
+        if target.remark:
+            self.found.add_remark(target.place, *target.remark)
+        word = self.found.source.text[start : start + len(instruction.word)]
+        line = self.found.source.line_of(target.place)
+        name = f"{word}@{line}" + (f".{part + 1}" if part else "")
+        row = -1
+        if target.literal is not None:
+            row = len(self.found.names)
+            add = self.found.add_jointtarget if target.axes else self.found.add_robtarget
+            add(name, target.literal)
+            self.uses.use_row(row, instruction.tool, instruction.frame)
+        elif target.name:
+            self.uses.note_use(target.name, instruction.tool, instruction.frame)
+        elif target.remark == STAR:
+            self.found.add_unread(name, target.place, _STAR_UNKNOWN)
+        if self.displaced:
+            self._note_move(start, target.name, row, instruction.frame)
+        self.shifts.take_target(target, (name, row), self.uses.scope, instruction.frame)
+
+    def _take_module(self, word: str, end: int) -> int:
+        named = _NAME.match(self.found.source.text, end)
+        if named is None:
+            return end
+        self.name = self.name or decode_name(named[1])
+        self.uses.enter_module(decode_name(named[1]))
+        return named.end()
+
+    def _take_routine(self, word: str, end: int) -> int:
+        pattern = _FUNCTION_NAME if word == "func" else _NAME
+        named = pattern.match(self.found.source.text, end)
+        if named is None:
+            return end
+        self.local = False
+        self.uses.enter_routine(decode_name(named[1]))
+        self.routine_begins = named.end()
+        parameters = _PARAMETERS.match(self.found.source.text, named.end())
+        if parameters is None:
+            return named.end()
+        for parameter in _PARAMETER.finditer(parameters[1]):
+            self.uses.declare_parameter(decode_name(parameter[1]))
+        return parameters.end()
+
+    def _take_local(self, word: str, end: int) -> int:
+        self.local = True
+        return end
+
+    def _leave_routine(self, word: str, end: int) -> int:
+        self.shifts.displacements.routines[self.uses.scope] = (self.routine_begins, end)
+        self.uses.enter_routine("")
+        return end
+
+
+_HANDLERS: dict[str, Callable[[RapidModule, str, int], int]] = {
+    **dict.fromkeys(("const", "pers", "var"), RapidModule._take_declaration),  # noqa: SLF001  # a table of its own methods
+    **dict.fromkeys(("proc", "func", "trap"), RapidModule._take_routine),  # noqa: SLF001
+    **dict.fromkeys(("endproc", "endfunc", "endtrap"), RapidModule._leave_routine),  # noqa: SLF001
+    "local": RapidModule._take_local,  # noqa: SLF001
+    "module": RapidModule._take_module,  # noqa: SLF001
+}
+
+
+def read_module(source: ProgramText) -> RapidModule:
+    """Read a module."""
+    found, uses = RapidPositions(source), TargetUses()
+    module = RapidModule(found, FoundShifts(Displacements(source.text)), uses, DeclaredFrames(found, uses))
+    module.displaced = USED.search(source.text) is not None
+    module.read_module()
+    module.finish_reading()
+    return module

@@ -1,0 +1,242 @@
+"""Which tool and work object a target is used with: what the moves of a file say of the names it declares."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
+from cellcal.drivers.programs.positions import CARTESIAN
+
+ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it is computed
+
+_DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
+_BARRED_DIFFERENT = "the program uses it with different tools or work objects"
+_BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
+_BARRED_SEVERAL = "its file declares several tools or work objects of one name"
+BARRED_SET = "its tool or work object is set while the program runs"
+_BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
+_MOST_USES = 64  # of one target that are told apart
+_SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
+
+
+class _AgreedUse(NamedTuple):
+    """What all uses of a target together say."""
+
+    tool: str | None
+    frame: str | None
+    why: str  # nobody can tell tool or frame; "" where nothing is in the way
+    different: bool
+    seen_from_flange: bool
+
+
+@dataclass
+class TargetUses:
+    """Declared targets by scope, and the moves that name them."""
+
+    scope: str = "/"  # module/routine
+    shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
+    copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
+    parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
+    several: set[str] = field(
+        default_factory=set
+    )  # tools and work objects that are declared twice, differently
+    set_while_running: set[str] = field(default_factory=set)  # tools and work objects
+    external_uses: dict[str, set[MoveFrames]] = field(
+        default_factory=dict
+    )  # uses of what is not declared here
+    rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
+    known_here: dict[ToolAndFrame, ToolAndFrame] = field(
+        default_factory=dict
+    )  # as written, and what it means in this scope
+    used: dict[tuple[str, str], set[ToolAndFrame]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by scope and name
+    of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
+    spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
+    seen_from_flange: set[str] = field(default_factory=set)
+    moved: set[str] = field(default_factory=set)  # work objects that a mechanical unit moves
+    user_frames: dict[int, str] = field(default_factory=dict)
+    tools: dict[int, str] = field(default_factory=dict)
+    barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or frame is not one, and why
+    of_modules: dict[str, list[int]] = field(
+        default_factory=lambda: defaultdict(list)
+    )  # seen from all routines
+
+    def enter_module(self, name: str) -> None:
+        """Begin a module."""
+        self._enter_scope(f"{name.lower()}/")
+
+    def enter_routine(self, name: str) -> None:
+        """Begin a routine, or leave one with an empty name."""
+        self._enter_scope(f"{self.scope.partition('/')[0]}/{name.lower()}")
+
+    def _enter_scope(self, scope: str) -> None:
+        self.scope = scope
+        self.known_here.clear()
+
+    def spell_name(self, name: str) -> str:
+        """Return a name as it was first written."""
+        return self.spelling.setdefault(name.lower(), name)
+
+    def declare_parameter(self, name: str) -> None:
+        """Note a routine's parameter, which hides a target, a tool or a work object of its name."""
+        self.parameters.add((self.scope, name.lower()))
+        self.known_here.clear()
+        self.declare_without_row(name)
+
+    def declare_without_row(self, name: str) -> None:
+        """Note a target whose coordinates are not in the file."""
+        self.rows.setdefault((self.scope, name.partition("{")[0].lower()), [])
+
+    def declare_target(self, name: str, row: int, *, local: bool = False) -> None:
+        """Note a declared target; an element stands for its array, too."""
+        name = name.lower()
+        bare = name.partition("{")[0]
+        self.rows[self.scope, name].append(row)
+        if bare != name:
+            self.rows[self.scope, bare].append(row)
+        if self.scope.endswith("/"):
+            self.shown[bare] = self.shown.get(bare, False) or not local
+            if not local:
+                self.of_modules[bare].append(row)
+
+    def note_use(self, name: str, tool: str | None, frame: str | None) -> None:
+        """Note that a move goes to a named target."""
+        self.used[self.scope, name].add(self._spell_use(tool, frame))
+
+    def use_row(self, row: int, tool: str | None, frame: str | None) -> None:
+        """Note what a target inside a move is used with."""
+        self.of_row[row].append(self._spell_use(tool, frame))
+
+    def rows_of(self, name: str, scope: str) -> list[int]:
+        """Return the rows that a name means in a scope: the routine's own, the module's, another module's."""
+        module = scope.partition("/")[0]
+        for where in (scope, f"{module}/"):
+            rows = self.rows.get((where, name.lower()))
+            if rows is not None:
+                return rows
+        bare = name.partition("{")[0].lower()
+        if bare != name.lower():
+            return self.rows_of(bare, scope)
+        return self.of_modules.get(bare, [])
+
+    def _declared_at(self, name: str, scope: str) -> tuple[str, str]:
+        """Return where the declaration stands that a scope sees, and the name; ``?`` for none in this file."""
+        bare = name.partition("{")[0].lower()
+        module = f"{scope.partition('/')[0]}/"
+        for where in (scope, module):
+            if (where, bare) in self.rows:
+                return where, bare
+        return ("" if bare in self.of_modules else "?"), bare
+
+    def _is_own(self, name: str, scope: str) -> bool:
+        return self._declared_at(name, scope)[0] != "?"
+
+    def resolve_uses(self, found: RapidPositions) -> None:
+        """Give every row the tool and work object that all its uses agree on."""
+        of_rows: dict[tuple[int, ...], set[ToolAndFrame]] = defaultdict(set)
+        for (scope, name), what_all in self.used.items():
+            rows = self.rows_of(name, scope)
+            if not rows and not self._is_own(name, scope):
+                self._note_external_use(name, what_all)
+            of_rows[tuple(rows)] |= what_all
+        for rows_of_all, what_all in of_rows.items():
+            some = sorted(what_all, key=str)[:_MOST_USES]  # of thousands, these tell that there are several
+            for row in rows_of_all:
+                self.of_row[row] += some
+        self._take_uses_of_copies()
+        self._bar_copied_targets(found)
+        settled: dict[frozenset[ToolAndFrame], _AgreedUse] = {}  # nearly all targets have the same
+        for row, some in sorted(self.of_row.items()):
+            what = frozenset(some)
+            if what not in settled:
+                settled[what] = self._agreed_use(what)
+            self._settle_row(found, row, settled[what])
+
+    def _take_uses_of_copies(self) -> None:
+        """Count a move to a copy for the target that it was made of, where moves go there as well."""
+        if not self.copied:
+            return
+        of_copies: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
+        for (scope, name), what_all in self.used.items():
+            of_copies[self._declared_at(name, scope)] |= what_all
+        for scope, name, to in self.copied:
+            some = sorted(of_copies.get(self._declared_at(to, scope), ()), key=str)[:_MOST_USES]
+            if some and name.lower() in self.external_uses and not self._is_own(name, scope):
+                self._note_external_use(name, set(some))
+            for row in self.rows_of(name, scope) if some else ():
+                if row in self.of_row:
+                    self.of_row[row] += some
+
+    def _bar_copied_targets(self, found: RapidPositions) -> None:
+        """Leave targets that no move goes to but by a copy."""
+        for scope, name, _ in self.copied:
+            if not self._is_own(name, scope):
+                self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, COPIED))
+            for row in self.rows_of(name, scope):
+                if row not in self.of_row and found.kinds[row] == CARTESIAN:
+                    self.barred[row] = COPIED
+
+    def _note_external_use(self, name: str, uses: set[ToolAndFrame]) -> None:
+        self.external_uses.setdefault(name.lower(), set()).update(
+            MoveFrames(tool, frame, "" if tool and frame else _BARRED_COMPUTED) for tool, frame in uses
+        )
+
+    def _settle_row(self, found: RapidPositions, row: int, settled: "_AgreedUse") -> None:
+        if found.kinds[row] != CARTESIAN:
+            return  # axes are in no frame
+        if settled.why:
+            self.barred[row] = settled.why
+        if settled.different:
+            found.add_remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
+        if settled.seen_from_flange:
+            found.drop_coordinates(row, _SEEN_FROM_FLANGE)
+            return
+        if settled.tool is not None:
+            self.tools[row] = settled.tool
+        if settled.frame is not None:
+            self.user_frames[row] = settled.frame
+
+    def _agreed_use(self, uses: frozenset[ToolAndFrame]) -> "_AgreedUse":
+        tools, frames = {use[0] for use in uses}, {use[1] for use in uses}
+        return _AgreedUse(
+            next(iter(tools)) if len(tools) == 1 else None,
+            next(iter(frames)) if len(frames) == 1 else None,
+            self._barred_reason(uses),
+            different=len(uses) > 1,
+            seen_from_flange=any(
+                part is not None and part.lower() in self.seen_from_flange for part in tools | frames
+            ),
+        )
+
+    def _barred_reason(self, uses: frozenset[ToolAndFrame]) -> str:
+        """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
+        if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
+            return _BARRED_MOVED
+        if any(part is not None and part.lower() in self.several for use in uses for part in use):
+            return _BARRED_SEVERAL
+        if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
+            return BARRED_SET
+        if len(uses) > 1:
+            return _BARRED_DIFFERENT
+        return _BARRED_COMPUTED if None in next(iter(uses)) else ""
+
+    def doubtful_frames(self) -> dict[str, str]:
+        """Return tools and work objects in which no target may be carried, and why."""
+        return (
+            dict.fromkeys(self.set_while_running, BARRED_SET)
+            | dict.fromkeys(self.moved, _BARRED_MOVED)
+            | dict.fromkeys(self.seen_from_flange, _SEEN_FROM_FLANGE)
+        )
+
+    def _spell_use(self, tool: str | None, frame: str | None) -> ToolAndFrame:
+        spelled = self.known_here.get((tool, frame))
+        if spelled is None:
+            spelled = self.known_here[tool, frame] = (self._visible_name(tool), self._visible_name(frame))
+        return spelled
+
+    def _visible_name(self, name: str | None) -> str | None:
+        return (
+            None if name is None or (self.scope, name.lower()) in self.parameters else self.spell_name(name)
+        )

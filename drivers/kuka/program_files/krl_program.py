@@ -1,0 +1,422 @@
+"""KUKA programs (.src): points written into motion statements, and what changes points while the program runs."""
+
+import re
+from dataclasses import dataclass, field
+
+from cellcal.drivers.kuka.program_files import patterns
+from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
+from cellcal.drivers.kuka.program_files.data_list import (
+    FRAME_ALONE,
+    INSIDE,
+    remark_comment,
+    remark_hidden_positions,
+)
+from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
+from cellcal.drivers.kuka.program_files.frame_uses import BARRED, RESET, UNKNOWN, Branches, KrlRoutine
+from cellcal.drivers.kuka.program_files.lines import (
+    DECLARING,
+    KrlLine,
+    NamedItem,
+    find_declaration,
+    find_item,
+    first_word,
+    line_at,
+    point_key,
+    skip_blanks,
+    without_strings,
+)
+from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
+from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
+from cellcal.drivers.programs.barred import OVERWRITTEN
+from cellcal.drivers.programs.cross_file_uses import COPIED
+from cellcal.drivers.programs.spans import ProgramText
+
+
+@dataclass
+class KrlProgram:
+    """A program while it is read."""
+
+    found: KrlPositions
+    points: PointUses
+    shifts: ShiftNotes
+    branches: Branches = ()
+    frame_data: str = ""  # the FDAT that BAS takes for the next move
+    types: dict[str, str] = field(default_factory=dict)
+    frames_set: list[tuple[NamedItem, KrlLiteral]] = field(default_factory=list)  # names that get a FRAME
+
+    def read_line(self, line: KrlLine) -> None:
+        """Take one line."""
+        text = self.found.source.text
+        if line.start == line.end:
+            remark_comment(self.found, line)
+            return
+        prepared = patterns.PREPARED.fullmatch(text, line.start, line.end)
+        if prepared is not None:
+            self.frame_data = prepared[1].upper() if prepared[1] else self.frame_data
+            remark_comment(self.found, line)
+            return
+        word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
+        begun = patterns.ROUTINE.match(text, line.start, line.end) if word in patterns.BEGIN_ROUTINE else None
+        if begun is not None:
+            name = begun[1].upper()
+            shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
+            self.points.routines.append(KrlRoutine(len(self.points.routines), name, shown))
+            self.branches, self.frame_data = (), ""
+        motion = patterns.MOTION.match(text, line.start, line.end) if word in patterns.MOVE else None
+        if motion is not None:
+            self._take_motion(motion, line)
+        else:
+            self._take_statement(line, word)
+        remark_comment(self.found, line)
+
+    def read_taught_move(self, found: re.Match[str]) -> None:
+        """Take a move as the inline forms write it, with all that stands around it."""
+        self._set_both_frames(found.start("bas"), UNKNOWN)
+        self.frame_data = f"F{found['point']}".upper()
+
+    def _take_motion(self, motion: re.Match[str], line: KrlLine) -> None:
+        text = self.found.source.text
+        code = without_strings(text[motion.end() : line.end])
+        if motion[2]:
+            self._take_relative(motion, code, line)
+            return
+        cut = patterns.WITH.search(code)
+        own = "" if cut is None else code[cut.end() :]
+        own_frames = patterns.FRAME_SET.search(own) is not None
+        code = code[: cut.start()] if cut else code
+        if "(" in code:
+            self._take_calls(code, line)
+        begin, end = motion.end(), motion.end() + len(code)
+        place, part = begin, 0
+        for _ in range(patterns.MOST_TARGETS):
+            if place >= end:
+                return
+            if text[place] == "{":
+                literal = self.found.read_literal(place, end)
+                if literal is None:
+                    self._note_unread(motion[1], place, line)
+                    return
+                part += 1
+                place = self._take_target(motion[1].upper(), part, literal, end, is_constant=not own_frames)
+            else:
+                place = begin + self._pass_named(code, place - begin, begin, own if own_frames else "")
+            if place >= end or text[place] != ",":
+                return
+            place = skip_blanks(text, place + 1, end)
+
+    def _take_relative(self, motion: re.Match[str], code: str, line: KrlLine) -> None:
+        """Take a relative move: it goes along with the work only as far as its axes do."""
+        self.found.add_remark(line.start, "relative", patterns.RELATIVE)
+        word = motion[1] + motion[2]
+        structs = [
+            self.found.literal_or_none(motion.end() + one.start(), line.end)
+            for one in patterns.STRUCT.finditer(code)
+        ]
+        for literal in structs or [None]:
+            if literal is not None and (literal.axes or any(literal.external)):
+                name = f"{word.upper()}@{self.found.source.line_of(line.start)}"
+                self.found.add_unread(name, literal.start, patterns.RELATIVE_AXES)
+            elif patterns.TOOL_AXES.search(code) is None:
+                self.shifts.note_relative(line.start, word, literal, self._move_here(line.start))
+
+    def _move_here(self, place: int) -> PointMove:
+        return PointMove(-1, len(self.points.routines) - 1, place, self.branches)
+
+    def _take_target(
+        self, keyword: str, part: int, literal: KrlLiteral, end: int, *, is_constant: bool
+    ) -> int:
+        """Take a position written into a move; return where what follows begins."""
+        text = self.found.source.text
+        after = skip_blanks(text, literal.end, end)
+        if text[after:end][:1] == ":":
+            self.found.add_remark(literal.start, "offset", patterns.OFFSET)
+            self._take_behind_frame(keyword, literal, after, end)
+            return end
+        if after < end and after == literal.end and text[after] != ",":
+            raise self.found.source.error_at(after, "after a position, a blank or a comma should stand.")
+        name = f"{keyword}@{self.found.source.line_of(literal.start)}" + (f".{part}" if part > 1 else "")
+        self._add_position(name, literal, is_constant=is_constant)
+        return after
+
+    def _take_behind_frame(self, keyword: str, literal: KrlLiteral, colon: int, end: int) -> None:
+        """Take a target behind a frame that is written out."""
+        code = self.found.source.text[literal.start : end]
+        name = patterns.NAMES_POINT.match(code, colon + 1 - literal.start)
+        if name is None:
+            self.found.add_unread(
+                f"{keyword}@{self.found.source.line_of(literal.start)}", literal.start, INSIDE
+            )
+            return
+        self.shifts.note_operators(code, literal.start, self.types, self._move_here(literal.start))
+        if self.types.get(name[1].upper()) == "FRAME":  # which of the two is the point, nothing tells
+            self._written_inside(code[: colon - literal.start], literal.start)
+        self._use_point(name, literal.start, "")
+
+    def _note_unread(self, keyword: str, place: int, line: KrlLine) -> None:
+        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, INSIDE)
+
+    def _pass_named(self, code: str, place: int, begin: int, own: str) -> int:
+        """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
+        target = code[place : patterns.end_of_target(code, place)]
+        comma = place + len(target)
+        first = patterns.NAMES_POINT.match(target)
+        if patterns.CALLED.match(target):
+            self.found.add_remark(begin + place, "computed", patterns.CALL)
+            self.shifts.note_computed(begin + place, "move", self._move_here(begin + place))
+            self._written_inside(code[place:], begin + place)
+            self._use_all_words(code[place:], begin + place, BARRED["computed"])
+            return len(code)
+        if ":" in target:
+            self.found.add_remark(begin + place, "offset", patterns.OFFSET)
+            self.shifts.note_operators(target, begin + place, self.types, self._move_here(begin + place))
+            self._point_behind(code[place:], begin + place)
+            self._use_all_words(target[first.end() :] if first else target, begin + place, BARRED["computed"])
+        if first is not None:
+            self._use_point(first, begin + place, own)
+        return len(code) if ":" in target else comma
+
+    def _point_behind(self, target: str, place: int) -> None:
+        """Take positions that are written out behind a frame with a name, and in what follows it."""
+        frame = patterns.NAMES_POINT.match(target)
+        of_frame = frame is not None and self.types.get(frame[1].upper()) == "FRAME"
+        self._written_inside(target, place, any_frame=of_frame)
+
+    def _written_inside(self, code: str, place: int, *, any_frame: bool = True) -> None:
+        """Leave positions that are written into a computed target; a frame alone may be a shift of a point."""
+        line = self.found.source.line_of(place)
+        for struct in patterns.STRUCT.finditer(code):
+            if any_frame or patterns.OF_POINT.search(struct[0]):
+                self.found.add_unread(f"line {line}", place + struct.start(), INSIDE)
+
+    def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
+        """Note a move to a named point, unless it is done with the point's own frame data."""
+        data = f"F{name[1][1:]}".upper()
+        if own:
+            taken = {found.upper() for found in patterns.OWN_FRAME_DATA.findall(own)}
+            if taken != {data}:
+                self._use_match(name, place, BARRED["computed"])
+        elif self.frame_data != data:
+            self._use_match(name, place, "")
+
+    def _use_all_words(self, code: str, place: int, why: str) -> None:
+        for name in patterns.WORD.finditer(code):
+            self._use_match(name, place, why)
+
+    def _use_match(self, name: re.Match[str], place: int, why: str) -> None:
+        self._note_use(name[1], name[2], place, why)
+
+    def _note_use(self, name: str, index: str | None, place: int, why: str) -> None:
+        self.points.note_use(point_key(name, index), place, self.branches, why)
+
+    def _add_position(self, name: str, literal: KrlLiteral, *, is_constant: bool) -> None:
+        why = "" if is_constant else BARRED["computed"]
+        if "@" in name:
+            row = len(self.found.names)
+            self.points.rows.append(
+                PointMove(row, len(self.points.routines) - 1, literal.start, self.branches, why)
+            )
+        self.found.add_position(name, literal)
+
+    def _take_statement(self, line: KrlLine, word: str) -> None:
+        text = self.found.source.text
+        code = without_strings(text[line.start : line.end])
+        self._take_flow(code, line, word)
+        declared = find_declaration(text, line) if word in DECLARING else None
+        if declared is not None:
+            self._take_declared(declared[0], declared[1], line)
+            return
+        bas = patterns.BAS.search(code) if "(" in code else None
+        if bas is not None:
+            self._take_bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
+        elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
+            if patterns.WITH.search(code, 0, frame.start()) is None:
+                self._take_frame_setting(frame, line)
+            else:  # of a spline block, whose segments may have their own
+                self._set_both_frames(line.start, UNKNOWN)
+        elif "." in code and patterns.COMPONENT.match(code):
+            self._take_component(code, line)
+        else:
+            self._take_assignment(line)
+
+    def _take_flow(self, code: str, line: KrlLine, word: str) -> None:
+        """Take calls, branches, and the frame data that the next move is done with."""
+        routine = self.points.routines[-1]
+        begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
+        if "(" in code and not begins and word not in patterns.EXTERNAL_ROUTINE:
+            self._take_calls(code, line)
+        if word in patterns.BRANCHES:
+            self._take_branch(word, line.start)
+        elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
+            self.frame_data = data[1].upper()
+        elif word in ("GOTO", "EXIT"):
+            routine.jumps.first = line.start if routine.jumps.first is None else routine.jumps.first
+        elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
+            routine.jumps.landings.append(line.start)
+
+    def _take_calls(self, code: str, line: KrlLine) -> None:
+        names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS
+        self.points.routines[-1].calls |= names
+        for name in sorted(names):
+            if name.startswith(patterns.SENSOR):
+                self.found.add_remark(line.start, "vision", patterns.FOUND.format(name))
+
+    def _take_branch(self, word: str, place: int) -> None:
+        if word not in ("IF", "SWITCH", "WHILE", "FOR"):
+            self.branches = self.branches[:-1]
+        if not word.startswith("END"):
+            self.branches = (*self.branches[: patterns.DEEPEST], place)
+
+    def _set_both_frames(self, place: int, value: str) -> None:
+        routine = self.points.routines[-1]
+        routine.tool.take_value(place, value, self.branches)
+        routine.base.take_value(place, value, self.branches)
+
+    def _take_declared(self, kind: str, place: int, line: KrlLine) -> None:
+        name = find_item(self.found.source.text, place, line.end)
+        while name is not None:
+            self.types[name.name.upper()] = kind
+            self.points.routines[-1].declared.add(name.name.upper())
+            if name.value is not None or name.end >= line.end:
+                break
+            name = find_item(self.found.source.text, name.end, line.end)
+        if name is not None and name.value is not None:
+            self._take_value(name, line)
+
+    def _take_bas(self, place: int, command: str, argument: str) -> None:
+        routine = self.points.routines[-1]
+        if command in patterns.SET_BY_POINTS:  # taken from the point's own data, which is not in this file
+            self._set_both_frames(place, UNKNOWN)
+        elif command == "INITMOV":
+            routine.resets = True
+            for use in (routine.tool, routine.base):
+                if use.values:
+                    use.take_value(place, RESET, self.branches)
+        else:
+            use = routine.tool if command == "TOOL" else routine.base
+            is_fixed_base = command != "EX_BASE" and argument.isdigit()  # a base that an external axis turns
+            use.take_value(place, argument if is_fixed_base else UNKNOWN, self.branches)
+
+    def _take_frame_setting(self, frame: re.Match[str], line: KrlLine) -> None:
+        text, place = self.found.source.text, line.start + frame.end()
+        which = frame[1].upper()
+        if which == "IPO_MODE":
+            self.points.external_tool |= "#TCP" in text[place : line.end].upper()
+            self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
+            return
+        routine = self.points.routines[-1]
+        use = routine.tool if which == "TOOL" else routine.base
+        use.take_value(place, self._frame_value(which, frame, line), self.branches)
+        self.found.add_remark(line.start, "computed", patterns.FRAME_SET_TEXT.format(which))
+
+    def _frame_value(self, which: str, frame: re.Match[str], line: KrlLine) -> str:
+        """Return the number of a tool or base, ``$`` for one written out here, or that it is not known."""
+        text, place = self.found.source.text, line.start + frame.end()
+        table = patterns.FROM_TABLE.fullmatch(text, place, line.end)
+        if table is not None and not frame[2]:
+            return table[1]
+        if patterns.NULL.fullmatch(text, place, line.end) and not frame[2]:
+            return "0"
+        literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None
+        alone = literal is not None and not text[literal.end : line.end].strip()
+        pose = self.found.pose_of(literal) if literal is not None and alone else None
+        self.points.set_frames[which].append(pose)
+        return "$" if pose is not None else UNKNOWN
+
+    def _take_assignment(self, line: KrlLine) -> None:
+        text = self.found.source.text
+        name = find_item(text, line.start, line.end)
+        if name is not None and name.value is not None:
+            self._take_value(name, line)
+        else:
+            remark_hidden_positions(self.found, line, line.start)
+
+    def _take_value(self, name: NamedItem, line: KrlLine) -> None:
+        upper = name.name.upper()
+        value = without_strings(self.found.source.text[name.value : line.end])
+        if upper in patterns.TABLES:
+            self._take_table_setting(name, line)
+        elif value.startswith("{"):
+            self._take_struct(name, value, self.types.get(upper, ""), line)
+        else:
+            if upper not in patterns.MOTION_DATA:
+                self._take_copy(name, value, line)
+                self._take_overwrite(name, value, line)
+                self.shifts.note_value(name.full_name, value, line.start, self.types.get(upper, ""))
+            if upper in self.types or patterns.POINT_VALUE.search(value):
+                self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+            else:
+                remark_hidden_positions(self.found, line, line.start)
+
+    def _take_struct(self, name: NamedItem, value: str, kind: str, line: KrlLine) -> None:
+        alone = (
+            "{" not in value[1:] and ":" not in value.partition("}")[2] and patterns.POINT_STRUCT.match(value)
+        )
+        literal = self.found.read_literal(name.value or 0, line.end) if alone else None
+        is_frame = kind == "FRAME" or (
+            literal is not None and (literal.type == "FRAME" or not any(literal.state))
+        )
+        if literal is not None and (literal.axes or not is_frame):
+            self._add_position(name.full_name, literal, is_constant=False)
+        elif literal is not None:
+            self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+            self.frames_set.append((name, literal))
+        elif not alone and ":" not in value.partition("}")[2]:
+            remark_hidden_positions(self.found, line, line.start)
+        if ":" in value.partition("}")[2] and name.name[0] != "$":
+            self._take_copy(name, value, line)
+        if literal is None or not literal.is_whole or (is_frame and not literal.axes):
+            self._take_overwrite(name, value, line)
+
+    def add_frames(self) -> None:
+        """Take FRAMEs that moves go to as positions that are left."""
+        for name, literal in self.frames_set:
+            key = point_key(name.name, name.index)
+            if {key, name.name.upper(), f"{name.name.upper()}[]"} & self.points.uses.keys():
+                self.found.add_unread(name.full_name, literal.start, FRAME_ALONE)
+
+    def _take_copy(self, name: NamedItem, value: str, line: KrlLine) -> None:
+        """Note that a name is given what stands in others, which may be points."""
+        if ":" in value and name.name[0] != "$":
+            self.shifts.note_operators(value, name.value or line.start, self.types, None)
+        to = point_key(name.name, name.index)
+        for source in patterns.WORD.finditer(value):
+            self._note_use(source[1], source[2], line.start, COPIED)
+            self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)
+
+    def _take_overwrite(self, name: NamedItem, value: str, line: KrlLine) -> None:
+        """Note that a name, which may be a point of a data list, gets a value that is not written here."""
+        if name.name[0] != "$" and (value[:1] == "{" or patterns.NAME_VALUE.match(value)):
+            self._note_use(name.name, name.index, line.start, OVERWRITTEN)
+
+    def _take_component(self, code: str, line: KrlLine) -> None:
+        self.shifts.note_component(code, line.start, self._move_here(line.start))
+        self.found.add_remark(
+            line.start, "computed", patterns.ASSIGNED.format(code.partition("=")[0].strip())
+        )
+        name = find_item(self.found.source.text, line.start, line.end)
+        if name is not None and name.name.upper() in patterns.TABLES:
+            self._take_table_setting(name, line)
+        elif name is not None:
+            self._take_overwrite(name, "{", line)
+
+    def _take_table_setting(self, name: NamedItem, line: KrlLine) -> None:
+        index = (name.index or "").strip()
+        number = str(int(index)) if index.isdigit() and len(index) < patterns.MOST_DIGITS else "*"
+        self.points.set_tables.add(f"{patterns.TABLES[name.name.upper()]} {number}")
+        if name.value is not None:  # a component's is told already
+            self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+
+
+def read_program(source: ProgramText) -> KrlProgram:
+    """Read a program."""
+    found = KrlPositions(source)
+    program = KrlProgram(found, PointUses(found), ShiftNotes(found))
+    for part in TAUGHT_MOVE.finditer(source.text):
+        if part["point"] is not None:
+            program.read_taught_move(part)
+        elif line := line_at(source.text, part.start()):
+            program.read_line(line)
+    program.add_frames()
+    program.points.finish_reading()
+    return program

@@ -1,0 +1,366 @@
+"""What the files of one robot say of each other's positions: declared in one, moved to in another.
+
+A file that is read alone tells what it declares and what it does to names of others (`Said`). All files' sayings
+together (`Across`) tell of each file how the others use its positions.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import PurePath
+from typing import NamedTuple, Protocol, TypeAlias
+
+from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
+from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
+
+Routine: TypeAlias = tuple[str, str]  # its file and name
+# By its name here: the module that declares a position, and its name there.
+Imports: TypeAlias = Mapping[str, tuple[str, str]]
+COPIED = "the program copies it, and only the copy is moved to"
+_MANY_USES = 64
+_DIFFERENT = "it is used with different tools or frames, in {}"
+_OTHERWISE = "it was taught with another tool or frame than {} moves there with"
+_COPY_OTHERWISE = "it was taught in another frame than {} sets where it moves to a copy of it"
+_CALLED = "{} in {}, which its program calls, sets another tool or frame"
+_CALLER = "{} in {} sets the tool or frame before its program is called, or may"
+_UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
+_NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
+_UNUSED = "{} and {} more may be used by programs that were not given, with another tool or frame than is taken here."
+_UNUSED_ALONE = (
+    "{} may be used by a program that was not given, with another tool or frame than is taken here."
+)
+
+
+class MoveFrames(NamedTuple):
+    """How a move goes to a position: its tool and frame, None where its file does not say."""
+
+    tool: str | None
+    frame: str | None
+    why: str = ""  # why nobody can tell them; "" where nothing is in the way
+    routine: str = ""  # whose callers and called routines may set others
+
+
+@dataclass(frozen=True, slots=True)
+class RoutineEffects:
+    """What a routine that other files may call sets, and what it calls."""
+
+    tools: frozenset[str] = frozenset()
+    frames: frozenset[str] = frozenset()
+    calls: frozenset[str] = frozenset()
+    shown: bool = True  # other files may call it
+    resets: bool = False  # it sets tool and frame to what the controller begins with
+
+
+@dataclass(frozen=True, slots=True)
+class FileDeclarations:
+    """What one file says that counts for others; all names in the language's one case."""
+
+    module: str
+    declares: Mapping[str, bool] = field(default_factory=dict)  # names, and whether other modules see them
+    uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared elsewhere
+    routines: Mapping[str, RoutineEffects] = field(default_factory=dict)
+    doubtful: Mapping[str, str] = field(
+        default_factory=dict
+    )  # tools and frames no point may be carried in, and why
+    public: bool = False  # all that is declared here is seen everywhere
+    tools: Poses = field(default_factory=dict)  # declared here for all
+    bases: Poses = field(default_factory=dict)
+    imports: Imports = field(default_factory=dict)  # for all files of its module
+    flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
+
+
+class FindOpenReason(Protocol):
+    """Of a file's routine: why its callers or called routines leave its tool or frame open, or ""."""
+
+    def __call__(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
+        """Return the reason, of the tool or frame only where the other is not asked for."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalUses:
+    """What the files of a batch say of one of them."""
+
+    uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
+    doubtful: Mapping[str, str]
+    reached: FindOpenReason
+    file: str
+    visible: frozenset[str]  # names that programs not given may use, too
+    tools: Poses  # what files declare for all; the nearest one's for each name
+    bases: Poses
+
+    def doubt_reason(self, tool: str | None, frame: str | None) -> str:
+        """Return why nothing is carried in a tool or frame, or ""."""
+        return self.doubtful.get(_lower_name(tool), "") or self.doubtful.get(_lower_name(frame), "")
+
+    def uses_of_name(self, name: str) -> Sequence[tuple[MoveFrames, str]]:
+        """Return the uses of a declared name, those of its whole array with those of an element."""
+        bare = array_name_of(name)
+        some = self.uses.get(name, ())
+        return some if bare == name else [*some, *self.uses.get(bare, ())]
+
+
+class BatchDeclarations:
+    """All sayings of a batch, each by its file; a folder's own module goes before one of the same name elsewhere."""
+
+    def __init__(self, declarations: Mapping[str, FileDeclarations]) -> None:
+        self._by_file = declarations
+        self._uses: dict[str, dict[str, list[tuple[MoveFrames, str]]]] = defaultdict(
+            lambda: defaultdict(list)
+        )
+        self._doubtful: dict[str, str] = {}
+        self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
+        self._folders = {file: str(PurePath(file).parent) for file in declarations}
+        self._names = [(file, name) for file, one in declarations.items() for name in one.routines]
+        self._numbers = {routine: number for number, routine in enumerate(self._names)}
+        self._marks: tuple[_Around, _Around] | None = None
+        self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
+        self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
+        self._bases = DeclaredPoses({file: one.bases for file, one in declarations.items() if one.bases})
+        for file, one in declarations.items():
+            if one.doubtful and not (one.flat and self._is_standalone(file, one)):
+                self._doubtful |= one.doubtful
+            for name, routine in one.routines.items():
+                if routine.shown:
+                    self._shown[name].append(file)
+        self._give_uses()
+
+    def uses_of_file(self, file: str) -> ExternalUses | None:
+        """Return what counts for a file; None for one that said nothing."""
+        if file not in self._by_file:
+            return None
+        one = self._by_file[file]
+        uses = {name: self._deciding_uses(move_uses) for name, move_uses in self._uses.get(file, {}).items()}
+        visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
+        tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
+        return ExternalUses(uses, self._doubtful, self._why_reached, file, visible, tools, bases)
+
+    @cached_property
+    def _called_in(self) -> Set[tuple[str, str]]:
+        """Return the folders, and the routines that are called there."""
+        return {
+            (self._folders[file], name)
+            for file, one in self._by_file.items()
+            for routine in one.routines.values()
+            for name in routine.calls
+        }
+
+    def _is_standalone(self, file: str, one: FileDeclarations) -> bool:
+        """Tell whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        folder = self._folders[file]
+        return not any(
+            routine.calls or (folder, name) in self._called_in for name, routine in one.routines.items()
+        )
+
+    def _deciding_uses(self, uses: list[tuple[MoveFrames, str]]) -> list[tuple[MoveFrames, str]]:
+        """Return of very many uses those that decide: an array has thousands, for each of its elements."""
+        if len(uses) <= _MANY_USES:
+            return uses
+        whys: dict[str | None, tuple[MoveFrames, str]] = {}
+        frames: dict[tuple[str, str], tuple[MoveFrames, str]] = {}
+        for move_frames, file in uses:
+            why = move_frames.why or self._why_reached(file, move_frames.routine)
+            if why:
+                decisive = (move_frames._replace(why=why), file)
+                if why != COPIED or len(whys) < _MANY_USES:
+                    whys.setdefault(_lower_name(move_frames.frame) if why == COPIED else None, decisive)
+            elif len(frames) < _MANY_USES:
+                frames.setdefault(
+                    (_lower_name(move_frames.tool), _lower_name(move_frames.frame)), (move_frames, file)
+                )
+        return [*whys.values(), *frames.values()]
+
+    def _give_uses(self) -> None:
+        """Find for every name that is used whose declaration it means."""
+        own, visible = self._declaring_files()
+        for file, one in self._by_file.items():
+            mine = self._nearest_files(file, [other for other in own[one.module] if other != file])
+            imports = {
+                name: there for each in (*mine, file) for name, there in self._by_file[each].imports.items()
+            }
+            for name, frames_of_moves in one.uses.items():
+                bare = array_name_of(name)
+                owners, there = self._files_declaring(bare, mine), bare
+                if not owners:
+                    module, there = imports.get(bare, ("", bare))
+                    others = self._files_declaring(there, own[module]) if module else visible.get(bare, ())
+                    owners = self._nearest_files(file, others)
+                for owner in owners:
+                    self._uses[owner][there + name[len(bare) :]] += [
+                        (move_frames, file) for move_frames in frames_of_moves
+                    ]
+
+    def _declaring_files(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+        """Return by module the files that declare for it, and by name those that show it to other modules."""
+        own: dict[str, list[str]] = defaultdict(list)
+        visible: dict[str, list[str]] = defaultdict(list)
+        for file, one in self._by_file.items():
+            if one.declares or one.imports:
+                own[one.module].append(file)
+            for name, shown in one.declares.items():
+                if shown or one.public:
+                    visible[name].append(file)
+        return own, visible
+
+    def _files_declaring(self, name: str, files: Sequence[str]) -> list[str]:
+        return [file for file in files if name in self._by_file[file].declares]
+
+    def _why_reached(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
+        """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more; or ""."""
+        number = self._numbers.get((file, name)) if name else None
+        if number is None:
+            return ""
+        own = self._by_file[file].routines[name]
+        if self._marks is None:
+            self._marks = self._effects_around()
+        tools, frames = self._marks
+        effects = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
+        below = [(value, subject) for (marks, _), has in effects for value, subject in marks[number]
+                 if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
+        if any(has for _, has in effects):
+            below += self._resets_below[number]
+        if below:
+            value, subject = below[0]
+            return self._name_text(_UNGIVEN if value == _NOT_GIVEN else _CALLED, subject)
+        above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
+                 if value != _NOT_GIVEN]  # fmt: skip
+        return self._name_text(_CALLER, above[0]) if above else ""
+
+    def _effects_around(self) -> "tuple[_Around, _Around]":
+        routines = [self._by_file[file].routines[name] for file, name in self._numbers]
+        calls = [
+            [
+                self._numbers[called]
+                for name in sorted(one.calls)
+                for called in self._called_routines(file, name)
+            ]
+            for (file, _), one in zip(self._numbers, routines, strict=True)
+        ]
+        more = [
+            frozenset([_NOT_GIVEN]) if self._has_missing_calls(file, one) else frozenset[str]()
+            for (file, _), one in zip(self._numbers, routines, strict=True)
+        ]
+        resets, _ = reached_settings(
+            calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
+        )
+        self._resets_below = [tuple(mark for called in some for mark in resets[called]) for some in calls]
+        return (
+            reached_settings(calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
+            reached_settings(calls, [one.frames | its for one, its in zip(routines, more, strict=True)]),
+        )
+
+    def _has_missing_calls(self, file: str, routine: RoutineEffects) -> bool:
+        return self._by_file[file].flat and not all(
+            self._called_routines(file, name) for name in routine.calls
+        )
+
+    def _called_routines(self, file: str, name: str) -> list[Routine]:
+        if name in self._by_file[file].routines:
+            return [(file, name)]
+        others = self._shown.get(name, ())
+        if self._by_file[file].flat:
+            return [(other, name) for other in others if self._folders[other] == self._folders[file]]
+        return [(other, name) for other in self._nearest_files(file, others)]
+
+    def _name_text(self, text: str, number: int) -> str:
+        file, name = self._names[number]
+        return text.format(name, PurePath(file).name)
+
+    def _nearest_files(self, file: str, others: Sequence[str]) -> list[str]:
+        """Return those beside a file, or all where none is."""
+        folder = self._folders[file]
+        return [other for other in others if self._folders[other] == folder] or list(others)
+
+
+_Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it
+
+
+def settle_positions(
+    positions: Positions,
+    external_uses: ExternalUses,
+    keys: Sequence[str],
+    *,
+    used: Set[int],
+    taught: Set[int],
+    routines: Mapping[int, str],
+) -> tuple[Positions, tuple[Remark, ...]]:
+    """Return a file's positions with what other files say of them, and what must be told of the others.
+
+    ``keys`` names every row as other files do; rows ``used`` are moved to in this file, in ``routines`` where their
+    tool or frame depends on it; rows ``taught`` hold their own tool and frame.
+    """
+    tools, frames, barred = list(positions.tools), list(positions.user_frames), dict(positions.barred)
+    unused: list[int] = []
+    for row, kind in enumerate(positions.kinds):
+        if kind != CARTESIAN or row in barred:
+            continue
+        uses = external_uses.uses_of_name(keys[row])
+        why = ""
+        if row in taught:
+            why = _taught_otherwise(MoveFrames(tools[row], frames[row]), uses, external_uses)
+        elif uses:
+            own = [(MoveFrames(tools[row], frames[row], routine=routines.get(row, "")), external_uses.file)]
+            tools[row], frames[row], why = _agree_uses([*(own if row in used else ()), *uses], external_uses)
+        elif row in used:
+            why = external_uses.reached(external_uses.file, routines.get(row, ""))
+        elif array_name_of(keys[row]) in external_uses.visible:
+            unused.append(row)
+        if why := why or external_uses.doubt_reason(tools[row], frames[row]):
+            barred[row] = why
+    remarks = _unused_remarks(positions, unused)
+    return replace(positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred), remarks
+
+
+def _unused_remarks(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...]:
+    if not unused:
+        return ()
+    first = positions.names[unused[0]]
+    text = _UNUSED.format(first, len(unused) - 1) if len(unused) > 1 else _UNUSED_ALONE.format(first)
+    return (Remark(int(positions.lines[unused[0]]), "indirect", text),)
+
+
+def _taught_otherwise(
+    taught: MoveFrames, uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
+) -> str:
+    """Return why a position is left that holds a tool and frame, and is moved to with others; or ""."""
+    copied = [(move_frames, file) for move_frames, file in uses if move_frames.why == COPIED]
+    uses = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
+    tool, frame, why = _agree_uses(uses, external_uses) if uses else (None, None, "")
+    if why:
+        return why
+    if (tool or taught.tool, frame or taught.frame) != (taught.tool, taught.frame):
+        return _OTHERWISE.format(PurePath(uses[0][1]).name)
+    others = (
+        file
+        for move_frames, file in copied
+        if move_frames.frame and _lower_name(move_frames.frame) != _lower_name(taught.frame)
+    )
+    other = next(others, None)
+    return "" if other is None else _COPY_OTHERWISE.format(PurePath(other).name)
+
+
+def _agree_uses(
+    uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
+) -> tuple[str | None, str | None, str]:
+    """Return the tool and frame that all uses of a position agree on, or why they do not."""
+    some = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
+    if not some:
+        return None, None, COPIED
+    whys = (move_frames.why or external_uses.reached(file, move_frames.routine) for move_frames, file in some)
+    why = next(filter(None, whys), "")
+    if len({(_lower_name(move_frames.tool), _lower_name(move_frames.frame)) for move_frames, _ in some}) > 1:
+        files = sorted({PurePath(file).name for _, file in some if file})
+        why = why or _DIFFERENT.format(", ".join(files[:3]) + (" and others" if len(files) > 3 else ""))
+    move_frames = some[0][0]
+    return (None, None, why) if why else (move_frames.tool, move_frames.frame, "")
+
+
+def _lower_name(name: str | None) -> str:
+    return "" if name is None else name.lower()
+
+
+def array_name_of(name: str) -> str:
+    """Return an array's name for an element of it."""
+    return name.partition("[")[0].partition("{")[0]

@@ -1,0 +1,125 @@
+"""The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.interfaces import Condition, Counts, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.lost_plans import index_travel
+from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.turn_uncertainty import Turns, posture_uncertainty
+from cellcal.procedures.questions import ask_confirmation, ask_to_move
+from cellcal.procedures.run import ProcedureError, Run
+from cellcal.procedures.steps.mastering import read_alarms, read_counts, reset_alarms, wait_for_robot
+from cellcal.procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
+
+NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
+POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten seconds, switch it on again.")
+SLOW_MOTION = Instruction(
+    "may_move",
+    "The robot does not know where it is. It will turn one joint after the other, slowly, by one motor turn "
+    "each, and stay there. Look at the robot: is there room, and is the draw-wire free? May it move?",
+)
+ROUNDS = 5
+INDEX_TURNS = 1.1
+
+
+class StillAlarmedError(ProcedureError):
+    """The position alarms do not go away."""
+
+    code = "procedure.still_alarmed"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCodes:
+    """The maker's names of alarms that a recovery knows how to answer."""
+
+    battery: tuple[str, ...] = ("SRVO-062",)
+    power_cycle: tuple[str, ...] = ("SRVO-038",)
+    index: tuple[str, ...] = ("SRVO-075",)
+
+
+@dataclass(frozen=True, slots=True)
+class IndexTurning:
+    """How motors are turned past their index."""
+
+    speed_rad_s: float
+    room: MotionBounds
+    doubt_turns: Turns
+
+
+@dataclass(frozen=True, slots=True)
+class ClearedEncoders:
+    """Encoders that report no alarm."""
+
+    lost: bool  # whether there were alarms: encoders that report nothing may have kept their position
+    counts: Counts  # what healthy encoders would count now: the last healthy counts, and the turns since
+
+
+async def clear_position_alarms(
+    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, turning: IndexTurning
+) -> ClearedEncoders:
+    """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
+
+    Raises
+    ------
+    StillAlarmedError
+        An alarm stays that this procedure cannot answer.
+    """
+    woken = ClearedEncoders(lost=False, counts=last_counts)
+    for k in range(1, ROUNDS + 1):
+        condition = await run.step(f"look at the alarms {k}", read_alarms)
+        active = {alarm.code for alarm in condition.alarms}
+        if active & {*codes.battery, *codes.power_cycle, *codes.index}:
+            woken = replace(woken, lost=True)
+        if active & {*codes.battery, *codes.power_cycle}:
+            if active & {*codes.battery}:
+                await run.step(f"new battery {k}", ask_confirmation, NEW_BATTERY)
+            await run.write(f"acknowledge the lost position {k}", reset_alarms)
+            await run.step(f"power cycle {k}", ask_confirmation, POWER_CYCLE)
+            gone = (*codes.battery, *codes.power_cycle)
+            await run.step(f"wait for the robot {k}", wait_for_robot, gone)
+        elif active & {*codes.index}:
+            woken = replace(woken, counts=await _pass_indices(run, record, woken.counts, k, turning))
+        elif active:
+            await run.write(f"reset the alarms {k}", reset_alarms)
+        else:
+            break
+    await run.ensure("no alarm is left", check_no_alarm)
+    return woken
+
+
+async def check_no_alarm(cell: Cell) -> Condition:
+    """Refuse while an alarm stands; asked again on every entry, since a person may have cleared it meanwhile."""
+    condition = await read_alarms(cell)
+    if condition.alarms:
+        raise StillAlarmedError(
+            f"the robot still reports {', '.join(sorted({alarm.code for alarm in condition.alarms}))}",
+            remedy="Clear the alarm by the controller's manual, then resume.",
+        )
+    return condition
+
+
+async def _pass_indices(
+    run: Run, record: MasteringRecord, last_counts: Counts, k: int, turning: IndexTurning
+) -> Counts:
+    """Turn every motor past its index: a controller names its newest alarms only, so all axes are suspect.
+
+    J1 first: a wrist motor turns the joints after it too. Returns what healthy encoders would count afterwards.
+    """
+    healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
+    last_joints = healthy.joints_at(last_counts)
+    known_values = (record, last_joints, INDEX_TURNS, turning.room, turning.doubt_turns)
+    travel = await run.solve(f"plan the turns {k}", index_travel, *known_values)
+    doubt = posture_uncertainty(record.drive, turning.doubt_turns)
+    await run.step(f"slow motion {k}", ask_to_move, SLOW_MOTION)
+    before = await run.step(f"counts before the turns {k}", read_counts)
+    for axis in range(len(last_counts)):
+        name = f"pass the index of J{axis + 1}, {k}"
+        turn = IndexTurn(axis, travel[axis], before, last_joints, doubt)
+        await run.move(name, pass_index, turn, turning.speed_rad_s)
+    await run.write(f"clear the alarms {k}", reset_alarms)
+    there = np.add(last_joints, travel)
+    return tuple(int(count) for count in record.drive.to_counts(there, np.array(record.counts_at_zero)))

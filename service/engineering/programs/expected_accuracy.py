@@ -1,0 +1,124 @@
+"""What accuracy a new point may be expected to have, from the covariances of both cells; k = 2."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.programs.fixture_postures import fixture_postures
+from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
+from cellcal.service.engineering.programs.project import Project, ProjectTool
+
+_FEWEST = 4  # postures that tell the rigid motion which fixture and arm share
+_BLOCK = 16384
+_MOST_REFERENCES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class TransferEnds:
+    """Where points come from and where they go: joints (N, n) and tools there."""
+
+    source_rad: Array
+    target_rad: Array
+    source_tool: ProjectTool
+    target_tool: ProjectTool
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """What is known of two cells and of what lies between them.
+
+    ``one_cell`` says that both ends are one robot, whose errors at both postures go together; ``nominal`` that the
+    source is a computed place, which has no error.
+    """
+
+    source: Project
+    target: Project
+    change: Array  # (4, 4) source's base seen from the target's
+    change_covariance: Array | None = None  # (6, 6) of its right twist; None: exact
+    one_cell: bool = False
+    nominal: bool = False
+    unknown: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        ends = [self.target] if self.nominal or self.one_cell else [self.source, self.target]
+        remarks = []
+        for project in ends:
+            if project.identified is None:
+                remarks.append(
+                    f"no accuracy can be foretold: {project.path.name} names no parameters of {project.serial}"
+                )
+            elif project.identified.covariance is None:
+                remarks.append(
+                    f"no accuracy can be foretold: the parameters of {project.serial} keep no correlations"
+                )
+            elif project.identified.held_out_rms_m is None:
+                remarks.append(
+                    f"the expected error counts what the parameters of {project.serial} leave open, not what no "
+                    "parameter describes: give held_out_rms_mm"
+                )
+        object.__setattr__(self, "unknown", tuple(remarks))
+
+    def errors_m(self, ends: TransferEnds) -> Array:
+        """Return U (k = 2) of every point in its worst direction (N,); NaN where a covariance is missing."""
+        arms = self._tip_spreads(ends)
+        found = np.full(len(ends.target_rad), np.nan)
+        if arms is None:
+            return found
+        for first in range(0, len(found), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            found[block] = expanded_uncertainty(self._tip_covariances(arms, ends, block))
+        return found
+
+    def _tip_covariances(self, arms: Mapping[str, TipSpread], ends: TransferEnds, block: slice) -> Array:
+        turn = self.change[:3, :3]
+        joints = ends.target_rad[block]
+        if self.one_cell:
+            there, here = arms["target"].tip_slopes(joints), arms["source"].tip_slopes(ends.source_rad[block])
+            apart = (there - np.einsum("ij,rjn->rin", turn, here)).transpose(2, 1, 0)
+            total = apart @ apart.swapaxes(1, 2)
+        else:
+            total = arms["target"].tip_covariances(joints)
+        if not (self.one_cell or self.nominal):
+            total = total + turn @ arms["source"].tip_covariances(ends.source_rad[block]) @ turn.T
+        if self.change_covariance is not None:
+            places = arms["source"].tip_arm.compute_frames(ends.source_rad[block].T)[1][-1].T
+            total = total + turn @ frame_covariances(self.change_covariance, places) @ turn.T
+        variance = self._left_over(self.target) + ends.target_tool.sigma_m**2
+        if not self.nominal:
+            variance += self._left_over(self.source) + ends.source_tool.sigma_m**2
+        return np.asarray(total + variance * np.eye(3), dtype=np.float64)
+
+    @staticmethod
+    def _left_over(project: Project) -> float:
+        found = None if project.identified is None else project.identified.held_out_rms_m
+        return (found or 0.0) ** 2
+
+    def _tip_spreads(self, ends: TransferEnds) -> dict[str, TipSpread] | None:
+        target = _tip_spread(self.target, ends.target_tool, ends.target_rad)
+        if self.nominal:
+            return None if target is None else {"target": target}
+        source = _tip_spread(self.source, ends.source_tool, ends.source_rad)
+        if source is None or target is None:
+            return None
+        if self.one_cell:  # what both ends share falls out between them
+            source, target = replace(source, shared=None), replace(target, shared=None)
+        return {"source": source, "target": target}
+
+
+def _tip_spread(project: Project, tool: ProjectTool, joints_rad: Array) -> TipSpread | None:
+    """Return a cell's spread against its fixture; against the program's own points where no fixture is known."""
+    arm = project.identified
+    if arm is None or arm.covariance is None or arm.layout is None or not len(joints_rad):
+        return None
+    spread = TipSpread(replace(arm.state, flange_tool=tool.real), arm.layout, arm.covariance).with_own_tool()
+    found = project.alignment
+    references = joints_rad[:0]
+    if found is not None:
+        pose = found.base_fixture.to_matrix()
+        points = np.array(found.points_in_fixture_m) @ pose[:3, :3].T + pose[:3, 3]
+        references = fixture_postures(spread.tip_arm, project.nominal, points, joints_rad)
+    if len(references) < _FEWEST:
+        references = joints_rad[:: -(-len(joints_rad) // _MOST_REFERENCES)]
+    return spread.relative_to(references) if len(references) >= _FEWEST else spread

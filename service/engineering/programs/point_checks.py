@@ -1,0 +1,154 @@
+"""What every new point is checked for before it is written: reach, limits, singularity, configuration, collision."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
+from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
+from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations
+from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
+from cellcal.service.engineering.programs.project import Project
+
+_ROUNDED_RAD = 1e-6
+_FLIPPED_RAD = 0.5 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class TransferChecks:
+    """Checks points of one cell; what fails is said in ``points.reasons``."""
+
+    project: Project
+    rule: ConfigurationRule | None
+    collisions: CollisionCheck | None
+
+    @classmethod
+    def for_project(cls, project: Project, rule: ConfigurationRule | None) -> "TransferChecks":
+        """Prepare the checks of a cell; without shapes there is none for collisions."""
+        shapes = project.shapes
+        check = None if shapes is None else CollisionCheck.from_model(project.controller, shapes)
+        return cls(project, rule, check)
+
+    def check_points(
+        self, points: ProgramPoints, rows: Rows, before_rad: Array, found: TransferResult
+    ) -> None:
+        """Say of each point why it must be left.
+
+        Parameters
+        ----------
+        points : Points
+            Their reasons are added to.
+        rows : (K,)
+            The points that were transferred.
+        before_rad : (K, n)
+            Their joints in the cell they come from.
+        found : Transferred
+            Where they would go.
+        """
+        points.refuse_points(
+            rows[~found.reached],
+            _row_reason(
+                rows[~found.reached],
+                found.left_m[~found.reached],
+                "unreachable: the arm ends {:.1f} mm away",
+                1e3,
+            ),
+        )
+        self._check_limits(points, rows, found.joints_rad)
+        sigma = smallest_sigma(self.project.controller, found.joints_rad, self.project.smallest_sigma)
+        near = sigma < self.project.smallest_sigma
+        words = f"near a singularity: {{:.4f}} m/rad, at least {self.project.smallest_sigma:g} is wanted"
+        points.refuse_points(rows[near], _row_reason(rows[near], sigma[near], words))
+        self._check_flips(points, rows, before_rad, found.joints_rad)
+        self._check_configurations(points, rows, found.joints_rad)
+        self._check_collisions(points, rows, found.joints_rad)
+
+    def _check_limits(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
+        model = self.project.controller
+        beyond = np.maximum(model.lower_rad - joints, joints - model.upper_rad)
+        worst = np.argmax(beyond, axis=1)
+        excess = beyond[np.arange(len(rows)), worst]
+        over = excess > _ROUNDED_RAD
+        reasons = {
+            int(i): f"joint {joint + 1} would pass its limit by {np.degrees(by):.1f} deg"
+            for i, joint, by in zip(rows[over], worst[over], excess[over], strict=True)
+        }
+        points.refuse_points(rows[over], reasons.__getitem__)
+
+    def _check_flips(self, points: ProgramPoints, rows: Rows, before: Array, joints: Array) -> None:
+        """Find wrists that turn over: the same pose in another way, joints 4 and 6 by half a turn each."""
+        turned = np.abs(joints - before)
+        flipped = (turned[:, 3] > _FLIPPED_RAD) & (turned[:, 5] > _FLIPPED_RAD)
+        points.refuse_points(rows[flipped], "the wrist would flip")
+
+    def _check_configurations(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
+        if self.rule is None:
+            return
+        configured = [
+            i for i in np.flatnonzero(points.cartesian[rows]).tolist() if points.texts[int(rows[i])]
+        ]
+        texts = [points.texts[int(rows[i])] for i in configured]
+        same = self.rule.keeps_posture(self.project.controller, joints[configured], texts)
+        other = [i for i, agrees in zip(configured, same.tolist(), strict=True) if not agrees]
+        if other:
+            old = [points.texts[int(rows[i])] for i in other]
+            new = self.rule.write_configurations(self.project.controller, joints[other], old)
+            reasons = {
+                int(rows[i]): f"the wrist would flip or the arm change its posture: {a} would become {b}"
+                for i, a, b in zip(other, old, new, strict=True)
+            }
+            points.refuse_points(rows[other], reasons.__getitem__)
+
+    def _check_collisions(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
+        if self.collisions is None:
+            return
+        bad = np.flatnonzero(~self.collisions.is_free(joints))
+        contacts = self.collisions.narrowest_contacts(joints[bad]) if len(bad) else ()
+        reasons = {int(rows[i]): _describe_contact(contact) for i, contact in zip(bad, contacts, strict=True)}
+        points.refuse_points(rows[bad], reasons.__getitem__)
+
+    def new_configurations(self, points: ProgramPoints, rows: Rows, joints: Array) -> dict[int, str]:
+        """Return the configurations that must be written anew, by point: turn numbers that are others now."""
+        if self.rule is None:
+            return {}
+        configured = [
+            i for i in np.flatnonzero(points.cartesian[rows]).tolist() if points.texts[int(rows[i])]
+        ]
+        texts = [points.texts[int(rows[i])] for i in configured]
+        same = self.rule.matches_postures(self.project.controller, joints[configured], texts, turns=True)
+        other = [i for i, agrees in zip(configured, same.tolist(), strict=True) if not agrees]
+        if not other:
+            return {}
+        old = [points.texts[int(rows[i])] for i in other]
+        new = self.rule.write_configurations(self.project.controller, joints[other], old)
+        if isinstance(self.rule, SharedConfigurations):
+            for i, before, after in zip(other, old, new, strict=True):
+                points.refuse_points(rows[[i]], self.rule.refuses_change(before, after))
+            return {}
+        right = self.rule.matches_postures(self.project.controller, joints[other], new, turns=True)
+        texts_by_row = {int(rows[i]): text for i, text in zip(other, new, strict=True)}
+        wrong = [int(rows[i]) for i, agrees in zip(other, right.tolist(), strict=True) if not agrees]
+        points.refuse_points(
+            np.array(wrong, dtype=np.intp), "its configuration cannot be written in the file's spelling"
+        )
+        return {i: text for i, text in texts_by_row.items() if i not in wrong}
+
+
+def _describe_contact(contact: ShapeContact) -> str:
+    if contact.clearance_m <= 0:
+        return f"collides: {contact.first} and {contact.second}"
+    return f"comes too close: {contact.clearance_m * 1e3:.0f} mm between {contact.first} and {contact.second}"
+
+
+class _RowReason:
+    def __init__(self, rows: Rows, values: Array, words: str, factor: float) -> None:
+        self._by_row = dict(zip(rows.tolist(), values.tolist(), strict=True))
+        self._words, self._factor = words, factor
+
+    def __call__(self, row: int) -> str:
+        return self._words.format(self._by_row[row] * self._factor)
+
+
+def _row_reason(rows: Rows, values: Array, words: str, factor: float = 1.0) -> _RowReason:
+    return _RowReason(rows, values, words, factor)

@@ -1,0 +1,300 @@
+"""Carry points of programs from one cell to another, or within one: what clone, move and compensate share.
+
+Programs are worked on together: their points are sorted by tool and frame, each sort goes through the arms in blocks,
+and what fails is left as it was, with a reason.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.programs.transfer import (
+    TransferFrames,
+    TransferResult,
+    same_place,
+    tip_poses,
+    transfer_points,
+)
+from cellcal.drivers.programs.brands import ConfigurationRule
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.cell_of_program import (
+    PointGroup,
+    ProgramPoints,
+    Rows,
+    bring_their_own,
+    find_contradiction,
+    frame_of,
+    groups_of,
+    in_no_frame,
+    missing_reason,
+    name_in,
+    points_of,
+    refuse_foreign,
+    tool_of,
+)
+from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
+from cellcal.service.engineering.programs.point_checks import TransferChecks
+from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
+from cellcal.service.engineering.programs.postures import PostureSearch
+from cellcal.service.engineering.programs.project import Project, ProjectTool
+from cellcal.service.engineering.programs.project_pulses import in_joints
+from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
+
+_BLOCK = 32768  # the few points that need many steps take them together
+_CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
+
+
+@dataclass(frozen=True, eq=False)
+class FramePair:
+    """One sort of points: tools and frames at both ends. A frame is None where only joints are programmed."""
+
+    source_tool: ProjectTool
+    target_tool: ProjectTool
+    source_frame: Array | None
+    target_frame: Array | None
+
+
+class TransferRoute(Protocol):
+    """What differs between moving, cloning and compensating."""
+
+    @property
+    def source(self) -> Project: ...
+    @property
+    def target(self) -> Project: ...
+
+    @property
+    def change(self) -> Array:
+        """Return what carries places of the source's base into the target's (4, 4)."""
+        ...
+
+    def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Tell whether points of a user frame go this way, or why that is not known.
+
+        ``in_joints`` are joint angles, ``bare_joints`` those whose program names no frame but the base.
+        """
+        ...
+
+    def transfer_way(self, frame_pair: FramePair) -> TransferFrames:
+        """Return the arms and the change of base for one sort of points."""
+        ...
+
+    def make_expectation(self, frame_pair: FramePair) -> Expectation:
+        """Return what the expected errors come from."""
+        ...
+
+
+def _row_blocks(rows: Rows) -> Iterator[Rows]:
+    for first in range(0, len(rows), _BLOCK):
+        yield rows[first : first + _BLOCK]
+
+
+class ProgramTransfer:
+    """Carries programs along one route; what it prepares is kept for the next program."""
+
+    def __init__(self, route: TransferRoute, rule: ConfigurationRule | None) -> None:
+        self._route = route
+        self._rule = rule
+        source = route.source
+        self._postures = PostureSearch(source.nominal, source.controller, rule)
+        self._back = PostureSearch(route.target.nominal, route.target.controller, rule)
+        self._judge = TransferChecks.for_project(route.target, rule)
+
+    def transfer_programs(self, programs: Sequence[ProgramFile]) -> tuple[ProgramResult, ...]:
+        """Carry programs of one brand.
+
+        Raises
+        ------
+        ProgramFileError
+            A program of another robot or in another unit: nothing of it is written.
+        CalibrationError
+            Numbers that are not finite.
+        """
+        programs = in_joints(programs, self._route.source.pulses_per_rad)
+        for program in programs:
+            refuse_foreign(program, self._route.source)
+        axes = self._route.source.nominal.axis_count
+        points = points_of(programs, axes)
+        result = PointOutcomes.make_empty(len(points), axes)
+        warnings: list[str] = []
+        for group in groups_of(points, bring_their_own(programs) or self._rule is None):
+            self._transfer_group(points, group, result, warnings)
+        findings = find_turned_shifts(points, self._route)
+        return results_of(points, result, warnings, findings, source=self._route.source)
+
+    def _transfer_group(
+        self, points: ProgramPoints, group: PointGroup, result: PointOutcomes, warnings: list[str]
+    ) -> None:
+        group = replace(group, rows=self._covered_rows(points, group))
+        frame_pair = self._frame_pair(points, group) if len(group.rows) else None
+        if frame_pair is None:
+            return
+        rows = (
+            group.rows if frame_pair.source_frame is not None else group.rows[~points.cartesian[group.rows]]
+        )
+        joints = self._programmed_joints(points, rows, frame_pair)
+        has_joints = np.isfinite(joints).all(axis=1)
+        rows, joints = rows[has_joints], joints[has_joints]
+        if not len(rows):
+            return
+        way, done = self._route.transfer_way(frame_pair), np.zeros_like(joints)
+        for first in range(0, len(rows), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            done[block] = self._transfer_block(points, rows[block], joints[block], (way, frame_pair), result)
+        ends = TransferEnds(joints, done, frame_pair.source_tool, frame_pair.target_tool)
+        expectation = self._route.make_expectation(frame_pair)
+        result.expected_m[rows] = expectation.errors_m(ends)
+        warnings += [word for word in expectation.unknown if word not in warnings]
+
+    def _covered_rows(self, points: ProgramPoints, group: PointGroup) -> Rows:
+        """Return the points of a group that go this way; of the others it is said that they stay, or are left."""
+        goes = np.ones(len(group.rows), dtype=bool)
+        joints = ~points.cartesian[group.rows]
+        program = points.programs[points.of[group.rows[0]]]
+        in_base = in_no_frame(program, group.frame)
+        frame = name_in(self._route.source, program, group.frame)
+        for some, by_joints in ((~joints, False), (joints, True)):
+            taken = self._route.covers_frame(frame, bare_joints=by_joints and in_base, in_joints=by_joints)
+            if taken is not True:
+                goes &= ~some
+            if taken is False:
+                points.stays[group.rows[some]] = True
+            elif isinstance(taken, str):
+                points.refuse_points(group.rows[some], taken)
+        return group.rows[goes]
+
+    def _frame_pair(self, points: ProgramPoints, group: PointGroup) -> FramePair | None:
+        """Return tools and frames of a group; what is missing is said of its points."""
+        program, route = points.programs[points.of[group.rows[0]]], self._route
+        ends = (route.source, route.target)
+        homes = [project is route.source for project in ends]
+        for project, at_home in zip(ends, homes, strict=True):
+            if why := find_contradiction(project, program, group.tool, group.frame, at_home=at_home):
+                points.refuse_points(group.rows, why)
+                return None
+        tools = [
+            tool_of(one, program, group.tool, at_home=home) for one, home in zip(ends, homes, strict=True)
+        ]
+        frames = [
+            frame_of(one, program, group.frame, at_home=home) for one, home in zip(ends, homes, strict=True)
+        ]
+        cartesian = group.rows[points.cartesian[group.rows]]
+        for project, tool, frame in zip(ends, tools, frames, strict=True):
+            if tool is None:
+                points.refuse_points(group.rows, missing_reason("tool", group.tool, project))
+            if frame is None:
+                points.refuse_points(cartesian, missing_reason("user frame", group.frame, project))
+        if tools[0] is None or tools[1] is None:
+            return None
+        both = frames[0] is not None and frames[1] is not None
+        return FramePair(tools[0], tools[1], frames[0] if both else None, frames[1] if both else None)
+
+    def _programmed_joints(self, points: ProgramPoints, rows: Rows, frame_pair: FramePair) -> Array:
+        """Return the joints (K, n) that the source's controller computes, NaN for points that are left."""
+        joints = points.joints[rows].copy()
+        posed = np.flatnonzero(points.cartesian[rows])
+        if not len(posed) or frame_pair.source_frame is None:
+            return joints
+        flange = inverse_transform(frame_pair.source_tool.entered)
+        taught = np.isfinite(joints[posed]).all(axis=1)
+        for some in _row_blocks(posed[taught]):
+            poses = frame_pair.source_frame @ points.frame_tip[rows[some]] @ flange
+            self._refuse_contradictions(points, rows[some], joints[some], poses)
+        before: Array | None = None
+        for part in _row_blocks(posed[~taught]):
+            poses = frame_pair.source_frame @ points.frame_tip[rows[part]] @ flange
+            texts = [points.texts[i] for i in rows[part].tolist()]
+            postures = points.taught_before(rows[part])
+            if before is not None and not np.isfinite(postures[0]).all():
+                postures[0] = before
+            joints[part], why = self._postures.find_joints(poses, texts, postures)
+            solved = part[np.isfinite(joints[part]).all(axis=1)]
+            before = joints[solved[-1]] if len(solved) else before
+            points.refuse_points(rows[part], dict(zip(rows[part].tolist(), why, strict=True)).__getitem__)
+        return joints
+
+    def _refuse_contradictions(
+        self, points: ProgramPoints, rows: Rows, joints: Array, base_flange: Array
+    ) -> None:
+        """Leave positions whose joints and pose contradict: taught on another robot, or with another tool."""
+        if not len(rows):
+            return
+        apart, _ = same_place(tip_poses(TipArm(self._route.source.controller), joints), base_flange)
+        wrong = apart > _CONTRADICTS_M
+        distances_m = dict(zip(rows.tolist(), apart.tolist(), strict=True))
+        points.refuse_points(
+            rows[wrong],
+            lambda i: (
+                f"its joints and its pose are {distances_m[i] * 1e3:.1f} mm apart: another robot's, or another tool"
+            ),
+        )
+
+    def _transfer_block(
+        self,
+        points: ProgramPoints,
+        rows: Rows,
+        joints: Array,
+        by: tuple[TransferFrames, FramePair],
+        result: PointOutcomes,
+    ) -> Array:
+        found = self._transfer_points(points, rows, joints, by[0])
+        self._judge.check_points(points, rows, joints, found)
+        texts = self._judge.new_configurations(points, rows, found.joints_rad)
+        result.texts.update(texts)
+        self._store_block(points, rows, (joints, found), by, result)
+        return found.joints_rad
+
+    def _transfer_points(
+        self, points: ProgramPoints, rows: Rows, joints: Array, way: TransferFrames
+    ) -> TransferResult:
+        """Transfer points; those that do not arrive from their old joints begin at that posture of the new pose."""
+        found = transfer_points(way, joints, careful=False)
+        unreached = np.flatnonzero(~found.reached)
+        if not len(unreached):
+            return found
+        flange = found.target_tip[unreached] @ inverse_transform(way.target.flange_tip)
+        start = self._back.nearest_postures(flange, joints[unreached])
+        texts = [points.texts[i] for i in rows[unreached].tolist()]
+        named = points.cartesian[rows[unreached]] & np.array([bool(text) for text in texts])
+        if self._rule is not None and named.any():
+            configurations = [text for text, there in zip(texts, named.tolist(), strict=True) if there]
+            again, _ = self._back.find_joints(flange[named], configurations, None)
+            start[named] = np.where(np.isfinite(again), again, start[named])
+        other = transfer_points(
+            way, joints[unreached], start_rad=np.where(np.isfinite(start), start, joints[unreached])
+        )
+        found.joints_rad[unreached], found.base_tip[unreached] = other.joints_rad, other.base_tip
+        found.reached[unreached], found.left_m[unreached] = other.reached, other.left_m
+        return found
+
+    def _store_block(
+        self,
+        points: ProgramPoints,
+        rows: Rows,
+        joints: tuple[Array, TransferResult],
+        by: tuple[TransferFrames, FramePair],
+        result: PointOutcomes,
+    ) -> None:
+        (old, found), (way, frame_pair) = joints, by
+        posed = points.cartesian[rows]
+        controller = TipArm(self._route.source.controller, frame_pair.source_tool.entered)
+        before = tip_poses(controller, old)
+        if frame_pair.source_frame is not None and frame_pair.target_frame is not None:
+            before[posed] = frame_pair.source_frame @ points.frame_tip[rows[posed]]
+            new = inverse_transform(frame_pair.target_frame) @ found.base_tip
+            result.frame_tip[rows[posed]] = new[posed]
+        shifted = np.eye(4) if frame_pair.source_frame is None else frame_pair.source_frame
+        there = np.eye(4) if frame_pair.target_frame is None else frame_pair.target_frame
+        result.shift_m[rows], result.turn_rad[rows] = same_place(
+            inverse_transform(shifted) @ before, inverse_transform(there) @ found.base_tip
+        )
+        result.uncorrected_m[rows] = same_place(way.change @ before, found.base_tip)[0]
+        written = ~posed | np.isfinite(points.joints[rows]).all(axis=1)
+        if written.any():
+            result.joints = result.joints if result.joints.flags.writeable else result.joints.copy()
+            result.joints[rows[written]] = found.joints_rad[written]
+        result.before[rows], result.after[rows] = before, found.base_tip

@@ -1,0 +1,35 @@
+"""Everything that the desk's words go to besides screens: figures for Prometheus, the site, whoever gets alarms."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from cellcal.drivers.supervision import log_failures
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.export.cell_metrics import CellMetrics
+from cellcal.service.site.forwarding_process import ForwardingProcess
+
+_SITE, _WEBHOOK = "cellcal.service.site.publisher", "cellcal.service.export.webhook_sender"
+
+
+class EventSinks:
+    """What hangs on the service of one cell. None of it holds up the desk, and none of it commands anything."""
+
+    def __init__(self, cell_file: Path, config: CellConfig) -> None:
+        tables = {_SITE: config.site, _WEBHOOK: config.reports.webhook}
+        self._feeds = [
+            ForwardingProcess(module, cell_file) for module, table in tables.items() if table is not None
+        ]
+        self.meter = CellMetrics(config)
+
+    def on_event(self, kind: str, content: dict[str, Any]) -> None:
+        """Pass on what the desk said."""
+        with log_failures("figures of the cell"):
+            self.meter.on_event(kind, content)
+        for feed in self._feeds:
+            with log_failures(f"words for {feed.title}"):
+                feed.on_event(kind, content)
+
+    def start_tasks(self) -> list[asyncio.Task[None]]:
+        """Begin what runs beside the service; the tasks end when they are cancelled."""
+        return [task for feed in self._feeds for task in feed.start_tasks()]

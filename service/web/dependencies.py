@@ -1,0 +1,67 @@
+"""What routes ask of a request: the house, and who is asking."""
+
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from fastapi import Depends
+from starlette.requests import HTTPConnection
+
+from cellcal.service.people.authentication import Person
+from cellcal.service.people.errors import NotSignedInError
+from cellcal.service.people.roles import Right
+
+if TYPE_CHECKING:
+    from cellcal.service.web.context import AppContext
+
+
+def app_context(connection: HTTPConnection) -> "AppContext":
+    """Return what the routes of this service share."""
+    return cast("AppContext", connection.app.state.house)
+
+
+def cookie_of(connection: HTTPConnection) -> str:
+    """Return the name of the session's cookie: with TLS one that no other host and no plain page can set.
+
+    Cookies do not know ports, so the name does: two cells on one computer do not sign each other out.
+    """
+    server = connection.scope.get("server") or ("", None)
+    name = f"cellcal-{server[1] or 0}"
+    return f"__Host-{name}" if app_context(connection).settings.tls else name
+
+
+def token_of(connection: HTTPConnection) -> str | None:
+    """Return the token of the session, None where there is none."""
+    return connection.cookies.get(cookie_of(connection))
+
+
+def person_of(connection: HTTPConnection) -> Person:
+    """Return who asks, as it is at this moment.
+
+    Raises
+    ------
+    NotSignedInError
+        Nobody that is known.
+    """
+    return app_context(connection).authenticator.authenticate(token_of(connection))
+
+
+def sign_in_state(connection: HTTPConnection) -> dict[str, Any]:
+    """Return who asks and what is wanted next: a device's proof, a person, the PIN again, or nothing."""
+    return sign_in_state_of(connection, token_of(connection))
+
+
+def sign_in_state_of(connection: HTTPConnection, token: str | None) -> dict[str, Any]:
+    """Return the same for a session that has only just begun: its cookie was not sent yet."""
+    authenticator = app_context(connection).authenticator
+    try:
+        who = authenticator.authenticate(token)
+    except NotSignedInError:
+        return {"wanted": "device", "person": None}
+    session = authenticator.sessions.find_session(token)
+    nobody = session is None or session.person is None
+    next_step = "pin" if who.locked else "person" if nobody and not who.alone else "nothing"
+    rights = [right.name.lower() for right in Right if who.has_right(right)]
+    person = {"name": who.name, "role": who.role, "locked": who.locked, "alone": who.alone, "rights": rights}
+    return {"wanted": next_step, "person": person}
+
+
+Who = Annotated[Person, Depends(person_of)]
