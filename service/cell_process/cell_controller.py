@@ -39,6 +39,7 @@ from cellcal.service.cell_process.messages import (
     ContinueRun,
     DeclinePrompt,
     DismissRun,
+    HoldOrder,
     Order,
     PauseRun,
     ResumeRun,
@@ -47,9 +48,6 @@ from cellcal.service.cell_process.messages import (
     SignOff,
     StartRun,
     StopRun,
-)
-from cellcal.service.cell_process.messages import (
-    HoldOrder as HoldOrder,
 )
 from cellcal.service.cell_process.recording_check import RecordingCheck
 from cellcal.service.cell_process.run_in_progress import RunInProgress

@@ -78,11 +78,11 @@ class HoldToMoveRobot:
     async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
         remaining = delta_rad
         while True:
-            before = (await self._robot.joints()).joints_rad[axis]
+            before = (await self._robot.read_joints()).joints_rad[axis]
             jog = partial(self._robot.jog_axis, axis, remaining, speed_rad_s=speed_rad_s)
             if await self._move_while_held(jog):
                 return
-            remaining -= (await self._robot.joints()).joints_rad[axis] - before
+            remaining -= (await self._robot.read_joints()).joints_rad[axis] - before
 
     async def _move_while_held(self, start: Callable[[], Awaitable[None]]) -> bool:
         """Move while the button is held; return whether the move has ended by itself."""

@@ -116,10 +116,10 @@ class CellMetrics:
             return not tail.trouble
 
     def _count_event(self, event: Any) -> None:
-        self._ledger.take(event)
+        self._ledger.take_event(event)
         counted = self._counted
         counted.head = event.seq
-        run = self._ledger.run(event.run_id)
+        run = self._ledger.find_run(event.run_id)
         if run is None:
             return
         counted.runs[event.run_id] = (run.procedure, run.state)
@@ -187,7 +187,7 @@ class CellMetrics:
             from cellcal.service.record.drift_schedule import DriftReminder  # noqa: PLC0415  not while the service starts
 
             self._reminder = DriftReminder(self._config)
-        for item in self._reminder.due(self._clock()):
+        for item in self._reminder.list_due(self._clock()):
             due.add_sample(_end_of(date.fromisoformat(item["due"])), {"what": item["what"]})
         yield due
 

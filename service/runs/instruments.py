@@ -43,23 +43,23 @@ class SharedInstrument:
     async def identify(self) -> Any:
         return await self._query_device(self._device.identify)
 
-    async def condition(self) -> Any:
-        return await self._query_device(self._device.condition)
+    async def read_condition(self) -> Any:
+        return await self._query_device(self._device.read_condition)
 
-    async def distance(self) -> Any:
-        return await self._read_and_report(self._device.distance)
+    async def read_distance(self) -> Any:
+        return await self._read_and_report(self._device.read_distance)
 
-    async def point(self) -> Any:
-        return await self._read_and_report(self._device.point)
+    async def measure_point(self) -> Any:
+        return await self._read_and_report(self._device.measure_point)
 
-    async def pose(self) -> Any:
-        return await self._read_and_report(self._device.pose)
+    async def measure_pose(self) -> Any:
+        return await self._read_and_report(self._device.measure_pose)
 
-    async def contact(self) -> Any:
-        return await self._read_and_report(self._device.contact)
+    async def read_contact(self) -> Any:
+        return await self._read_and_report(self._device.read_contact)
 
-    async def touched(self) -> Any:
-        return await self._read_and_report(self._device.touched)
+    async def wait_for_touch(self) -> Any:
+        return await self._read_and_report(self._device.wait_for_touch)
 
     async def _read_and_report(self, question: Callable[[], Awaitable[T]]) -> T:
         self._tell(None)

@@ -42,7 +42,7 @@ class StillRobot:
     moving: bool = False
     q: float = 0.3
 
-    async def joints(self) -> JointReading:
+    async def read_joints(self) -> JointReading:
         self.q += self.creep_rad
         return JointReading((0.1, self.q), self.moving, 0.0)
 
@@ -61,13 +61,13 @@ class Instrument:
         default_factory=lambda: TrackerCapabilities(True, 40.0, SIGMA_M)
     )
 
-    async def point(self) -> PointReading:
+    async def measure_point(self) -> PointReading:
         place = self.places_m[min(self.taken, len(self.places_m) - 1)]
         self.taken += 1
         sigma = (SIGMA_M, SIGMA_M, 2 * SIGMA_M)
         return PointReading(place, sigma, 0.0, self.station, Air(20.0, 1e5, 40.0), (1e-10, 0.0, 0.0), "00")
 
-    async def pose(self) -> PoseReading:
+    async def measure_pose(self) -> PoseReading:
         return PoseReading(Pose((1.0, 2.0, 3.0)), (SIGMA_M,) * 3, (5e-5,) * 3, 0.0, self.station)
 
     async def identify(self) -> Identity:

@@ -38,7 +38,7 @@ class IdealProbe:
     async def identify(self) -> Identity:
         return Identity("ideal", "probe", "P-1", "1.0")
 
-    async def contact(self) -> "IdealProbe":
+    async def read_contact(self) -> "IdealProbe":
         return self
 
 

@@ -13,28 +13,32 @@ ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
 # Names of arguments, constants, fields and functions whose texts are read by people.
 _BY_NAME = """
-    remedy reason why advice rule message problem lacks what words detected_by sentence trouble told saving
-    shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
-    no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add _cure
-    turn_more seen scale unseen forms
-    assumed tips after
-    several computed later copied different otherwise called caller unused unused_alone barred
-    barred_different barred_computed barred_set barred_moved seen_from_flange
-    unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
-    text question asked
-    increment led_motion standing_tool camera any_increment amount other_frame other_group beside_external external
-    other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master variable_amount written_remote
-    made_by missing_group
-    costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
-    external_tool element_set not_read conflicts in_script stray
+    access_rule advice after descriptions attitude_forms alarm_text alike_text amount any_amount any_increment assumed assumption_texts
+    barred_computed barred_different barred_moved barred_reason barred_set beside_external called caller
+    camera chain_flaw chain_flaws clean_text collision_text compare_mastering component_set computed
+    conflicts copied costs costs_each_time cure cure_text describe_hypothesis describe_mismatch
+    describe_obstacle describe_parameter describe_partner describe_time describe_turn detectable detected_by
+    different direction_text element_set external external_offset external_tool failure_reason figure_text
+    figures find_trouble fixed flaw format_deviation forms found frame_alone hindrances in_master in_script
+    in_tool increment insert_event inside kind_texts lacks later led_motion limits_from limits_text made_by
+    make_forecast message missing_group missing_need_texts move_text next_instruction no_exchange no_posture
+    none_to_spare not_checked not_read not_verified offer_texts on_conveyor other_configuration other_frame
+    other_group other_joints other_motion other_turns otherwise problem progress_text quantity_names
+    question question_text reason reasons redo_question relative_axes remarks remedy rule saving_text
+    saving_texts scale seen_from_flange sentence set_here several shared shortfall_text size_unreadable
+    standing_tool star_unknown state_flaw status stray suggest_measurement suggest_rotation summary
+    suspects_text text tips titled_keys to_sign trouble unpaired_text unreachable unseen unused unused_alone
+    variable_amount what what_is_wrong what_moves why words written_remote
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
-    __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
-    Excess at_least at_most judged known_within held stated enough name_flaw _unreadable forget _said
-    error wrong damaged refusal _refusal _refused fix
+    Alarm CellAlarm Characteristic CheckedDocument Condition LimitExcess MessageFlaw Prediction SetAside
+    TouchDecision ValueChange __init__ _archive_error _change_error _json_error _refuse_request
+    _refused_error _row_reason _table_error _toml_error _unreadable_document _unreadable_error _xml_error
+    at_least at_most bar_row damaged_error damaged_file_error drop_coordinates error error_at judge_value
+    known_within make_error name_flaw refused_error row_error state_evidence state_fact state_figure
 """
-_REMARKS = "Remark remark _remark _grouped _lines _of_functions"  # (where, code, text) of a program's line
+_REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"  # (where, code, text) of a program's line
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 ASKED = frozenset(("Instruction", "Question", "MeterReading"))  # a key or a code, and what is said
 REMARKING = frozenset(_REMARKS.split())

@@ -90,7 +90,7 @@ async def test_without_a_font_the_paper_is_english_and_says_why(
 ) -> None:
     _, issued = await framed(tmp_path)
     bare = typst.Fonts(include_system_fonts=False, include_embedded_fonts=True)
-    monkeypatch.setattr(pdf, "_fonts", lambda *, of_computer: bare)
+    monkeypatch.setattr(pdf, "_load_fonts", lambda *, of_computer: bare)
     text = " ".join(Pdf(pdf_from(issued.json_path, "zh")).text().split())
     assert "Calibration report" in text
     assert squeezed("Set in English: this computer has no font for the language") in squeezed(text)

@@ -125,10 +125,10 @@ class SlowTracker:
         self.answers = asyncio.Semaphore(0)  # that it may give
         self.doing: list[str] = []
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         return await self._said("condition", Condition(Readiness.READY))
 
-    async def point(self) -> PointReading:
+    async def measure_point(self) -> PointReading:
         return await self._said("point", PointReading((1.0, 2.0, 3.0), (1e-5,) * 3, 0.0, 1))
 
     async def _said(self, what: str, answer: Any) -> Any:
@@ -160,7 +160,7 @@ async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
     glance = LivePoller(cell, clock=clock)
     await glance.poll_once()
     assert tracker.doing == ["condition"]
-    reading = asyncio.create_task(cast(Any, glance.cell.tracker).point())
+    reading = asyncio.create_task(cast(Any, glance.cell.tracker).measure_point())
     await asyncio.sleep(0)
     assert tracker.doing == ["condition"]
     assert seen(glance, "tracker")["asked"]
@@ -181,7 +181,7 @@ async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
         tracker.answers.release()
     clock = Clock()
     glance = LivePoller(cell, clock=clock)
-    await cast(Any, glance.cell.tracker).point()
+    await cast(Any, glance.cell.tracker).measure_point()
     clock.now_s += 30.0
     await _until(lambda: seen(glance, "tracker")["state"] == "ready", glance.poll_once)
     told = seen(glance, "tracker")
@@ -198,10 +198,10 @@ class TypedGauge:
     )
     asked = 0
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         return Condition(Readiness.READY)
 
-    async def distance(self) -> LengthReading:
+    async def read_distance(self) -> LengthReading:
         self.asked += 1
         return LengthReading(1.25, 2e-5, 0.0, 1_250_000_000)
 
@@ -215,7 +215,7 @@ async def test_nobody_is_asked_to_type_what_only_a_screen_would_show() -> None:
     assert gauge.asked == 0
     assert (seen(glance, "gauge")["typed"], seen(glance, "gauge")["live"]) == (True, False)
     assert glance.observe_motion().settled is None  # nothing swings, and nothing waits for it
-    assert (await cast(Any, glance.cell.gauge).distance()).value_m == 1.25
+    assert (await cast(Any, glance.cell.gauge).read_distance()).value_m == 1.25
     assert seen(glance, "gauge")["value"]["length_m"] == 1.25
     assert seen(glance, "gauge")["due"] == "2999-12-31"
     await glance.cancel_polls()

@@ -265,7 +265,16 @@ def test_what_a_check_of_motion_finds_is_said_in_every_language() -> None:
         assert not [words for words in said if english.search(words)], locale
 
 
-TIMED = ("deadline", "_deadline", "too_long", "_alone", "_block", "_read")  # who is told what was being done
+# What is called with the name of an action that may take too long.
+TIMED = (
+    "answer_deadline",
+    "_answer_deadline",
+    "timeout_error",
+    "_exclusive_use",
+    "_read_block",
+    "_read_sample",
+    "_read",
+)
 
 
 def _done_in_time() -> set[str]:

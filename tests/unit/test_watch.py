@@ -30,7 +30,7 @@ class Controller:
     losses: list[PositionLoss] = field(default_factory=list)
     held: MasteringData = field(default_factory=lambda: MasteringData((0, 0), mastered=True))
 
-    async def condition(self) -> Condition:
+    async def read_condition(self) -> Condition:
         if not self.link_is_up:
             return Condition(Readiness.UNREACHABLE, "no answer")
         return Condition(self.readiness, " ".join(alarm.text for alarm in self.alarms), "", self.alarms)
@@ -43,7 +43,7 @@ class Controller:
     async def encoder_epoch(self) -> int:
         return self.epoch
 
-    async def mastering(self) -> MasteringData:
+    async def read_mastering(self) -> MasteringData:
         return self.held
 
     async def drive_train(self) -> DriveTrain:

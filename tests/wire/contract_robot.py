@@ -15,7 +15,7 @@ from tests.wire.cases import RobotCase, opened, until, until_ready
 AT_TARGET_RAD = math.radians(0.1)
 ABILITIES = {
     "jogs_single_axes": ("jog_axis",),
-    "writes_mastering": ("encoder_counts", "mastering", "drive_train", "write_mastering"),
+    "writes_mastering": ("encoder_counts", "read_mastering", "drive_train", "write_mastering"),
     "writes_tool_frame": ("read_tool_frame", "write_tool_frame"),
     "writes_user_frame": ("read_user_frame", "write_user_frame"),
     "tells_active_frames": ("active_frames",),

@@ -275,7 +275,7 @@ class _Fragile:
         self._probe = probe
         self.capabilities = replace(probe.capabilities, overtravel_m=1e-4)
 
-    async def contact(self) -> Any:
+    async def read_contact(self) -> Any:
         return await self._probe.contact()
 
 

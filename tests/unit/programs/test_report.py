@@ -281,7 +281,7 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
     assert {part[0] for part in one} == {os.getpid()}
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 1000)
-    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
+    monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
     many = list(shares.shared_out(_named, sources))
     assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert len(many) > 10
@@ -298,7 +298,7 @@ def test_a_process_that_is_ended_from_outside_ends_the_work_with_a_sentence(
     sources = [ProgramSource(path, Path(path.name))] * 4
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
-    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
+    monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
     theirs = list(
         worker_processes.run_in_processes(lambda _: (signal.getsignal(signal.SIGTERM), os.getpid()), sources)
     )
@@ -313,7 +313,7 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     path.write_bytes(b"x" * 300)
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
-    monkeypatch.setattr(worker_processes, "_processors", lambda: 2)
+    monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
     alive, held = os.pipe()  # ends when nobody is left that holds it
 
     def work(_: Sequence[ProgramSource]) -> None:
