@@ -20,6 +20,7 @@ from cellcal.calibration.errors import CellError
 _log = logging.getLogger(__name__)
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
 SOUND_S = 30.0  # after so long without a failure the pause begins at the shortest again
+_AFTER_S = 0.05
 SHOWN_S = 60.0  # a failure that was overcome is shown for so long
 REMEDY = "It is started again by itself. If this stays, send the log to the maker of the program."
 
@@ -46,6 +47,7 @@ class _TaskEntry:
     failures: int = 0  # one after the other
     total: int = 0
     running: bool = True
+    gone: bool = False  # a link that failed, and has no other one under its name yet
     holder: "asyncio.Task[Any] | int | None" = None
 
 
@@ -64,13 +66,27 @@ class Supervisor:
     def add_listener(self, changed: Callable[[], None]) -> Callable[[], None]:
         """Call ``changed`` after every change, in the loop that runs now; return what ends that."""
         loop = asyncio.get_running_loop()
+        again: asyncio.TimerHandle | None = None
 
         def notify_listener() -> None:
             if not loop.is_closed():
-                loop.call_soon_threadsafe(changed)
+                loop.call_soon_threadsafe(change)
+
+        def change() -> None:
+            nonlocal again
+            changed()
+            if again is not None:
+                again.cancel()
+            left_s = self._shown_for_s()  # what is shown until then is to be shown no longer
+            again = None if left_s is None else loop.call_later(left_s + _AFTER_S, change)
+
+        def unlisten() -> None:
+            self._listeners.remove(notify_listener)
+            if again is not None:
+                again.cancel()
 
         self._listeners.append(notify_listener)
-        return lambda: self._listeners.remove(notify_listener)
+        return unlisten
 
     def task_names(self) -> list[str]:
         """Return the tasks that are supervised just now."""
@@ -90,19 +106,15 @@ class Supervisor:
 
     def list_troubles(self) -> list[TaskTrouble]:
         """Return what is wrong, and what was until a moment ago."""
-        now_s = self._clock()
         with self._lock:
-            return [
-                entry.trouble
-                for entry in self._entries.values()
-                if entry.trouble is not None and (not entry.running or now_s - entry.failed_at_s < SHOWN_S)
-            ]
+            self._forget_old(self._clock())
+            return [entry.trouble for entry in self._entries.values() if entry.trouble is not None]
 
     def note_start(self, name: str) -> None:
         """Note that a task runs."""
         with self._lock:
             entry = self._entries.setdefault(name, _TaskEntry())
-            entry.running, entry.holder = True, _current_task()
+            entry.running, entry.gone, entry.holder = True, False, _current_task()
             old = entry.trouble
             entry.trouble = None if old is None else _as_running(old)
         if old is not None:
@@ -133,6 +145,27 @@ class Supervisor:
             _log.error("%s failed: %s %s", name, message, remedy, exc_info=_unexpected_error(error))
         self._notify_listeners()
         return pause_s
+
+    def broke(self, name: str, error: BaseException) -> None:
+        """Name the failure of one connection, whose link connects anew; without another one it is forgotten later."""
+        self.note_failure(name, error, running=True)
+        with self._lock:
+            entry = self._entries[name]
+            entry.gone, entry.holder = True, None
+
+    def _forget_old(self, now_s: float) -> None:
+        """Forget what was overcome a while ago, and links that failed then and never came back."""
+        for name, entry in list(self._entries.items()):
+            if entry.running and now_s - entry.failed_at_s >= SHOWN_S:
+                entry.trouble = None
+                if entry.gone:
+                    del self._entries[name]
+
+    def _shown_for_s(self) -> float | None:
+        """Return after which time the next failure that was overcome is shown no longer; None where none is."""
+        with self._lock:
+            shown = [entry.failed_at_s for entry in self._entries.values() if entry.trouble and entry.running]
+            return max(min(shown) + SHOWN_S - self._clock(), 0.0) if shown else None
 
     def _notify_listeners(self) -> None:
         for listener in list(self._listeners):
@@ -273,7 +306,7 @@ def _serve_link(name: str, work: Callable[[], None], broke: Callable[[str], None
     try:
         work()
     except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
-        SUPERVISOR.note_failure(name, error, running=True)  # the link goes on with another one
+        SUPERVISOR.broke(name, error)
         broke(message_and_remedy_of(error)[0])
     else:
         SUPERVISOR.note_end(name)
@@ -289,7 +322,7 @@ async def _serve_link_task(
         SUPERVISOR.note_end(name)
         raise
     except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
-        SUPERVISOR.note_failure(name, error, running=True)  # the link goes on with another one
+        SUPERVISOR.broke(name, error)
         broke(error)
     else:
         SUPERVISOR.note_end(name)

@@ -1,6 +1,7 @@
 """Child processes of the service: how one ended, and what it said last."""
 
 import asyncio
+import contextlib
 import signal
 import sys
 
@@ -45,7 +46,10 @@ class StderrTail:
 
 
 async def end_child(process: asyncio.subprocess.Process) -> None:
-    """Close a child's standard input, at which it ends by itself; kill one that does not."""
+    """Close a child's standard input, at which it ends by itself; kill one that does not.
+
+    One that waits for a disk for ever cannot even be killed: it is left, and whoever began it goes on.
+    """
     if process.returncode is not None:
         return
     if process.stdin is not None:
@@ -55,4 +59,6 @@ async def end_child(process: asyncio.subprocess.Process) -> None:
             await process.wait()
     except TimeoutError:
         process.kill()
-        await process.wait()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_LEAVE_S):
+                await process.wait()

@@ -63,3 +63,12 @@ def _refuse_device(path: Path) -> None:
         return  # nothing is there, or what is done next says why not
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EEXIST, "it is a device, a pipe or a socket, not a file", os.fspath(path))
+
+
+def missing_file_words(path: Path) -> tuple[str, str]:
+    """Return why a path is no file that can be read, and what to do."""
+    if path.is_dir():
+        return f"{path} is a folder, not a file.", "Name the file in it."
+    if path.exists():
+        return f"{path} is not a plain file.", "Name a file."
+    return f"there is no file {path}.", "Check the name."

@@ -1,6 +1,9 @@
 """Times of day as files and messages carry them: ISO 8601 with a time zone."""
 
-from datetime import datetime
+from datetime import date, datetime
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 
 def read_time(text: str) -> datetime:
@@ -15,3 +18,32 @@ def read_time(text: str) -> datetime:
     if found.tzinfo is None:
         raise ValueError(f"the time {text!r} has no time zone")
     return found
+
+
+def read_day(text: str) -> date:
+    """Return a day; raises ValueError where it is none."""
+    return date.fromisoformat(text)
+
+
+def has_time_zone(text: str) -> bool:
+    """Whether a text is a time of day with a time zone."""
+    try:
+        read_time(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _checked_time(text: str) -> str:
+    read_time(text)
+    return text
+
+
+def _checked_day(text: str) -> str:
+    read_day(text)
+    return text
+
+
+# fields of models that are read from files and messages
+ZonedTime = Annotated[str, AfterValidator(_checked_time)]
+Day = Annotated[str, AfterValidator(_checked_day)]

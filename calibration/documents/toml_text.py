@@ -20,6 +20,7 @@ _MARKS = re.compile(
     r'|"(?:[^"\\\n]++|\\[^\n])*+"?' + r"|'[^'\n]*+'?|#[^\n]*+|[\[\]{}.=,\n]",
     re.DOTALL,
 )  # a quotation mark that is never closed takes the rest, so that nothing is looked at twice
+_LONG_NUMBER = re.compile(r"\d[\d_]{4000,}")  # longer than what Python itself converts
 _CURE = "Correct the file and try again."
 
 
@@ -40,6 +41,9 @@ def parse_toml(text: str, *, most_characters: int = MOST_CHARACTERS) -> dict[str
     except DocumentError:
         raise
     except (ValueError, RecursionError, OverflowError) as error:
+        if (long_number := _LONG_NUMBER.search(plain)) and "int_max_str_digits" in str(error):
+            line = plain.count("\n", 0, long_number.start()) + 1
+            raise _toml_error(f"line {line}: a whole number is larger than 64 bits") from error
         raise _toml_error(str(error)[:300]) from error
     _refuse_numbers(found)
     return found

@@ -1,5 +1,7 @@
 """What few rows say about what the model lacks, for people; and when they cannot say it."""
 
+from collections.abc import Sequence
+
 from cellcal.calibration.identification.effect_mixture import KINDS, UnmodelledEffects
 from cellcal.calibration.identification.lints import Lint
 
@@ -25,6 +27,11 @@ _WHAT = {
     "play": "play of the joints",
     "order": "a slow move of device or target",
 }
+
+
+def without_play(notes: Sequence[Lint]) -> list[Lint]:
+    """Return notes without that of play: where a joint's direction cannot be seen, it would name another cause."""
+    return [note for note in notes if _CURES["play"] not in note.message]
 
 
 def misfit_notes(misfit: UnmodelledEffects | None, rows: int, rejected: int) -> list[Lint]:

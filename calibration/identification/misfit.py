@@ -45,6 +45,8 @@ _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
+_CONSTANT = 1e-3  # of the motion of the flange
+_STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
     "See that joints and measured values of a row belong together, which robot was measured, and what the columns "
     "are (`--show-layout`)."
@@ -107,6 +109,7 @@ def refuse_misfit(
     rows = spread_rows(len(observations), _MOST_ROWS)
     some = observations.select_rows(rows)
     motion_m = motion_of(model, some)
+    _refuse_constant(some, motion_m)
     stands = fit_quickly(model, some)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
@@ -135,11 +138,33 @@ def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: A
     raise _unknown_cause_error(model, left_m, motion_m, observations)
 
 
+def _refuse_constant(observations: Observations, motion_m: float) -> None:
+    """Refuse readings that stay the same while the arm moves: a device that hangs, or the wrong columns."""
+    if isinstance(observations, LengthObservations):
+        what, values = "lengths", observations.lengths_m[:, None]
+    else:
+        what, values = "positions", observations.positions_m
+    spread_m = float(np.sqrt(((values - np.median(values, axis=0)) ** 2).sum(axis=1).mean()))
+    if motion_m < _STANDS_STILL_M or spread_m > _CONSTANT * motion_m:
+        return
+    raise MisfitError(
+        f"the measured {what} are the same in all rows, to {spread_m * 1e3:.3f} mm, "
+        f"while the joints move the flange by {motion_m * 1e3:.0f} mm.",
+        remedy="See that the columns are those of the measured values (`--show-layout`), and that the device "
+        "followed its target. Nothing was stored.",
+    )
+
+
 def _unknown_cause_error(
     model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows
 ) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
+    if not np.isfinite(left_m):
+        return MisfitError(
+            f"the measurements do not fit {model.name}: no place of base and target brings them together.",
+            remedy=f"{remedy} Nothing was stored.",
+        )
     return MisfitError(
         f"the measurements do not fit {model.name}: errors of {left_m * 1e3:.1f} mm remain of a motion of "
         f"{motion_m * 1e3:.0f} mm, and no known cause fits.",

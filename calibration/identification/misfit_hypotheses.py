@@ -187,7 +187,7 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
                 "sign",
                 count,
                 joints_rad * sign,
-                f"{which} {'counts' if count == 1 else 'count'} the other way round",
+                f"{which} counts the other way round" if count == 1 else f"{which} count the other way round",
                 f"Turn the sign: {columns_option(columns)}.",
                 columns=tuple(columns),
             )
@@ -286,7 +286,9 @@ def _lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpreta
                 1,
                 np.roll(series_rad, shift, axis=0)[rows],
                 f"joints and measured values are {rows_said} apart",
-                f"Move the joints {rows_said} {'down' if shift > 0 else 'up'} in the file.",
+                f"Move the joints {rows_said} down in the file."
+                if shift > 0
+                else f"Move the joints {rows_said} up in the file.",
             )
 
 

@@ -40,6 +40,7 @@ class ProgramShift:
     translation_m: Triple = UNREADABLE  # NaN where a component is only known while the program runs
     quaternion: Quaternion | None = NO_TURN  # None: it may turn the point, by what only the controller knows
     each_time: bool = False  # it adds to a variable, once more for each time that the line runs
+    sets: bool = False  # no shift: a part of the point is set to another value
 
     def to_matrix(self) -> Array:
         """Return the shift (4, 4); components that are not readable count as zero."""

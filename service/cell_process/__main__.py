@@ -7,17 +7,18 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 import asyncio
 import contextlib
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.drivers.supervision import start_task
+from cellcal.drivers.supervision import SUPERVISOR, start_task
 from cellcal.service.cell_process.cell_controller import TASK, CellController
-from cellcal.service.cell_process.messages import LONGEST_LINE, SessionCommand
+from cellcal.service.cell_process.lines import LineTooLongError, LineWriter, whole_lines
+from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, SessionCommand
+from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.gc_freeze import freeze_startup_objects
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
@@ -25,22 +26,23 @@ from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 _COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 
 
-def main(path: str) -> None:
-    """Attend one cell until standard input ends."""
+def main(path: str, *how: str) -> None:
+    """Attend one cell until standard input ends. With ``BROKEN_OFF`` the run under way waits for a person."""
     log_in_lines("desk: %(message)s")
-    asyncio.run(_run_controller(Path(path)))
+    asyncio.run(_run_controller(Path(path), broken_off=BROKEN_OFF in how))
 
 
-async def _run_controller(path: Path) -> None:
+async def _run_controller(path: Path, *, broken_off: bool) -> None:
     write = _make_writer()
-    controller = CellController(
-        read_cell_file(path), lambda kind, content: write({"told": kind, "content": content})
-    )
+    config = read_cell_file(path)
+    if broken_off:
+        RunInProgress(config.cell.data_dir).clear_run()
+    controller = CellController(config, lambda kind, content: write({"told": kind, "content": content}))
     freeze_startup_objects()
     at_work = start_task(TASK, controller.stay_connected)
     lines = await _connect_stdin()
     orders: set[asyncio.Task[None]] = set()
-    async for line in whole_lines(lines):
+    async for line in whole_lines(lines, _name_long_line):
         order = asyncio.create_task(_answer_line(controller, line, write))
         orders.add(order)
         order.add_done_callback(orders.discard)
@@ -57,6 +59,8 @@ async def _answer_line(
         request = parse_json(line)
         if request.get("ask") == "session":
             reply: dict[str, Any] = {"ok": True, "session": controller.describe_session()}
+        elif request.get("ask") == ALIVE:
+            reply = {"ok": True}
         else:
             reply = await controller.execute_command(_COMMAND.validate_python(request["command"]))
     except (ValidationError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -70,24 +74,15 @@ async def _answer_line(
     write({"number": number, "reply": reply})
 
 
-async def whole_lines(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
-    """Yield line after line; one that is longer than any order is dropped, never the one behind it."""
-    partial, too_long = b"", False
-    while chunk := await reader.read(1 << 16):
-        *whole, rest = (partial + chunk).split(b"\n")
-        for line in whole:
-            if not too_long and len(line) <= LONGEST_LINE:
-                yield line
-            too_long = False
-        too_long = too_long or len(rest) > LONGEST_LINE
-        partial = b"" if too_long else rest
+def _name_long_line() -> None:
+    SUPERVISOR.note_failure("orders to the cell", LineTooLongError("an order"), running=True)
 
 
 def _make_writer() -> Callable[[dict[str, Any]], None]:
-    stream = sys.stdout.buffer
+    stream, lines = sys.stdout.buffer, LineWriter()
 
     def write(message: dict[str, Any]) -> None:
-        line = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n"
+        line = lines.line_of(message)
         with contextlib.suppress(BrokenPipeError):  # nobody hears any more: standard input ends as well
             stream.write(line)
             stream.flush()
@@ -103,4 +98,4 @@ async def _connect_stdin() -> asyncio.StreamReader:
 
 
 if __name__ == "__main__":
-    sys.exit(run_guarded(lambda: main(sys.argv[1])))
+    sys.exit(run_guarded(lambda: main(*sys.argv[1:])))

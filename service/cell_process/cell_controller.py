@@ -59,7 +59,8 @@ from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.certificates.printing import print_beside
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
-from cellcal.service.record.journal_end import describe_missing_end, refuse_missing_end
+from cellcal.service.record.journal import StoreError
+from cellcal.service.record.journal_end import NOT_ACCEPTED, describe_missing_end, refuse_missing_end
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import RunOutcome
 from cellcal.service.record.run_store import RunStore
@@ -425,8 +426,7 @@ class CellController:
         return ""
 
     def _launch_run(self, cell: Cell, order: StartRun | ResumeRun, who: str) -> None:
-        with open_journal(self._config) as journal:
-            refuse_missing_end(self._config, journal, accepted=order.accept_missing_end)
+        self._refuse_missing_end(accepted=order.accept_missing_end)
         self._hold.is_required = order.hold_to_move
         self._gate.resume()
         if isinstance(order, StartRun):
@@ -441,6 +441,16 @@ class CellController:
             self._run.found = [finding.step for finding in view.past.findings]
         self._task = asyncio.create_task(self._run_procedure(cell, order, who, self._run), name="run")
         self._advance_revision()
+
+    def _refuse_missing_end(self, *, accepted: bool) -> None:
+        try:
+            with open_journal(self._config) as journal:
+                refuse_missing_end(self._config, journal, accepted=accepted)
+        except StoreError as error:
+            if error.code == NOT_ACCEPTED:  # it may have been cut since the cell was connected
+                self._journal_end = f"{error.message} {error.remedy}"
+                self._publish_session()
+            raise
 
     async def _run_procedure(self, cell: Cell, order: StartRun | ResumeRun, who: str, run: RunStatus) -> None:
         def on_begin(run_id: str, phases: tuple[Phase, ...]) -> None:

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 LONGEST_LINE = 1 << 20  # bytes, between web process and desk
+ALIVE = "alive"  # the question by which the web process sees that the desk's loop turns
+BROKEN_OFF = "--broken-off"  # begun after a hang, or a stop without an answer: no run goes on by itself
 Text = Annotated[str, StringConstraints(max_length=2000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 CommandId = Annotated[str, StringConstraints(strict=True, pattern=r"^[\x20-\x7e]{1,100}$")]

@@ -205,7 +205,7 @@ def sign_off_rows(
     """Return what was accepted, approved or signed: what, by whom, in which role, when; and a hash."""
     return [
         (
-            f"{translations.translate(one['did'])}: {translations.translate_step(one['what'])}",
+            f"{translations.translate(one['did'])}: {_what(one['what'], translations)}",
             one["who"],
             translations.translate(
                 " and ".join(person["role"] for person in one["people"]) or "role not recorded"
@@ -217,6 +217,11 @@ def sign_off_rows(
         )
         for one in sign_offs
     ]
+
+
+def _what(what: str, words: Translations) -> str:
+    """Return a step's name, or a sentence, in the language of the certificate."""
+    return words.translate(what) if what.endswith(".") else words.translate_step(what)
 
 
 def picture_rows(pictures: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str, str]]:

@@ -39,6 +39,8 @@ def list_unsigned(content: Mapping[str, Any]) -> list[str]:
 def _sign_off_actions(kind: str, body: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
     if kind == EventKind.SIGNED:
         return [("signed", line, "") for line in body["lines"]]
+    if kind == EventKind.MISSING_END:
+        return [("accepted", f"{body['missing']}.", "")]
     if kind == EventKind.APPROVAL:
         return [("approved", f"{body['before']}: {body['text']}", "")]
     if kind not in (EventKind.FINDING, EventKind.CONDITION) or not _is_answer(body["value"]):

@@ -340,9 +340,11 @@ def _utc_now() -> str:
 
 def _must_exist(path: Path) -> None:
     from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
+    from cellcal.service.files import missing_file_words
 
     if not path.is_file():
-        raise ParameterSetError(f"there is no file {path}.", remedy="Check the path.", code="usage")
+        why, remedy = missing_file_words(path)
+        raise ParameterSetError(why, remedy=remedy, code="usage")
 
 
 def _print_saved(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:

@@ -77,7 +77,8 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     Example: cellcal program move programs/ --project cell.toml --offset 12,0,-3.5,0,0,1.5 --frame 2 --out moved
 
     Each point keeps its place at the work, to the robot's own accuracy. Exit codes: 0 all fine, 4 a point was
-    left as it was, 10 a file was refused.
+    left as it was or there is a finding (such as a shift while the program runs, in axes that the move turns), 10 a
+    file was refused.
 
     Parameters
     ----------
@@ -119,7 +120,8 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
     Example: cellcal program clone cell_1/project.toml cell_7/project.toml --out cell_7/programs --html clone.html
 
     Beside the new programs a record tells what they were made from; `cellcal program status` reads it. Exit codes:
-    0 all fine, 4 a point was left as it was, 10 a file was refused.
+    0 all fine, 4 a point was left as it was or there is a finding (such as a shift while the program runs, in axes
+    that the change turns), 10 a file was refused.
 
     Parameters
     ----------
@@ -159,7 +161,7 @@ def compensate(
     Example: cellcal program compensate "offline/*.ls" --project cell_7/project.toml --out corrected
 
     A controller computes with the nominal arm; with these points the real tip is where the program meant it to be.
-    Exit codes: 0 all fine, 4 a point was left as it was, 10 a file was refused.
+    Exit codes: 0 all fine, 4 a point was left as it was or there is a finding, 10 a file was refused.
 
     Parameters
     ----------

@@ -325,7 +325,5 @@ async def _resume_run(
     from cellcal.service.runs.launch import RunTarget, go_on
 
     with live_progress("resume") as show_event:
-        where = RunTarget(
-            config, operator_of(answers), robot, show_event, accept_missing_end=accept_missing_end
-        )
+        where = RunTarget(config, operator_of(answers), robot, show_event, _user_name(), accept_missing_end)
         return await go_on(where, run_id, redo_from)

@@ -23,6 +23,7 @@ from cellcal.service.export.backup import (
     refuse_spoilt_certificates,
 )
 from cellcal.service.export.sealed_keys import open_keys
+from cellcal.service.times import has_time_zone
 
 _DATA_DIR = re.compile(r"^[ \t]*data_dir[ \t]*=.*$", re.MULTILINE)
 _JOURNAL, _CERTIFICATES = "journal.db", "certificates"
@@ -96,9 +97,12 @@ def _unpack_and_prove(archive: Path, stage: Path, passphrase: str | None) -> Pro
     if passphrase is not None:
         _write_keys(stage, passphrase)
     content = manifest.content
+    made_utc = str(content.get("made_utc", ""))
+    if not has_time_zone(made_utc):
+        raise damaged_error(archive, f"it says {made_utc[:60]!r} as when it was made")
     return ProvedBackup(
         cell=str(content.get("cell", "")),
-        made_utc=str(content.get("made_utc", "")),
+        made_utc=made_utc,
         events=int(content["journal"]["events"]),
         certificates=certificates,
         public_key=manifest.public_key,

@@ -10,6 +10,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.drivers.interfaces import Counts, MasteringStore
 from cellcal.service.files import make_private_folder, replace_file
+from cellcal.service.times import read_time
 
 _LOG = logging.getLogger(__name__)
 
@@ -35,9 +36,9 @@ class LastHealthyCounts:
         try:
             document = parse_json(read_plain_text(self._counts_path(robot)))
             counts = tuple(int(count) for count in document["counts"])
-            return HealthyCounts(
-                str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])
-            )
+            seen_utc = str(document["seen_utc"])
+            read_time(seen_utc)
+            return HealthyCounts(str(document["robot"]), counts, int(document["epoch"]), seen_utc)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:

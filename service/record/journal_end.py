@@ -37,15 +37,18 @@ def describe_missing_end(config: CellConfig) -> str:
         return ""  # whoever needs the journal is refused with the cause
 
 
-def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) -> None:
+def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) -> str:
     """Refuse to go on from a journal whose end is missing, unless a person has accepted just that.
+
+    Returns in words what was accepted, for the journal; "" where nothing is missing.
 
     Raises
     ------
     StoreError
         Its code is ``NOT_ACCEPTED``.
     """
-    words = "" if accepted or journal.damage is not None else missing_end(config, journal)
-    if words:
+    words = "" if journal.damage is not None else missing_end(config, journal)
+    if words and not accepted:
         what, _, remedy = words.partition(". ")
         raise StoreError(f"{what}.", remedy=remedy, code=NOT_ACCEPTED)
+    return words.partition(". ")[0]

@@ -15,9 +15,11 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import SUPERVISOR
 
 LONGEST_LINE = 16 * 1024 * 1024
 ANSWER_S = 30.0
+TASK = "process that computes"
 _MOST_WAITING = 8
 _LEAVE_S = 3.0
 
@@ -35,6 +37,17 @@ class ComputeBusyError(ComputeError):
 
     def __init__(self) -> None:
         super().__init__("the service is computing other things just now.", remedy="Ask again in a moment.")
+
+
+class SolverEndedError(ComputeError):
+    """The process that computes ended before it had an answer."""
+
+    def __init__(self, code: int) -> None:
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        super().__init__(
+            f"the process that computes has ended ({how}) before it had an answer.",
+            remedy="Ask again: another one is started. If this stays, look into the service's log.",
+        )
 
 
 class ComputeClient:
@@ -81,15 +94,19 @@ class ComputeClient:
                 await process.stdin.drain()
                 reply_line = await process.stdout.readline()
             answered = bool(reply_line)
-        except (TimeoutError, ConnectionError):
+        except TimeoutError:
             raise ComputeBusyError from None
+        except ConnectionError:  # it has ended
+            reply_line = b""
         finally:
             if (
                 not answered
             ):  # an answer that nobody waits for must not be taken for that of the next question
                 await self.stop_worker()
         if not reply_line:
-            raise ComputeBusyError
+            ended = SolverEndedError(process.returncode or 0)
+            SUPERVISOR.note_failure(TASK, ended, running=True)  # the next question starts another one
+            raise ended
         found: dict[str, Any] = parse_json(reply_line)
         return found
 
@@ -110,8 +127,9 @@ class ComputeClient:
             return
         if process.stdin is not None:
             process.stdin.close()
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
+        if process.stdout is None or not process.stdout.at_eof():  # one that ended by itself tells how
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_LEAVE_S):
                 await process.wait()

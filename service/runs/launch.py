@@ -1,7 +1,7 @@
 """A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cellcal.drivers.errors import DeviceError
@@ -54,7 +54,7 @@ async def go_on(where: RunTarget, run_id: str, redo_from: str | None = None) -> 
         The person did not agree to what would be discarded, or to go on with a run that stood still for long.
     """
     async with open_cell(where.config, where.operator, where.robot) as cell:
-        how = RunConditions(where.on_event, accept_missing_end=where.accept_missing_end)
+        how = RunConditions(where.on_event, actor=where.actor, accept_missing_end=where.accept_missing_end)
         return await resume_run_on(where.config, cell, run_id, how, redo_from=redo_from)
 
 
@@ -63,7 +63,8 @@ async def start_run_on(
 ) -> RunOutcome:
     """Run a procedure with its spec (`build_spec`) on a cell that is connected already."""
     with open_journal(config) as journal:
-        refuse_missing_end(config, journal, accepted=how.accept_missing_end)
+        missing_end = refuse_missing_end(config, journal, accepted=how.accept_missing_end)
+        how = replace(how, missing_end=missing_end)
         cell_with_history = await with_robot_history(cell, journal)
         outcome = await run_procedure(cell_with_history, procedure, spec, journal, how=how)
         await _save_healthy_counts(config, cell, outcome)
@@ -75,7 +76,8 @@ async def resume_run_on(
 ) -> RunOutcome:
     """Resume a run on a cell that is connected already; as `go_on`."""
     with open_journal(config) as journal:
-        refuse_missing_end(config, journal, accepted=how.accept_missing_end)
+        missing_end = refuse_missing_end(config, journal, accepted=how.accept_missing_end)
+        how = replace(how, missing_end=missing_end)
         cell_with_history = await with_robot_history(cell, journal)
         run_id = RunStore(journal).resolve_run_id(run_id)
         if redo_from is not None:

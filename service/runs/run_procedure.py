@@ -57,6 +57,7 @@ class RunConditions:
     actor: str = "service"
     free_bytes: int = FREE_BYTES
     accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
+    missing_end: str = ""  # in words, what that person accepted
 
 
 class JournalLedger:
@@ -128,6 +129,7 @@ async def run_procedure(
             **software_versions(),
         }
         journal.append(run_id, EventKind.STARTED, header, key="started", actor=how.actor)
+        _note_missing_end(journal, run_id, how)
         how.on_begin(run_id, entry.outline(spec))
         return await _RunExecution(cell, entry, journal, run_id, how).execute_run(spec, RunHistory())
 
@@ -166,8 +168,16 @@ async def resume_procedure(
         view = RunStore(journal).find_run(run_id)  # its holder may have gone on until the lease was ours
         body = {"cell": to_jsonable_python(now), **software_versions()}
         journal.append(run_id, EventKind.RESUMED, body, actor=how.actor)
+        _note_missing_end(journal, run_id, how)
         how.on_begin(run_id, entry.outline(spec))
         return await _RunExecution(cell, entry, journal, run_id, how).execute_run(spec, view.past)
+
+
+def _note_missing_end(journal: Journal, run_id: str, how: RunConditions) -> None:
+    """Journal who went on from a journal whose end is missing, and what was missing; the event has the time."""
+    if how.missing_end:
+        body = {"who": how.actor, "missing": how.missing_end}
+        journal.append(run_id, EventKind.MISSING_END, body, actor=how.actor)
 
 
 def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "service") -> None:

@@ -17,7 +17,8 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from cellcal.service.site.keys import SiteError, StationKeys, cell_of
+from cellcal.calibration.errors import CellError
+from cellcal.service.site.keys import StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.signed_messages import (
     MessageFlaw,
@@ -26,7 +27,7 @@ from cellcal.service.site.signed_messages import (
     public_key,
     wall_utc,
 )
-from cellcal.service.site.site_store import EventReach
+from cellcal.service.site.site_store import EventReach, is_store_fault
 from cellcal.service.site.state_shape import is_alarm, state_flaw
 from cellcal.service.times import read_time
 
@@ -136,13 +137,14 @@ class Fleet:
         """Name what one cell's words broke, at that cell: the other cells' are looked at all the same."""
         try:
             yield
-        except (sqlite3.OperationalError, sqlite3.DatabaseError) as error:
-            if not isinstance(error, sqlite3.IntegrityError | sqlite3.DataError):
+        except CellError as error:
+            self.name_flaw(cell, f"{error.message} {error.remedy}".strip())
+        except Exception as error:
+            if is_store_fault(error):
                 raise  # the store itself: no cell's fault
-            self.name_flaw(cell, f"what it said cannot be kept: {error}")
-        except SiteError:
-            raise
-        except Exception as error:  # noqa: BLE001  whatever it was, it is named and the others go on
+            if isinstance(error, sqlite3.Error):
+                self.name_flaw(cell, f"what it said cannot be kept: {error}")
+                return
             _LOG.exception("what %s said broke the monitor's work on it", cell)
             self.name_flaw(cell, f"what it said broke the program: {type(error).__name__}: {error}")
 

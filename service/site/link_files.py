@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.site.keys import SiteError
+from cellcal.service.times import ZonedTime
 
 ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
 STATION_FILE, STATIONS_FILE = "station.json", "stations.json"
@@ -44,7 +45,7 @@ class EnrolledCell(_LinkTable):
     """A cell as the site knows it. ``public_key`` is the one that signs its certificates and messages."""
 
     public_key: str
-    enrolled_utc: str
+    enrolled_utc: ZonedTime
 
 
 class StationsFile(_LinkTable):

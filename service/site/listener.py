@@ -3,9 +3,10 @@
 One thread takes what came in, opens and stores it; another asks cells for what they still hold.
 """
 
+import sqlite3
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Self, TypeGuard
@@ -24,6 +25,7 @@ from cellcal.service.site.keys import SiteError, StationKeys, cell_of, checked_i
 from cellcal.service.site.link_files import MONITOR_FILE, close_session, read_link_folder, read_stations
 from cellcal.service.site.signed_messages import SignedMessage
 from cellcal.service.site.site_store import ReceivedEvent, SiteStore
+from cellcal.service.site.unstored import UnstoredEvents
 
 _BATCH_S = 0.1
 _MOST_WAITING = 100_000
@@ -55,6 +57,7 @@ class FleetListener:
         self._ask_after_s: dict[str, float] = {}
         self._store = SiteStore(store)
         self._store_lock = threading.Lock()
+        self._unstored = UnstoredEvents(self._store_all, self.fleet)
         opened: list[zenoh.Session] = []
         try:
             where = link.config["connect"]["endpoints"]
@@ -189,10 +192,10 @@ class FleetListener:
         while True:
             leaving = self._leave.wait(_BATCH_S)
             self._take_samples()
-            self._store_all(self._take_events())
-            for state in self.fleet.open_newest_states(max(1, int(OPENED_A_SECOND * _BATCH_S))):
-                with self.fleet.blame_cell(state.station):
-                    self._compare_state(state)
+            if not self._unstored.full:
+                self._unstored.take(self._believed(self._take_events()))
+            self._unstored.store(last=leaving)
+            self._compare_all(self.fleet.open_newest_states(max(1, int(OPENED_A_SECOND * _BATCH_S))))
             if leaving:
                 return
 
@@ -215,7 +218,7 @@ class FleetListener:
                 batch.append((str(sample.key_expr), sample.payload.to_bytes()))
         return batch
 
-    def _store_all(self, batch: list[tuple[str, bytes]]) -> None:
+    def _believed(self, batch: list[tuple[str, bytes]]) -> list[ReceivedEvent]:
         received = []
         for key, raw in batch:
             with self.fleet.blame_cell(cell_of(key)):
@@ -225,11 +228,14 @@ class FleetListener:
                 received.append(ReceivedEvent(message, raw))
                 if key == self._keys_of[message.station].alarm_key:
                     self.fleet.note_alarm(message)
-        if not received:
-            return
+        return received
+
+    def _store_all(self, received: Sequence[ReceivedEvent]) -> None:
         with self._store_lock:
-            for sentence in self._store.add_events(received):
-                self.fleet.name_flaw(received[0].message.station, sentence)
+            for cell in sorted({each.message.station for each in received}):
+                own = [each for each in received if each.message.station == cell]
+                for sentence in self._store.add_events(own):
+                    self.fleet.name_flaw(cell, sentence)
             for cell, epoch in {(each.message.station, each.message.epoch) for each in received}:
                 self.fleet.note_reach(cell, self._store.event_reach(cell, epoch))
 
@@ -242,6 +248,17 @@ class FleetListener:
         if flaw:
             self.fleet.name_flaw(message.station, flaw)
         return not flaw
+
+    def _compare_all(self, states: list[SignedMessage]) -> None:
+        for state in states:
+            try:
+                with self.fleet.blame_cell(state.station):
+                    self._compare_state(state)
+            except (
+                sqlite3.Error
+            ) as error:  # the store: no cell is taken out by it, and each is compared again
+                self._unstored.note_fault(error)
+                return
 
     def _compare_state(self, state: SignedMessage) -> None:
         """Compare what a cell says it has with what is here."""

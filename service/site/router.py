@@ -11,37 +11,63 @@ from pathlib import Path
 
 import zenoh
 
+from cellcal.drivers.supervision import start_thread
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.link_files import ROUTER_FILE, LinkFolder, close_session, read_link_folder
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 1.0
 _REOPEN_S = 0.5
-_PATIENCE = 20
+_PATIENCE = 5
+_LEAVE_S = 10.0
+
+
+TASK = "router of the site"
 
 
 def host_router(folder: Path, leave: threading.Event, tell: Callable[[str], None]) -> None:
-    """Host the router of a folder until ``leave`` is set.
+    """Host the router of a folder until ``leave`` is set; once it has listened, whatever ends it opens it anew.
 
     Raises
     ------
     SiteError
         The folder is not whole, or its address cannot be listened on.
     """
-    link = read_link_folder(folder, ROUTER_FILE)
-    session = _open_session(link, leave)
-    tell(_listening_text(link))
+    hosted = _Hosted(folder, leave, tell)
+    keeping = start_thread(TASK, hosted.keep, leave)
     try:
-        while not leave.wait(_LOOK_S):
-            changed = _changed_link(folder, link)
-            if changed is None:
-                continue
-            link = changed
-            close_session(session)
-            session = _open_session(link, leave, attempts=_PATIENCE)
-            tell(f"The rules have changed. {_listening_text(link)}")
+        leave.wait()
     finally:
-        close_session(session)
+        leave.set()
+        keeping.join(_LEAVE_S)
+        hosted.close()
+
+
+class _Hosted:
+    """The router as it runs, with the rules that it has."""
+
+    def __init__(self, folder: Path, leave: threading.Event, tell: Callable[[str], None]) -> None:
+        self._folder, self._leave, self._tell = folder, leave, tell
+        self._link = read_link_folder(folder, ROUTER_FILE)
+        self._session: zenoh.Session | None = _open_session(self._link, leave)
+        tell(_listening_text(self._link))
+
+    def keep(self) -> None:
+        """Look for changed rules, and see that it listens, until it may leave."""
+        while not self._leave.wait(_LOOK_S):
+            changed = _changed_link(self._folder, self._link)
+            if changed is not None:
+                self._link = changed
+                self.close()
+            if self._session is None or self._session.is_closed():
+                self._session = _open_session(self._link, self._leave, attempts=_PATIENCE)
+                self._tell(f"{'The rules have changed. ' if changed else ''}{_listening_text(self._link)}")
+
+    def close(self) -> None:
+        """Listen no more."""
+        session, self._session = self._session, None
+        if session is not None:
+            close_session(session)
 
 
 def _changed_link(folder: Path, link: LinkFolder) -> LinkFolder | None:

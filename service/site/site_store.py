@@ -30,6 +30,13 @@ _PRAGMAS = (
 _INSERT = "INSERT INTO event VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
+def is_store_fault(error: Exception) -> bool:
+    """Whether the file, the disk or another program is at fault, and not what a cell said."""
+    if isinstance(error, sqlite3.OperationalError | sqlite3.InternalError):
+        return True
+    return type(error) is sqlite3.DatabaseError  # "file is not a database", "disk image is malformed"
+
+
 @dataclass(frozen=True, slots=True)
 class ReceivedEvent:
     """An event whose signature was checked, with the bytes that were signed."""

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from cellcal.service.times import Day, ZonedTime
+
 _MOST = 500
 _Count = Annotated[int, Field(ge=0, le=2**53 - 1)]  # what pages and SQLite can carry
 _Metres = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -45,7 +47,7 @@ class StateDrift(_StateModel):
     """What a drift check found: how far the robot's points have moved."""
 
     run_id: str
-    ended_utc: str
+    ended_utc: ZonedTime
     change_rms_m: _Metres
     change_max_m: _Metres | None
     word: str
@@ -57,14 +59,14 @@ class StateCertificate(_StateModel):
     run_id: str
     procedure: str
     word: str
-    ended_utc: str
+    ended_utc: ZonedTime
 
 
 class StateDue(_StateModel):
     """What becomes due in a cell, and on which day."""
 
     what: str
-    due: str
+    due: Day
 
 
 class _StateMessage(_StateModel):

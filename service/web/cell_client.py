@@ -14,12 +14,23 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
-from cellcal.drivers.supervision import start_task
-from cellcal.service.cell_process.messages import LONGEST_LINE
+from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
+from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
+from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, LONGEST_LINE
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
+from cellcal.service.web.liveness import (
+    HANGS_AFTER_S,
+    TICK_S,
+    CellHangsError,
+    UnansweredTime,
+    read_process_state,
+)
 
 ANSWER_S = 10.0
+STOP_ANSWER_S = 2.0  # where nothing at all is heard of the desk: a person must not wait to be told
 TASK = "process of the cell"
+_LINES = "words of the cell's process"
+_MOST_UNREAD = 4 * LONGEST_LINE
 _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
 
@@ -32,6 +43,33 @@ class CellProcessGoneError(CellError):
         super().__init__(
             "the cell's process does not answer just now; it is started again.",
             remedy="Wait a few seconds. If it stays away, look into the service's log.",
+        )
+
+
+class DeskSilentError(CellProcessGoneError):
+    """The desk's process is there, and did not answer in time."""
+
+    code = "desk.silent"
+
+    def __init__(self) -> None:
+        CellError.__init__(
+            self,
+            f"the cell's process did not answer within {ANSWER_S:.0f} s; it is not known whether it did what was "
+            "ordered.",
+            remedy="See on this page and at the robot what was done, then go on.",
+        )
+
+
+class StopUnconfirmedError(CellProcessGoneError):
+    """A stop that may not have reached the robot."""
+
+    code = "desk.stop_unconfirmed"
+
+    def __init__(self) -> None:
+        CellError.__init__(
+            self,
+            "the stop is not confirmed: the cell's process does not answer, and the robot may still move.",
+            remedy="Press the emergency stop. No run goes on by itself afterwards.",
         )
 
 
@@ -50,8 +88,19 @@ class CellProcessClient:
     ``on_event`` is called with ("session" or "live", content) for everything that the desk tells.
     """
 
-    def __init__(self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]) -> None:
+    def __init__(
+        self,
+        cell_file: Path,
+        on_event: Callable[[str, dict[str, Any]], None],
+        *,
+        hangs_after_s: float = HANGS_AFTER_S,
+    ) -> None:
         self._cell_file, self._on_event = cell_file, on_event
+        self._unanswered = UnansweredTime(hangs_after_s)
+        self._hangs_after_s = hangs_after_s
+        self._lines_heard = 0
+        self._broken_off = False  # the run under way waits for a person: it was to stop, or the desk hung
+        self._begun_broken_off = False
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._process: asyncio.subprocess.Process | None = None
@@ -70,9 +119,29 @@ class CellProcessClient:
 
     async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         """Send a command and return the desk's reply; DeskGoneError where there is none."""
+        if command["order"]["op"] == "stop":
+            return await self._stop(command)
+        if command["order"]["op"] in ("start", "resume"):
+            self._broken_off = False
         return await self._request_reply({"command": command})
 
-    async def _request_reply(self, message: dict[str, Any]) -> dict[str, Any]:
+    async def _stop(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Send a stop; without an answer say so, and see that no later desk goes on with the run by itself."""
+        try:
+            return await self._request_reply({"command": command}, is_stop=True)
+        except CellProcessGoneError as error:
+            self._broken_off = True
+            raise StopUnconfirmedError from error
+
+    async def _request_reply(self, message: dict[str, Any], *, is_stop: bool = False) -> dict[str, Any]:
+        number, answer = self._send(message)
+        try:
+            return await self._answer_to(answer, is_stop=is_stop)
+        finally:
+            self._waiting.pop(number, None)
+
+    def _send(self, message: dict[str, Any]) -> tuple[int, asyncio.Future[dict[str, Any]]]:
+        """Write a message; what the pipe does not take yet waits in our own memory, as long as the desk lives."""
         process = self._process
         if process is None or process.returncode is not None or process.stdin is None:
             raise CellProcessGoneError
@@ -81,32 +150,52 @@ class CellProcessClient:
             line = orjson.dumps({"number": number, **message}) + b"\n"
         except TypeError as error:
             raise InvalidOrderError(str(error)) from error
+        if len(line) > LONGEST_LINE:
+            raise InvalidOrderError(f"it is longer than {LONGEST_LINE} bytes")
+        if "ask" not in message and process.stdin.transport.get_write_buffer_size() > _MOST_UNREAD:
+            raise DeskSilentError
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
-        try:
-            process.stdin.write(line)
-            await process.stdin.drain()
-            async with asyncio.timeout(ANSWER_S):
-                return await answer
-        except (TimeoutError, ConnectionError) as error:
-            raise CellProcessGoneError from error
-        finally:
-            self._waiting.pop(number, None)
+        process.stdin.write(line)
+        return number, answer
+
+    async def _answer_to(self, answer: asyncio.Future[dict[str, Any]], *, is_stop: bool) -> dict[str, Any]:
+        """Wait for an answer; for that to a stop shortly where the desk says nothing at all meanwhile."""
+        heard = self._lines_heard
+        first_s = STOP_ANSWER_S if is_stop else ANSWER_S
+        await asyncio.wait({answer}, timeout=first_s)
+        if not answer.done() and self._lines_heard > heard:
+            await asyncio.wait({answer}, timeout=ANSWER_S - first_s)
+        if not answer.done():
+            raise DeskSilentError
+        return answer.result()
+
+    async def _begin_process(self) -> asyncio.subprocess.Process:
+        while True:
+            self._begun_broken_off = self._broken_off
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "cellcal.service.cell_process", str(self._cell_file),
+                *[BROKEN_OFF] * self._begun_broken_off,
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for the service, which lets it leave
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )  # fmt: skip
+            if self._begun_broken_off == self._broken_off:
+                return process
+            await end_child(process)  # a stop came meanwhile, and this one would go on with the run
 
     async def _run_once(self) -> None:
-        self._process = process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "cellcal.service.cell_process", str(self._cell_file),
-            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-            limit=LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service, which lets it leave
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )  # fmt: skip
+        self._process = process = await self._begin_process()
         assert process.stdout is not None
         assert process.stderr is not None
         words = StderrTail()
+        self._unanswered = UnansweredTime(self._hangs_after_s)
         try:
             async with asyncio.TaskGroup() as streams:
                 streams.create_task(words.pass_on(process.stderr))
+                watching = streams.create_task(self._end_if_it_hangs(process))
                 await self._read_messages(process.stdout)
+                watching.cancel()
                 await self._stop_process()
         except ExceptionGroup as group:
             raise group.exceptions[0] from None
@@ -115,10 +204,42 @@ class CellProcessClient:
             self._drop_session()
         raise ChildEndedError("the cell's process", process.returncode or 0, words.last_line())
 
+    async def _end_if_it_hangs(self, process: asyncio.subprocess.Process) -> None:
+        """Ask all the time whether the desk's loop turns; kill a process that could have answered and did not.
+
+        Raises
+        ------
+        CellHangsError
+            It was killed.
+        """
+        while process.returncode is None:
+            number, answer = self._send({"ask": ALIVE})
+            try:
+                await self._wait_for_life(process, answer)
+            finally:
+                self._waiting.pop(number, None)
+            await asyncio.sleep(TICK_S)
+
+    async def _wait_for_life(
+        self, process: asyncio.subprocess.Process, answer: asyncio.Future[dict[str, Any]]
+    ) -> None:
+        while not answer.done() and process.returncode is None:
+            await asyncio.wait({answer}, timeout=TICK_S)
+            if not answer.done():
+                self._unanswered.count(read_process_state(process.pid))
+            if self._unanswered.hangs:
+                self._broken_off = True
+                with contextlib.suppress(ProcessLookupError):
+                    process.kill()
+                raise CellHangsError(self._unanswered.does)
+
     async def _read_messages(self, stream: asyncio.StreamReader) -> None:
         with contextlib.suppress(ConnectionError):
-            while line := await stream.readline():
-                self._handle_message(parse_json(line))
+            async for line in whole_lines(stream, _name_long_line):
+                self._lines_heard += 1
+                self._unanswered.heard()
+                with log_failures(_LINES):
+                    self._handle_message(parse_json(line))
 
     def _drop_session(self) -> None:
         """Let everybody know that the desk is gone."""
@@ -132,6 +253,8 @@ class CellProcessClient:
         if "told" in message:
             if message["told"] == "session":
                 self.session = message["content"]
+                if self._begun_broken_off:  # this desk knows
+                    self._broken_off = self._begun_broken_off = False
             elif message["told"] == "live":
                 self._live = (time.monotonic(), message["content"])
             self._on_event(message["told"], message["content"])
@@ -143,3 +266,7 @@ class CellProcessClient:
     async def _stop_process(self) -> None:
         if self._process is not None:
             await end_child(self._process)
+
+
+def _name_long_line() -> None:
+    SUPERVISOR.note_failure(_LINES, LineTooLongError("what the cell's process says"), running=True)

@@ -126,7 +126,8 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
         (("OFFSET CONDITION PR[3]", "L P[1] 100mm/sec FINE Offset"), True, {"P[1]"}),
         (("L P[1] 100mm/sec FINE Tool_Offset,PR[3]",), True, set()),
         (("L P[1] 100mm/sec FINE Skip,LBL[1],PR[3]=LPOS",), True, set()),
-        (("PR[3]=P[1]", "PR[3,3]=PR[3,3]+50", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
+        (("PR[3]=P[1]", "PR[3,1]=PR[3,1]+50", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
+        (("PR[3]=P[1]", "PR[3,3]=PR[3,3]+50", "L PR[3] 100mm/sec FINE"), True, set()),  # it turns about z
         (("PR[3]=P[1]", "L PR[3] 100mm/sec FINE"), True, set()),
         (("PR[3]=P[1]", "PR[R[1],3]=50", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
         (("PR[3]=P[1]", "PR[GP2:3,1]=50", "L PR[3] 100mm/sec FINE"), True, set()),

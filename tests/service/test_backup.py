@@ -51,7 +51,7 @@ def lived_in(folder: Path) -> CellConfig:
     register.hold_to_pepper(hasher.pepper_mark)
     register.add_person("Tom", Role.TECHNICIAN, hasher.hash_secret("314159"), "test")
     draft = ParameterSet(
-        "F-1", "m", "0", "2026-01-01", "anna", "test", (ParameterValue("a1", "m", 1e-4, 1e-5),)
+        "F-1", "m", "0", "2026-01-01T00:00:00Z", "anna", "test", (ParameterValue("a1", "m", 1e-4, 1e-5),)
     )
     ParameterSets(folder / "parameter_sets").save_draft(draft)
     (data_dir / "last_healthy_fanuc.json").write_text('{"robot": "fanuc", "counts": [1], "epoch": 1}')

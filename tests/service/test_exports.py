@@ -139,10 +139,10 @@ def lived_in(folder: Path) -> tuple[CellConfig, str]:
     run_id = asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id
     issue_certificate(config, run_id)
     values = (Parameter("a1", "m", 1e-4 / 3, 1e-5), Parameter("alpha1", "rad", -0.1 - 0.2))
-    draft = ParameterSet("F-1", "m", "0", "2026-01-01", "=anna()", "test", values)
+    draft = ParameterSet("F-1", "m", "0", "2026-01-01T00:00:00Z", "=anna()", "test", values)
     sets = ParameterSets(folder / "parameter_sets")
     sets.save_draft(draft)
-    sets.roll_back("F-1", 1, made_by="b", made_at="2026-01-02")
+    sets.roll_back("F-1", 1, made_by="b", made_at="2026-01-02T00:00:00+00:00")
     return config, run_id
 
 

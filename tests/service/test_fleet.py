@@ -73,7 +73,7 @@ class Hall:
     def __init__(self, folder: Path, count: int) -> None:
         self.names = [f"cell-{k:03d}" for k in range(count)]
         self.key, self.is_linked, self._seq = station_key(folder), True, 0
-        enrolled = EnrolledCell(public_key=self.key.public_key, enrolled_utc="")
+        enrolled = EnrolledCell(public_key=self.key.public_key, enrolled_utc="2026-01-01T00:00:00+00:00")
         self.fleet = Fleet(StationsFile(site=SITE, cells=dict.fromkeys(self.names, enrolled)))
         self.certificates: dict[str, bytes] = {}
 

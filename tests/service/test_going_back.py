@@ -25,7 +25,9 @@ def two_versions(folder: Path) -> ParameterSets:
             ParameterValue("J2.a", "m", -1.7e-4 * scale, 2.0e-5, (1.0 / 3.0,)),
             ParameterValue("J2.sag", "rad/m", 3.1e-3 * scale, None, (0.1 + 0.2, -2.0 / 3.0)),
         )
-        sets.save_draft(ParameterSet(SERIAL, "fanuc_m6ib", "0" * 64, "2026-01-02", "Anna", "a run", values))
+        sets.save_draft(
+            ParameterSet(SERIAL, "fanuc_m6ib", "0" * 64, "2026-01-02T00:00:00Z", "Anna", "a run", values)
+        )
     return sets
 
 

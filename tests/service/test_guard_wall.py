@@ -69,7 +69,7 @@ async def test_a_page_of_another_address_orders_nothing(tmp_path: Path, headers:
         answer = await door.client.post("/api/commands", json=STOP, headers=headers)
         assert (answer.status_code, answer.json()["code"]) == (403, "guard.origin")
         own = await door.client.post("/api/commands", json=STOP, headers={"origin": ORIGIN})
-        assert own.json()["code"] == "desk.gone"
+        assert own.json()["code"] == "desk.stop_unconfirmed"
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ async def test_a_flood_waits_and_a_stop_still_gets_through(tmp_path: Path) -> No
         await door.from_console()
         flood = [(await door.client.get("/api/sign-in")).status_code for _ in range(6)]
         assert flood == [200, 200, 200, 200, 429, 429]
-        assert (await door.client.post("/api/commands", json=STOP)).json()["code"] == "desk.gone"
+        assert (await door.client.post("/api/commands", json=STOP)).json()["code"] == "desk.stop_unconfirmed"
 
 
 def test_a_budget_fills_again_and_is_each_address_s_own() -> None:

@@ -9,8 +9,8 @@ import orjson
 import pytest
 from pydantic import ValidationError
 
-from cellcal.service.cell_process.__main__ import whole_lines
 from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S
+from cellcal.service.cell_process.lines import whole_lines
 from cellcal.service.cell_process.messages import LONGEST_LINE
 from cellcal.service.web.commands import PressedOrder
 from cellcal.service.web.websocket import HoldMessage

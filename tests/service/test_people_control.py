@@ -126,7 +126,7 @@ async def test_only_one_of_two_screens_orders_and_both_may_stop(tmp_path: Path) 
         assert (refused.status_code, refused.json()["code"]) == (409, "people.elsewhere")
         assert "Tom" in refused.json()["message"]
         for door in (tom, tina):
-            assert (await door.order(STOP)).json()["code"] == "desk.gone"
+            assert (await door.order(STOP)).json()["code"] == "desk.stop_unconfirmed"
         assert (await tina.post("/api/control", {"do": "ask"})).json()["asking_mine"]
         assert (await tina.post("/api/control", {"do": "give"})).json()["holder"] == "Tom"
         assert (await tom.post("/api/control", {"do": "refuse"})).json()["mine"]

@@ -53,7 +53,7 @@ async def test_once_people_are_set_up_the_console_alone_looks_on(tmp_path: Path)
         assert (await door.client.get("/api/session")).json()["person"]["role"] == "viewer"
         assert (await door.client.get("/api/sign-in")).json()["wanted"] == "person"
         assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
         assert (await door.sign_in("Tom")).status_code == 200
         assert (await door.client.get("/api/sign-in")).json()["wanted"] == "nothing"
         assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
@@ -186,7 +186,7 @@ async def test_a_screen_left_alone_shows_and_stops_and_wants_the_pin_for_the_res
         assert (told["name"], told["role"], told["locked"]) == ("Tom", "viewer", True)
         for _ in range(2):  # asking does not unlock
             assert (await door.order({"op": "go_on"})).json()["code"] == "people.pin"
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
         assert (await door.client.get("/api/sign-in")).json()["wanted"] == "pin"
         assert (await door.post("/api/sign-in/confirm", {"secret": "000000"})).status_code == 403
         assert (await door.post("/api/sign-in/confirm", {"secret": PINS["Tina"]})).status_code == 403
@@ -253,7 +253,7 @@ async def test_five_wrong_pins_then_one_an_hour_also_for_the_right_one(tmp_path:
         assert wrong == [403] * 5 + [429]
         assert (await door.sign_in("Tom")).json()["code"] == "people.wait"
         assert (await door.client.get("/api/session")).status_code == 200
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
         assert (await door.sign_in("Tina")).status_code == 200  # others are not locked out
         door.clock.pass_by(3601.0)
         assert (await door.sign_in("Tom", "000009")).status_code == 403

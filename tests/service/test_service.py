@@ -143,7 +143,7 @@ async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
         assert missing.status_code == 422
         assert "no-such-run" in missing.json()["message"]
         away = await client.post("/api/commands", json={"id": "1", "rev": 1, "order": {"op": "stop"}})
-        assert (away.status_code, away.json()["code"]) == (503, "desk.gone")
+        assert (away.status_code, away.json()["code"]) == (503, "desk.stop_unconfirmed")
 
 
 @asynccontextmanager

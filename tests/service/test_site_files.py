@@ -362,7 +362,10 @@ def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:
 def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None:
     key = station_key(tmp_path)
     fleet = Fleet(
-        StationsFile(site="s", cells={"c": EnrolledCell(public_key=key.public_key, enrolled_utc="")})
+        StationsFile(
+            site="s",
+            cells={"c": EnrolledCell(public_key=key.public_key, enrolled_utc="2026-01-01T00:00:00Z")},
+        )
     )
     state = {"cell": "c", "alarms": [], "run": None, "asks": None, "attended": True, "drift": []}
     state |= {"certificate": None, "due": [], "outbox": {"first": 1, "last": 0}}

@@ -1,12 +1,14 @@
 """A stopped robot on every page and every tablet's size; refusals in the reader's language. The desk is a double."""
 
 from collections.abc import AsyncIterator
+from typing import Any
 
 import pytest
 import pytest_asyncio
 from playwright.async_api import FloatRect, Locator, Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.web.cell_client import CellProcessGoneError, StopUnconfirmedError
 from tests.service.doors import Clock
 from tests.service.shop import PATIENCE_MS, Shop, a_shop
 from tests.service.test_people_pages import OneQuestion
@@ -114,3 +116,31 @@ async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: st
         if locale != "en":
             await expect(banner).not_to_contain_text("the robot refused", timeout=PATIENCE_MS)
     shop.app.state.house.screens.broadcast("session", shop.app.state.house.link.session)
+
+
+NOT_CONFIRMED = {
+    "en": "the robot may still move. Press the emergency stop",
+    "de": "kann sich noch bewegen. Drücken Sie den Not-Halt",
+    "es": "puede seguir moviéndose. Pulse la parada de emergencia",
+    "zh": "机器人可能仍在运动。请按下急停按钮",
+}
+
+
+@pytest.mark.parametrize("locale", NOT_CONFIRMED)
+@pytest.mark.parametrize("unanswered", [StopUnconfirmedError, CellProcessGoneError])
+async def test_a_stop_that_nobody_confirms_is_not_said_to_be_done(
+    shop: Shop, monkeypatch: pytest.MonkeyPatch, locale: str, unanswered: type[CellProcessGoneError]
+) -> None:
+    async def silent(_: dict[str, Any]) -> dict[str, Any]:
+        raise unanswered
+
+    tell(shop, "ready")
+    shop.app.state.house.link.ask("wire_is_hooked")
+    shop.nobody_has_control()
+    monkeypatch.setattr(shop.app.state.house.link, "order", silent)
+    async with shop.tablet("Tom", locale=locale) as page:
+        await page.evaluate("location.hash = '#/'")
+        await page.get_by_test_id("stop").click()
+        await expect(page.get_by_test_id("refusal")).to_contain_text(
+            NOT_CONFIRMED[locale], timeout=PATIENCE_MS
+        )

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 
+from cellcal.drivers import supervision
 from cellcal.drivers.supervision import (
     LONGEST_PAUSE_S,
     SUPERVISOR,
@@ -51,6 +52,7 @@ SHORT_LIVED = {
     ("service/cell_process/hold_to_move.py", "_moved"): "one move, awaited",
     ("service/cell_process/live_values.py", "look"): "one look at an instrument; its end is looked at",
     ("service/watching/follow.py", "follow"): "supervised inside",
+    ("service/web/cell_client.py", "_begin_process"): "supervised by start",
     ("service/web/cell_client.py", "_run_once"): "the cell's process and its last words; supervised by start",
     ("service/site/forwarding_process.py", "_run_once"): "a process of the outlets; supervised by start",
     ("service/web/fleet.py", "live"): "one page, awaited",
@@ -335,6 +337,30 @@ async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_en
     assert register.note_failure("always", InjectedHere()) <= LONGEST_PAUSE_S
 
 
+async def test_a_link_that_failed_is_shown_for_a_while_and_then_told_to_be_gone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(supervision, "SHOWN_S", 0.2)
+    register, told = Supervisor(), list[list[str]]()
+    unlisten = register.add_listener(
+        lambda: told.append([trouble.task for trouble in register.list_troubles()])
+    )
+    register.note_start("CAN receiver of x")
+    register.broke("CAN receiver of x", InjectedHere())
+    assert register.holder_of("CAN receiver of x") is None
+    await comes(lambda: told and told[0] == ["CAN receiver of x"])
+    await comes(lambda: told[-1] == [])  # nobody has to ask: whoever listens is told
+    assert register.task_names() == []
+    register.note_start("CAN receiver of x")
+    register.broke("CAN receiver of x", InjectedHere())
+    register.note_start("CAN receiver of x")  # connected anew
+    assert [trouble.running for trouble in register.list_troubles()] == [True]
+    await comes(lambda: told[-1] == [])
+    assert register.task_names() == ["CAN receiver of x"]
+    assert register.holder_of("CAN receiver of x") is not None
+    unlisten()
+
+
 @pytest.mark.parametrize("begin", [start_task, keep_running])
 async def test_what_raises_while_it_leaves_is_not_begun_again(
     begin: Callable[..., asyncio.Task[None]],
@@ -399,6 +425,8 @@ TRIED = {
     "words for {}", "{}", "webhook: delivery", "desk tap", "monitor: hearing", "monitor: asking",
     "monitor: view of the cells", "web server: accepting", "web server: idle connections", "time of {}",
     "time of the control box",
+    # in test_long_lived_processes
+    "router of the site",
     # the mechanism of a link's task alone, in test_a_links_task_that_raises_is_told_to_the_link
     "answers of {}", "prints of {}", "control of {}",
     # supervised with the same call as all others; played by tests of the demo

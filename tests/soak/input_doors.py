@@ -157,7 +157,14 @@ def _parameter_doors(scratch: Path) -> Iterator[InputDoor]:
         "report as start", "s.json", (report,), lambda p: read_start(StartOptions(str(p)), ur, "point")
     )
     draft = ParameterSet(
-        "R-1", "ur5e", "0", "2026-01-01", "anna", "test", (ParameterValue("a1", "m", 1e-4, 1e-5),), version=1
+        "R-1",
+        "ur5e",
+        "0",
+        "2026-01-01T00:00:00Z",
+        "anna",
+        "test",
+        (ParameterValue("a1", "m", 1e-4, 1e-5),),
+        version=1,
     )
     text = to_text(draft).encode()
     yield InputDoor("parameter set", "v0001.toml", (text,), imported)

@@ -90,7 +90,7 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
 def test_a_kept_calibration_says_what_its_measurement_did_not_determine() -> None:
     unseen = replace(FOUND[0], name="J1 offset", sigma=FOUND[0].prior)
     arm = replace(ARM, parameters=(unseen, *FOUND))
-    values = draft_of(arm, SetOrigin(SERIAL, "anna", "2026-11-21")).values
+    values = draft_of(arm, SetOrigin(SERIAL, "anna", "2026-11-21T08:00:00+01:00")).values
     assert [value.determined for value in values] == [False, True, True]
 
 
@@ -111,5 +111,6 @@ def test_what_was_kept_without_correlations_keeps_its_hash_and_tells_no_covarian
     assert ARM.sha256 == hashlib.sha256(repr(ARM).encode()).hexdigest()
     assert "correlations" not in repr(ARM)
     assert all(
-        not value.correlations for value in draft_of(ARM, SetOrigin(SERIAL, "anna", "2026-11-21")).values
+        not value.correlations
+        for value in draft_of(ARM, SetOrigin(SERIAL, "anna", "2026-11-21T08:00:00+01:00")).values
     )

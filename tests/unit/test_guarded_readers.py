@@ -50,6 +50,7 @@ ALLOWED = {
     "service/certificates/pdf.py": {"read_bytes"},
     "service/export/archive.py": {"tarfile"},  # the one guarded reader of backups
     "service/export/cell_metrics.py": {"read_text"},  # /proc
+    "service/web/liveness.py": {"read_text"},  # /proc
     "service/runs/software_identity.py": {"read_bytes"},
     "service/engineering/programs/jobs/preview.py": {"zipfile", "ZipFile"},  # writes
     "drivers/yaskawa/program_files/job_columns.py": {"fromstring"},  # of NumPy: one number after the other
@@ -214,3 +215,13 @@ def test_only_plain_files_of_a_size_are_read(tmp_path: Path) -> None:
                 read_plain_text(large)
         else:
             assert read_plain_text(large) == text
+
+
+@pytest.mark.parametrize("digits", [20, 400, 4300, 6000, 100_000])
+@pytest.mark.parametrize("shape", ["a = {}", "[t]\nb = [1, {}]", "a = -{}", "# 1{}\na = {}"])
+def test_a_whole_number_is_refused_in_our_own_words_however_long_it_is(digits: int, shape: str) -> None:
+    with pytest.raises(DocumentError) as refused:
+        parse_toml(shape.format(*["9" * digits] * 2))
+    assert "a whole number is larger than 64 bits" in refused.value.message
+    assert "sys." not in refused.value.message
+    assert len(refused.value.message) < 200

@@ -28,6 +28,7 @@ UNIT_WITHIN = 1e-3  # what rounding to three digits does to a quaternion's lengt
 _USUAL, _USUAL_DIGITS = 1e6, 20  # what lies beyond is looked at closer
 _NOTHING = (np.nan,) * 7
 _NO_AXES = (np.nan,) * 6
+NO_COORDINATES = "it has no coordinates"
 _NO_ORIENTATION = "its orientation is zero, so it was never taught"
 _LEAST_STEPS = (10.0**-LEAST_LENGTH_DECIMALS * 1e-3, float(np.deg2rad(10.0**-LEAST_ANGLE_DECIMALS)))
 _T = TypeVar("_T")
@@ -139,7 +140,7 @@ class RapidPositions:
 
     def add_untaught(self, name: str, place: int) -> None:
         """Take a target that is declared without a value."""
-        self.fixed[len(self.names)] = "it has no coordinates"
+        self.fixed[len(self.names)] = NO_COORDINATES
         self._start_row(name, UNTAUGHT, place, "")
 
     def add_unread(self, name: str, place: int, why: str) -> None:

@@ -20,6 +20,7 @@ _POSE = (
 _POSE_VALUE = re.compile(rf"{W}{_POSE}", re.ASCII)
 _CONSTANT = re.compile(rf"\bCONST\s+pose\s+({NAME}){W}:={W}{_POSE}", re.ASCII | re.IGNORECASE)
 _ARGUMENT = re.compile(rf"{W}({NAME}){W};", re.ASCII)
+_NAME_OF_ARGUMENT = re.compile(rf"{NAME}(?:\{{[^{{}}]*\}})?", re.ASCII)
 _ROT = re.compile(r"\\\s*Rot\b", re.IGNORECASE)
 _CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}|[;\n]', re.ASCII)
 _OPENING = frozenset(("then", "for", "while", "test"))
@@ -74,6 +75,7 @@ class Displacements:
     text: str
     events: list[DisplacementEvent] = field(default_factory=list)
     moves: list[TargetMove] = field(default_factory=list)
+    references: list[tuple[str, str]] = field(default_factory=list)  # names in PDispOn, and where
     routines: dict[str, tuple[int, int]] = field(default_factory=dict)  # by scope: from, to
 
     def take_instruction(self, word: str, spelled: str, end: int, scope: str) -> None:
@@ -83,7 +85,10 @@ class Displacements:
         translation, quaternion = UNREADABLE, None
         if word == "pdispset":
             translation, quaternion = self._parse_pose(end)
-        elif word == "pdispon" and _ROT.search(self.text, end, stop) is None:
+        if word == "pdispon":
+            names = _NAME_OF_ARGUMENT.findall(self.text[end:stop])
+            self.references += [(name, scope) for name in names]
+        if word == "pdispon" and _ROT.search(self.text, end, stop) is None:
             quaternion = NO_TURN
         self.events.append(DisplacementEvent(end, word, spelled, scope, translation, quaternion))
 

@@ -16,6 +16,7 @@ from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Q
 
 EXTERNAL_OFFSET = "an external axis is offset here, and the project does not know what it moves"
 COMPONENT_SET = "the program sets a component of it while it runs"
+REFERENCE = "a displacement is taken from it (PDispOn), and no move of this file goes to it"
 _OTHERS = "what other routines go to while it holds"
 _COMPUTED = "a computed place"
 _NAME = re.compile(rf"{W}({NAME})", re.ASCII)
@@ -38,6 +39,7 @@ class FoundShift:
     quaternion: Quaternion | None = NO_TURN
     row: int = -1  # of a target that is written into the move
     each_time: bool = False
+    sets: bool = False
 
 
 @dataclass
@@ -88,7 +90,9 @@ class FoundShifts:
             self._add_shift(place, name, scope, translation, NO_TURN)
             return
         self.set_components.append((name, scope))
-        self._add_shift(place, name, scope, UNREADABLE, None)
+        end = text.find(";", place)
+        what = " ".join(text[place : end if end >= 0 else place].split())[:80]
+        self.found.append(FoundShift(place, what, scope, name, None, UNREADABLE, None, sets=True))
 
     def _add_shift(
         self, place: int, name: str, scope: str, translation: Triple, quaternion: Quaternion | None
@@ -115,10 +119,18 @@ class FoundShifts:
             for name, scope in targets:
                 for row in _cartesian_rows(uses.rows_of(name, scope), collected):
                     uses.barred.setdefault(row, why)
+        self._bar_references(collected, uses)
         for displacement in self.displacements.active_displacements():
             if displacement.event.word.startswith("eoffs"):
                 for row in _rows_of(displacement, collected, uses):
                     uses.barred.setdefault(row, EXTERNAL_OFFSET)
+
+    def _bar_references(self, collected: RapidPositions, uses: TargetUses) -> None:
+        """Leave targets that displacements are taken from and no move goes to: nothing tells their work object."""
+        for name, scope in self.displacements.references:
+            for row in _cartesian_rows(uses.rows_of(name, scope), collected):
+                if row not in uses.of_row:
+                    uses.barred.setdefault(row, REFERENCE)
 
     @staticmethod
     def _make_shift(one: FoundShift, collected: RapidPositions, uses: TargetUses) -> ProgramShift:
@@ -133,6 +145,7 @@ class FoundShifts:
             translation_m=one.translation_m,
             quaternion=one.quaternion,
             each_time=one.each_time,
+            sets=one.sets,
         )
 
 

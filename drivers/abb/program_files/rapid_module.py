@@ -3,8 +3,9 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
-from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.abb.program_files.collected_positions import NO_COORDINATES, RapidPositions
 from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
 from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
@@ -61,11 +62,14 @@ _REMARKED = {
     "orobt": ("computed", "ORobT computes a target without displacement."),
     "mirpos": ("computed", "MirPos computes a mirrored target."),
 }
+_COPY_TEXT = "{} is set to another target while the program runs."
 _ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
 _FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
 _COMPUTED_TEXT = "{} is computed; it is not read."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _INSIDE = "it stands inside other data, or is computed in part, and is not read"
+_SET_LATER = "it gets its coordinates while the program runs"
+_ASSIGNED_ABROAD = "it is given to a name that this file does not declare: what goes to it is not known"
 _STAR_UNKNOWN = "its coordinates are not in the file"
 
 
@@ -79,6 +83,10 @@ class RapidModule:
     frames: DeclaredFrames
     name: str = ""
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
+    assigned_here: list[tuple[str, str]] = field(
+        default_factory=list
+    )  # name, scope: the value is written here
+    copies: set[int] = field(default_factory=set)  # places of assignments from another target
     overwritten: list[tuple[int, str, str]] = field(
         default_factory=list
     )  # by what is neither read nor a copy
@@ -156,9 +164,14 @@ class RapidModule:
         self.uses.set_while_running |= {
             name for name in self.set_names if name in self.frames.declared or name not in self.uses.shown
         }
+        for name, scope in [*(one[1:] for one in self.assigned), *self.assigned_here]:
+            for row in self.uses.rows_of(name, scope):
+                if self.found.fixed.get(row) == NO_COORDINATES:
+                    self.found.fixed[row] = _SET_LATER
         for place, name, scope in self.assigned:
             if self.uses.rows_of(name, scope):
-                self.found.add_remark(place, "computed", _ASSIGNED_TEXT.format(name))
+                text = _COPY_TEXT if place in self.copies else _ASSIGNED_TEXT
+                self.found.add_remark(place, "computed", text.format(name))
         self.frames.drop_ambiguous()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
@@ -290,18 +303,28 @@ class RapidModule:
                 found = AGGREGATES[kind].pattern.match(text, assigned.end())
                 if found is not None:
                     add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
-                    add(name, found)
+                    self._assigned_here(bare, name, partial(add, name, found))
                     return found.end()
         if assigned[2]:
             path = "".join(assigned[2].split())
             self.shifts.take_component(start, (name, self.uses.scope), path, assigned.end())
-        elif not self._note_copy(text, assigned.end(), bare):
+        elif self._note_copy(text, assigned.end(), bare):
+            self.copies.add(start)
+        else:
             self.shifts.overwritten.append((name, self.uses.scope))
         part = assigned[2].partition(".")[2].strip().lower()
         if not part or part.startswith(("uframe", "oframe", "tframe")):
             self.set_names.add(bare.lower())
         self.assigned.append((start, bare, self.uses.scope))
         return assigned.end()
+
+    def _assigned_here(self, bare: str, name: str, add: Callable[[], None]) -> None:
+        """Take a target that is written into an assignment: moves to the name go to it."""
+        row = len(self.found.names)
+        add()
+        if not self.uses.assign(name, row):
+            self.uses.barred[row] = _ASSIGNED_ABROAD
+        self.assigned_here.append((bare, self.uses.scope))
 
     def _note_copy(self, text: str, place: int, to: str) -> bool:
         """Note a target that is assigned to another, which moves go to in its place; tell whether it is one."""

@@ -101,6 +101,18 @@ class TargetUses:
             if not local:
                 self.of_modules[bare].append(row)
 
+    def assign(self, name: str, row: int) -> bool:
+        """Note a value that is assigned to a declared target; all moves to the name go to it, too.
+
+        False where the declaration is not in this file: who else goes there is unknown.
+        """
+        where, bare = self._declared_at(name, self.scope)
+        if where in ("?", ""):
+            return False
+        for key in {(where, bare), (where, name.lower())}:
+            self.rows[key].append(row)
+        return True
+
     def note_use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
         self.used[self.scope, name].add(self._spell_use(tool, frame))

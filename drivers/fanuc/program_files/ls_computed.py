@@ -15,6 +15,9 @@ _CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{
 _CHOSEN_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 _HERE = re.compile(rb"\b[LJ]P(?:OS|NT)\b")
 _ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
+_ITSELF = re.compile(  # and something that is added
+    rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+, *+(\d) *+\] *+[+-](?!.*(?:PR?\[|[*/]))", re.DOTALL
+)
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
 _NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
 _BRANCHES = re.compile(
@@ -40,6 +43,9 @@ class ComputedRegisters:
     )  # registers whose W, P or R the program sets to other than zero
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
     here: set[int] = field(default_factory=set)  # registers that get where the robot was before any position
+    altered_whole: set[int] = field(default_factory=set)  # registers of which any element may be computed
+    added: dict[int, set[int]] = field(default_factory=dict)  # elements to which something is added
+    set_to: dict[int, set[int]] = field(default_factory=dict)  # elements that get a value of their own
     any_altered: int = 0  # a line in which a number chooses the register that is computed
     any_position: int = 0  # a line in which a number chooses the position that a register gets
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
@@ -53,7 +59,17 @@ class ComputedRegisters:
             + len(self.turned)
             + len(self.camera)
             + len(self.here)
+            + len(self.altered_whole)
+            + sum(map(len, self.added.values()))
+            + sum(map(len, self.set_to.values()))
         )
+
+    def added_to(self, register: int) -> Triple:
+        """Return what is added to a register that holds a position: zero, or not readable."""
+        if register in self.altered_whole or self.any_altered:
+            return UNREADABLE
+        x, y, z = (nan if each in self.added.get(register, ()) else 0.0 for each in (1, 2, 3))
+        return x, y, z
 
 
 def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRegisters:
@@ -95,6 +111,9 @@ def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int)
     number, element, value = int(match[1]), int(match[2]), match[3].strip()
     found.altered.setdefault(number, line)
     found.computed |= {int(each) for each in _POSITION.findall(value)}
+    itself = _ITSELF.match(value)
+    adds = itself is not None and (int(itself[1]), int(itself[2])) == (number, element)
+    (found.added if adds else found.set_to).setdefault(number, set()).add(element)
     constant = _NUMBER.fullmatch(value)
     if element > _LENGTHS and (constant is None or float(constant[1])):
         found.turned.add(number)
@@ -117,8 +136,14 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
             found.copied.setdefault(each, set()).add(number)
         if registers & found.altered.keys():
             found.altered.setdefault(number, line)
+            found.altered_whole |= {number} if registers & found.altered_whole else set()
+            for elements in (found.added, found.set_to):
+                of_others = {element for each in registers for element in elements.get(each, ())}
+                if of_others:
+                    elements.setdefault(number, set()).update(of_others)
     elif not _NOTHING.fullmatch(value):
         found.altered.setdefault(number, line)
+        found.altered_whole.add(number)
         found.computed |= positions
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from math import nan
 
 from cellcal.drivers.fanuc.program_files.ls_computed import (
     ComputedRegisters,
@@ -193,8 +194,31 @@ def _shifts_by_registers(
     for register, line in {**found.goes_to, **found.shifted}.items():
         if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
+            amount = UNREADABLE if register in found.shifted else registers.added_to(register)
             for number in sorted(registers.origins.get(register, ())):
-                yield number, ProgramShift(line, f"PR[{register}]", ShiftAxes.USER_FRAME, quaternion=turn)
+                yield (
+                    number,
+                    ProgramShift(line, f"PR[{register}]", ShiftAxes.USER_FRAME, (), "", None, amount, turn),
+                )
+                yield from ((number, each) for each in _set_elements(register, registers))
+
+
+def _set_elements(register: int, registers: ComputedRegisters) -> Iterator[ProgramShift]:
+    """Yield the elements of a register that get a value of their own: they stay where the position changes."""
+    elements = registers.set_to.get(register, set())
+    if not elements:
+        return
+    x, y, z = (nan if each in elements else 0.0 for each in (1, 2, 3))
+    turn = None if elements & {4, 5, 6} else NO_TURN
+    what = ", ".join(f"PR[{register},{each}]" for each in sorted(elements))
+    yield ProgramShift(
+        registers.altered[register],
+        what,
+        ShiftAxes.USER_FRAME,
+        translation_m=(x, y, z),
+        quaternion=turn,
+        sets=True,
+    )
 
 
 def _shifts_by_places(

@@ -34,6 +34,7 @@ _NULL_FRAME = Pose((0.0, 0.0, 0.0))
 
 _FRAME_TEXT = "{} is a FRAME: base, offset or point, this file does not tell. It is not read as a position."
 FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
+FRAME_SET = "it is a FRAME without status and turn that the program sets while it runs"
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
     "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. It is not changed."

@@ -36,6 +36,7 @@ class _FoundShift:
     quaternion: Quaternion | None = None
     each_time: bool = False
     used: PointMove | None = None  # the move, whose base counts
+    sets: bool = False  # a component gets a value of its own
 
 
 @dataclass
@@ -89,8 +90,13 @@ class ShiftNotes:
             size = float(number[1]) * (1e-3 if added[2] == "+" else -1e-3) if number else nan
             x, y, z = (size if axis == one else 0.0 for one in "XYZ")
             translation, quaternion = (x, y, z), NO_TURN
-        what = " ".join(code.split())[:80]
-        self.notes.append(_FoundShift(place, what, name, translation, quaternion, each_time=True, used=used))
+        what, sets = " ".join(code.split())[:80], quaternion is None
+        if sets and axis in "XYZ":  # the others stay, and so does the orientation
+            x, y, z = (nan if axis == one else 0.0 for one in "XYZ")
+            translation, quaternion = (x, y, z), NO_TURN
+        self.notes.append(
+            _FoundShift(place, what, name, translation, quaternion, each_time=not sets, used=used, sets=sets)
+        )
 
     def to_shifts(self, points: PointUses) -> tuple[ProgramShift, ...]:
         """Return the shifts, with the base of the move that each belongs to."""
@@ -108,6 +114,7 @@ class ShiftNotes:
             one.translation_m,
             one.quaternion,
             one.each_time,
+            one.sets,
         )
 
 

@@ -42,6 +42,8 @@ class FrameUse:
     """What a routine sets ``$TOOL`` or ``$BASE`` to, and where first."""
 
     values: set[str] = field(default_factory=set)
+    order: list[tuple[int, str]] = field(default_factory=list)  # where each is set, and to what
+    nested: bool = False  # one is set inside a branch or a loop
     first: dict[Branches, int] = field(default_factory=dict)  # where first in which branches
     below: Marks = ()  # what the routine and those that it calls set, when all is read
     above: Marks = ()  # what is set around it
@@ -51,6 +53,16 @@ class FrameUse:
         """Note a value."""
         self.first.setdefault(branches, place)
         self.values.add(value)
+        self.order.append((place, value))
+        self.nested |= bool(branches)
+
+    def last_before(self, place: int) -> str | None:
+        """Return which number was set last above a place where all are set one after the other; else None."""
+        if self.nested or self.above:
+            return None
+        at = bisect_right(self.order, (place, "")) - 1
+        value = self.order[at][1] if at >= 0 else ""
+        return value if value.isdigit() else None
 
     def value_in_force(self, *, said_before: bool) -> str | None:
         """Return what holds where it is set before or not: known only where the routine sets one thing."""
@@ -92,6 +104,12 @@ class KrlRoutine:
     base: FrameUse = field(default_factory=FrameUse)
     jumps: RoutineJumps = field(default_factory=RoutineJumps)
     resets: bool = False  # it sets both to what the controller begins with
+
+    def straight(self, use: FrameUse, place: int) -> str | None:
+        """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""
+        if self.calls or self.resets or self.jumps.first is not None or self.jumps.landings:
+            return None  # a LOOP comes back to what stands above a set
+        return use.last_before(place)
 
 
 def reached_from(routines: Sequence[KrlRoutine]) -> None:

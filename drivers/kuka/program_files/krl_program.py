@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from cellcal.drivers.kuka.program_files import patterns
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.data_list import (
-    FRAME_ALONE,
+    FRAME_SET,
     INSIDE,
     remark_comment,
     remark_hidden_positions,
@@ -373,7 +373,7 @@ class KrlProgram:
         for name, literal in self.frames_set:
             key = point_key(name.name, name.index)
             if {key, name.name.upper(), f"{name.name.upper()}[]"} & self.points.uses.keys():
-                self.found.add_unread(name.full_name, literal.start, FRAME_ALONE)
+                self.found.add_unread(name.full_name, literal.start, FRAME_SET)
 
     def _take_copy(self, name: NamedItem, value: str, line: KrlLine) -> None:
         """Note that a name is given what stands in others, which may be points."""

@@ -18,6 +18,7 @@ from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames, Routine
 from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
 
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
+Now = tuple[str | None, str | None]  # the tool and the base that hold where a routine runs straight on
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
@@ -39,7 +40,7 @@ class PointUses:
     found: KrlPositions
     routines: list[KrlRoutine] = field(default_factory=lambda: [KrlRoutine(0)])
     rows: list[PointMove] = field(default_factory=list)  # of points written into moves
-    uses: dict[str, dict[tuple[int, Branches, str], PointMove]] = field(
+    uses: dict[str, dict[tuple[int, Branches, str, int], PointMove]] = field(
         default_factory=dict
     )  # of named points
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
@@ -50,7 +51,7 @@ class PointUses:
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
     bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
-    known_held: dict[tuple[int, str, bool, bool, bool], MoveFrames] = field(default_factory=dict)
+    known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
 
     def note_use(self, key: str, place: int, branches: Branches, why: str) -> None:
         """Note a move to a named point, or why its tool and base are not the routine's."""
@@ -58,9 +59,12 @@ class PointUses:
         uses_of_key = self.uses.setdefault(key, {})
         # The first move of a branch is the one that the least is set before.
         if len(uses_of_key) < _MOST_USES:
-            uses_of_key.setdefault((routine, branches, why), PointMove(-1, routine, place, branches, why))
+            frames_set = len(self.routines[routine].tool.order) + len(self.routines[routine].base.order)
+            uses_of_key.setdefault(
+                (routine, branches, why, frames_set), PointMove(-1, routine, place, branches, why)
+            )
         else:
-            uses_of_key.setdefault((-1, (), ""), PointMove(-1, routine, place, (), BARRED["several"]))
+            uses_of_key.setdefault((-1, (), "", 0), PointMove(-1, routine, place, (), BARRED["several"]))
 
     def finish_reading(self) -> None:
         """Give points their tool and base."""
@@ -122,25 +126,39 @@ class PointUses:
         routine = self.routines[used.routine]
         tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
         base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
-        key = (used.routine, used.why, tool_said, base_said, joints)
+        now = routine.straight(routine.tool, used.place), routine.straight(routine.base, used.place)
+        key = (used.routine, used.why, tool_said, base_said, joints, now)
         if key not in self.known_held:
             self.known_held[key] = self._frames_in_routine(
-                routine, used.why, tool_said=tool_said, base_said=base_said, joints=joints
+                routine, used.why, now, tool_said=tool_said, base_said=base_said, joints=joints
             )
         return self.known_held[key]
 
     def _frames_in_routine(
-        self, routine: KrlRoutine, why: str, *, tool_said: bool, base_said: bool, joints: bool
+        self, routine: KrlRoutine, why: str, now: Now, *, tool_said: bool, base_said: bool, joints: bool
     ) -> MoveFrames:
-        why = why or routine.tool.barred_reason(said_before=tool_said)
+        tool_now, base_now = now
+        why = why or ("" if tool_now else routine.tool.barred_reason(said_before=tool_said))
         if not joints:
-            why = why or routine.base.barred_reason(said_before=base_said)
+            why = why or ("" if base_now else routine.base.barred_reason(said_before=base_said))
+            why = why or self._set_several_times(routine, base_said=base_said)
         if why:
             return MoveFrames(None, None, why, routine.name)
-        tool = _resolve_value(routine.tool.value_in_force(said_before=tool_said), self._name_of_set("TOOL"))
-        base = _resolve_value(routine.base.value_in_force(said_before=base_said), self._name_of_set("BASE"))
+        tool = tool_now or _resolve_value(
+            routine.tool.value_in_force(said_before=tool_said), self._name_of_set("TOOL")
+        )
+        base = base_now or _resolve_value(
+            routine.base.value_in_force(said_before=base_said), self._name_of_set("BASE")
+        )
         why = in_set_table(self.set_tables, tool, None if joints else base)
         return MoveFrames(None, None, why, routine.name) if why else MoveFrames(tool, base, "", routine.name)
+
+    def _set_several_times(self, routine: KrlRoutine, *, base_said: bool) -> str:
+        """Return why nobody can tell the base where it is written as numbers more than once."""
+        written = (
+            routine.base.value_in_force(said_before=base_said) == "$" and len(self.set_frames["BASE"]) > 1
+        )
+        return BARRED["several"] if written else ""
 
     def declared_uses(self) -> dict[str, frozenset[MoveFrames]]:
         """Return the moves to points that other files declare."""

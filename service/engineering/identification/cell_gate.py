@@ -11,6 +11,7 @@ from cellcal.calibration.identification.misfit import (
     refuse_misfit,
 )
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
+from cellcal.calibration.identification.position_scale import position_scale, refuse_wrong_scale
 from cellcal.service.engineering.measured.cells import CellLayoutFile
 
 _COLUMNS = re.compile(r"`--columns (\w+)=([^`]*)`")
@@ -34,6 +35,7 @@ def refuse_misfit_of_series(cell: CalibrationCell, layout: CellLayoutFile) -> No
         model = robot.model if robot.previous is None else robot.previous.arm_model
         try:
             refuse_misfit(model, observations, _column_names(series, layout))
+            refuse_wrong_scale(model, position_scale(model, observations))
         except MisfitError as error:
             raise _of_layout(error, series.name) from error
 

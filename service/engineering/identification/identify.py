@@ -11,12 +11,20 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import ErrorSummary, Grouping, group_rows
+from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
 from cellcal.calibration.identification.identify import Identification, identify_arm
+from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
+from cellcal.calibration.identification.position_scale import (
+    PositionScale,
+    position_scale,
+    refuse_wrong_scale,
+    scale_note,
+)
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
@@ -170,13 +178,16 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     model = load_model(robot)
     prepared = prepare_measurements(path, model, options.read)
     start = read_start(options.start, model, prepared.observations.kind)
-    refuse_misfit(start.point.rigid_arm(model), prepared.observations, file_names(prepared.measurements))
+    chain = start.point.rigid_arm(model)
+    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
     grouping = Grouping(grouping.groups, prepared.grouping.kind)
     prepared = _at_one_temperature(model, prepared, train, grouping)
+    scale = position_scale(chain, prepared.observations.select_rows(train))
+    refuse_wrong_scale(chain, scale)
     found = identify_arm(
         model,
         prepared.observations.select_rows(train),
@@ -200,7 +211,10 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         *prepared.noticed,
         *(lint_repeated_postures(measurements, train, held_out) if len(held_out) else ()),
     ]
-    noticed += [*lints_of_fit(found, judged.before_m, prepared, train), *lints_of_start(found, start)]
+    noticed += _lints_of_rows(chain, prepared.observations.select_rows(train), scale)
+    of_fit = lints_of_fit(found, judged.before_m, prepared, train)
+    noticed += without_play(of_fit) if any(lint.code == DIRECTION for lint in noticed) else of_fit
+    noticed += lints_of_start(found, start)
     noticed += _lints_of_free(start, judged)
     return IdentifyReport(
         robot=model.name,
@@ -227,6 +241,10 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         verdicts=_build_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
+
+
+def _lints_of_rows(chain: RobotModel, observations: Observations, scale: PositionScale | None) -> list[Lint]:
+    return [*scale_note(scale), *last_joint_note(chain, observations)]
 
 
 def _at_one_temperature(

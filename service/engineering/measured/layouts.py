@@ -9,6 +9,7 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.files import missing_file_words
 
 _COLUMNS = ("joints", "position", "rotation", "length", "controller", "group")
 _UNITS = ("joints", "position", "rotation", "length", "controller")
@@ -24,7 +25,8 @@ def layout_data(path: Path) -> dict[str, Any]:
         No such file, or no TOML.
     """
     if not path.is_file():
-        raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
+        why, remedy = missing_file_words(path)
+        raise MeasurementError(why, remedy=remedy)
     try:
         return parse_toml(read_plain_text(path))
     except (OSError, DocumentError) as broken:

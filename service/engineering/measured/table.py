@@ -27,6 +27,7 @@ from cellcal.service.engineering.measured.table_heads import (
     is_remark,
     names_without_heading,
 )
+from cellcal.service.files import missing_file_words
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 200  # lines, to find separator and decimal mark
@@ -82,7 +83,8 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
         No such file, no table of numbers in it, no header, or names that occur twice.
     """
     if not path.is_file():
-        raise MeasurementError(f"there is no file {path}.", remedy="Check the name.")
+        why, remedy = missing_file_words(path)
+        raise MeasurementError(why, remedy=remedy)
     if path.suffix.lower() in _EXCEL:
         return _read_excel(path, sheet)
     try:

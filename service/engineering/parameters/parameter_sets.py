@@ -21,6 +21,7 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.files import PRIVATE_FILE, make_private_folder
+from cellcal.service.times import has_time_zone
 
 FORMAT = 1
 _SUFFIXES = {"rad": "_rad", "m": "_m", "rad/m": "_rad_per_m", "1": ""}
@@ -82,6 +83,11 @@ class ParameterSet:
             "".join([getattr(self, key) for key in (*_WORDS, *_OPTIONAL)]).encode()
         except UnicodeEncodeError as broken:
             raise ParameterSetError("a parameter set holds text that cannot be written") from broken
+        if not has_time_zone(self.made_at):
+            raise ParameterSetError(
+                f"made_at of a parameter set is {self.made_at[:60]!r}: it is no time with a time zone.",
+                remedy="Write it as 2026-05-04T08:30:00+02:00.",
+            )
         names = [value.name for value in self.values]
         if not names or len(set(names)) != len(names):
             raise ParameterSetError("a parameter set holds at least one parameter, and none twice")

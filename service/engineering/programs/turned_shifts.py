@@ -33,6 +33,10 @@ _SIZE_UNREADABLE = (
     "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
     "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
 )
+_SETS = (
+    "{what} sets a part of {point} in axes that this change turns by {angle} deg and moves by {distance} mm: the "
+    "value stays as it is. Set it to the value of the changed place, or teach the point there."
+)
 _MAY_TURN = (
     "{what} shifts {point} and may turn it by what is not readable: the point then misses by up to {distance} mm. "
     "Turn the shift in the program, too, or teach the point there."
@@ -116,6 +120,11 @@ def _shift_finding(
     """Return what a shift costs at one point; without a text where it costs nothing."""
     change = turned.change
     angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
+    if shift.sets:
+        moved_m = float(np.linalg.norm(change[:3, 3]))
+        changes = _set_part_counts(shift, turned) or (shift.quaternion is None and angle > _LEAST_RAD)
+        text = _finding_text(_SETS, shift, point, angle, moved_m, 0.0) if changes else ""
+        return PointFinding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
     if _size_counts(shift, turned) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
         if angle > _LEAST_RAD:
             text = _finding_text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord_length(angle), 0.0)
@@ -151,6 +160,14 @@ def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
     apart = change[:3, :3] - np.eye(3)
     costs = np.linalg.norm(apart if turned.exact else np.full((3, 3), np.abs(apart).max()), axis=0)
     return bool((costs[unread] * _TOO_FAR_M > _LEAST_M).any())
+
+
+def _set_part_counts(shift: ProgramShift, seen: _TurnedChange) -> bool:
+    """Tell whether coordinates that get a value of their own would change with the point."""
+    apart = np.abs(seen.change - np.eye(4))[:3]
+    if not seen.exact:
+        return bool((apart > _LEAST_M).any())
+    return bool((apart[np.isnan(shift.translation_m)] > _LEAST_M).any())
 
 
 def _chord_length(angle_rad: float) -> float:

@@ -26,6 +26,7 @@ from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import FilesError, RefusedProgram, read_bytes, whole_file
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
+from cellcal.service.times import read_time
 
 RECORD = "cellcal_clones.json"
 _FORMAT = 1
@@ -275,12 +276,15 @@ def _read_records(path: Path) -> list[CloneRecord]:
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']}")
         names = {field.name for field in fields(CloneRecord)}
-        return [CloneRecord(**{name: one[name] for name in names}) for one in document["clones"]]
+        found = [CloneRecord(**{name: one[name] for name in names}) for one in document["clones"]]
+        for one in found:
+            read_time(one.made_at)
     except (OSError, ValueError, KeyError, TypeError) as broken:
         raise FilesError(
             f"{path} is no record of clones: {broken!r}.",
             remedy="Clone the programs again, or remove it: then nobody knows what they were made from.",
         ) from broken
+    return found
 
 
 def _sha256_hex(data: bytes) -> str:

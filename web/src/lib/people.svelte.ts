@@ -31,6 +31,7 @@ const CODES: Record<string, Key> = {
   "people.elsewhere": "control_elsewhere",
   "desk.stale": "control_stale",
   "desk.gone": "control_desk_gone",
+  "desk.stop_unconfirmed": "control_stop_unconfirmed",
 };
 
 /** What an answer of the service means, in the page's language where the page knows it. */

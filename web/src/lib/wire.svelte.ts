@@ -9,6 +9,7 @@ import { people, type Standing } from "./people.svelte";
 import type { Live, Order, Session, Trouble } from "./types";
 
 const SILENT_MS = 2200; // a link that worked
+const STOP_MS = 3000; // the service says after 2 s that the cell's process is silent
 const TRY_MS = 1500; // a new one
 const RETRY_MS = 300;
 const UNKNOWN_MS = 2000; // a device that may not come in asks rarely
@@ -147,12 +148,19 @@ class Wire {
   async order(order: Order): Promise<boolean> {
     if (!this.session) return false;
     const pressed = { id: randomId(), rev: this.session.rev, order };
-    if (order.op === "stop") return this.#answered(pressed, await post("commands", pressed, SILENT_MS)); // behind nothing else
+    if (order.op === "stop") return this.#stop(pressed); // behind nothing else
     if (this.waiting) return false; // a second tap while the first is on its way
     this.waiting = pressed;
     this.refusal = null;
     this.#queuedMs = Date.now();
     return this.#send();
+  }
+
+  /** Send a stop; whatever keeps its answer away, the person is told that the robot may still move. */
+  async #stop(pressed: Pressed): Promise<boolean> {
+    const answer = await post("commands", pressed, STOP_MS);
+    const unanswered = answer.code === "offline" || answer.code === "desk.gone";
+    return this.#answered(pressed, unanswered ? { ...answer, code: "desk.stop_unconfirmed" } : answer);
   }
 
   /** Send what waited for a PIN, as a new press of what was looked at then. */

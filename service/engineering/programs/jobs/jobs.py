@@ -32,6 +32,7 @@ from cellcal.service.engineering.programs.jobs.files import (
     write_programs,
     write_project,
 )
+from cellcal.service.engineering.programs.jobs.limits import Limits
 from cellcal.service.engineering.programs.jobs.shapes import (
     CellInput,
     JobPreview,
@@ -49,6 +50,7 @@ _log = logging.getLogger(__name__)
 _MOST_JOBS, _MOST_OPEN = 6, 4
 _LONGEST_S = 900.0
 _LONGEST_LINE = 1 << 20
+_LEAVE_S = 5.0
 State = Literal["waiting", "running", "done", "failed", "stopped"]
 _OPEN = ("waiting", "running")
 
@@ -133,8 +135,8 @@ class TransferJob:
 class Jobs:
     """All jobs of one service."""
 
-    def __init__(self, config: CellConfig) -> None:
-        self._config = config
+    def __init__(self, config: CellConfig, limits: Limits | None = None) -> None:
+        self._config, self._limits = config, limits or Limits()
         self._turn = asyncio.Lock()
         self._works: OrderedDict[str, TransferJob] = OrderedDict()
 
@@ -221,6 +223,7 @@ class Jobs:
     async def _run_process(self, work: TransferJob) -> None:
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", _WORK_MODULE, os.fspath(self._config.path), os.fspath(work.folder),
+            *self._limits.as_words(),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
             limit=_LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
@@ -229,15 +232,19 @@ class Jobs:
         try:
             while line := await process.stdout.readline():
                 _apply_message(work, parse_json(line))
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(
+                    _LEAVE_S
+                ):  # how it ended by itself must not be taken for our own kill
+                    await process.wait()
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
         if work.state == "running":
             work.state = "failed"
-            work.fault = ProgramsFault(
-                message="The job ended by itself.", remedy="The service's log has the cause."
-            )
+            message, remedy = self._limits.words_of_end(process.returncode or 0)
+            work.fault = ProgramsFault(message=message, remedy=remedy)
 
 
 def _apply_message(work: TransferJob, message: dict[str, Any]) -> None:

@@ -27,6 +27,7 @@ from cellcal.service.engineering.programs.files import FilesError, FoundPrograms
 from cellcal.service.engineering.programs.inspect import named_by
 from cellcal.service.engineering.programs.jobs.cells import cell_here, pose_from_json
 from cellcal.service.engineering.programs.jobs.files import OUT, REQUEST_FILE, SOURCES, stored_projects
+from cellcal.service.engineering.programs.jobs.limits import Limits
 from cellcal.service.engineering.programs.jobs.preview import JobResult, write_preview
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.engineering.programs.move import change_of_frame, instead_of_moving, move_transfer
@@ -212,8 +213,10 @@ def _leave_with_the_service() -> None:
 
 
 def main() -> None:
-    """Make one job: the cell file and the job's folder are named."""
+    """Make one job: the cell file and the job's folder are named, and the limits of this process."""
     log_in_lines()
+    limits = Limits(*map(int, sys.argv[3:5]))
+    limits.impose()
     threading.Thread(target=_leave_with_the_service, daemon=True).start()
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
@@ -221,6 +224,8 @@ def main() -> None:
         make_programs(config, parse_json(read_plain_text(Path(REQUEST_FILE))))
     except CellError as error:
         write_message(end="failed", message=error.message, remedy=error.remedy)
+    except MemoryError:
+        write_message(end="failed", message=limits.too_large, remedy="Make fewer programs at once.")
     except Exception:  # noqa: BLE001  whatever it was, the page is told
         _log.exception("a job of programs broke")
         write_message(end="failed", **_BROKEN)

@@ -1,0 +1,43 @@
+"""Whether the rows show which way the last joint turns: a target on its axis does not move when it turns."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.misfit import fit_quickly
+from cellcal.calibration.identification.observations import Observations, PointObservations
+from cellcal.calibration.identification.quick_fit import spread_rows
+
+DIRECTION = "direction"
+_MOST_ROWS = 80
+_FEWEST = 12
+_ALIKE = 3.0  # times better must one direction fit before these rows tell it
+_FLOOR_M = 2e-5  # two fits as good as this are alike
+_TURNED_RAD = float(np.deg2rad(10.0))  # a joint that hardly turned has no direction to be seen
+
+
+def last_joint_note(model: RobotModel, observations: Observations) -> list[Lint]:
+    """Return a note where the last joint fits alike in both directions, so that its direction cannot be seen."""
+    if not isinstance(observations, PointObservations) or len(observations) < _FEWEST:
+        return []
+    some = observations.select_rows(spread_rows(len(observations), _MOST_ROWS))
+    name = model.joint_names[-1]
+    if float(np.std(some.joints_rad[:, -1])) < _TURNED_RAD:
+        return []
+    turned = some.joints_rad.copy()
+    turned[:, -1] *= -1.0
+    as_read = fit_quickly(model, some).score_m
+    other = fit_quickly(model, replace(some, joints_rad=turned)).score_m
+    if other > _ALIKE * as_read + _FLOOR_M:
+        return []
+    return [
+        Lint(
+            DIRECTION,
+            f"the direction of {name} cannot be seen from these data: the target is on its axis, or nearly "
+            f"({as_read * 1e3:.3f} mm remain as it was read, {other * 1e3:.3f} mm with {name} turned round). What "
+            f"follows {name} in the residuals may be this alone. Check its sign at the robot, or measure with the "
+            "target off the axis.",
+        )
+    ]

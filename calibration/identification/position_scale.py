@@ -1,0 +1,147 @@
+"""Whether all measured positions are too large or too small by one factor, as a device's scale or a unit makes them.
+
+Such a factor and link lengths are partly the same: a fit hides it in them. What tells them apart is how the lengths
+deviate. Errors of making are of about one size and of either sign; a factor makes every length deviate in proportion
+to itself. So the size of length errors is taken from these rows as well, with a factor and without one, and the two
+are compared by how probable they make the rows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import FitProblem, place_columns
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.misfit import MisfitCause, MisfitError
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    Observations,
+    PointObservations,
+)
+from cellcal.calibration.identification.parameters import GEOMETRY, ParameterLayout, Priors, make_layout
+from cellcal.calibration.identification.quick_fit import spread_rows
+from cellcal.calibration.identification.robust import fit_robustly
+
+_MOST_ROWS = 200
+_SPARE_CHANNELS = 12  # more than unknowns
+_SMALLEST = 1e-3  # an aluminium arm that is 40 K warmer is 0.9e-3 longer
+_DECISIVE = 12.0  # twice the difference of log likelihoods: none of 1200 arms without a factor came as far
+_SURE = 4.0  # deviations
+_DOUBTFUL, _LIKELY = 9.0, 3.0  # from here on a person is told: two of 1200
+_LENGTH_ERRORS_M = np.geomspace(3e-5, 5e-3, 25)
+_LOOK = (
+    "See the scale of the device (scale bar, temperature, air pressure, wavelength) and whether a unit was converted "
+    "by a rounded factor."
+)
+_UNTOLD = (
+    "What these rows cannot tell: an arm whose links are all longer by the same factor measures the same. If the "
+    "device is proved right, the named robot is the wrong one."
+)
+_WIDE = Priors(length_m=5e-3)  # a factor must have room in the lengths
+
+
+@dataclass(frozen=True, slots=True)
+class PositionScale:
+    """By which factor measured positions are too large, and how sure that is."""
+
+    factor: float
+    sigma: float
+    evidence: float  # twice the difference of log likelihoods, with the factor and without
+
+    def is_beyond(self, deviations: float, evidence: float) -> bool:
+        """Whether the factor is off by more than temperature makes it, so surely, by so much evidence."""
+        away = abs(self.factor - 1.0)
+        return away > max(_SMALLEST, deviations * self.sigma) and self.evidence > evidence
+
+    @property
+    def words(self) -> str:
+        """The factor for people."""
+        percent = abs(self.factor - 1.0) * 1e2
+        figures = f"factor {self.factor:.4f}, standard deviation {self.sigma:.4f}"
+        if self.factor > 1.0:
+            return f"too large by {percent:.2f} % ({figures})"
+        return f"too small by {percent:.2f} % ({figures})"
+
+
+def position_scale(model: RobotModel, observations: Observations) -> PositionScale | None:
+    """Return the common factor of measured positions, or None where rows are too few or of another kind."""
+    some = observations.select_rows(spread_rows(len(observations), _MOST_ROWS))
+    if isinstance(some, LengthObservations):
+        return None
+    once = np.zeros(len(some), dtype=np.intp)
+    places = PointObservations(some.joints_rad, some.positions_m, some.sigma_m, once)
+    layout = make_layout(model, places.kind, 1, level=GEOMETRY, priors=_WIDE)
+    if 3 * len(places) < len(layout) + _SPARE_CHANNELS:
+        return None
+    try:
+        start = first_guess(model, places)[0]
+        found = fit_robustly(layout, start, FitProblem.from_observations(start, places))
+    except (CalibrationError, np.linalg.LinAlgError):
+        return None
+    kept = np.setdiff1d(np.arange(len(places)), found.rejected)
+    problem = found.problem.select_rows(kept)
+    state = found.fit.state
+    columns, left = place_columns(layout, state, problem)
+    deviations = layout.prior_deviations(state)
+    sigma_m = problem.observations.sigma_m
+    seen = places.positions_m[kept].T - left * sigma_m  # (3, N), as predicted
+    factor = (seen - seen.mean(axis=1, keepdims=True)) / sigma_m
+    flat = columns.reshape(len(layout), -1)
+    return _compared(flat, left.reshape(-1) + deviations @ flat, factor.reshape(-1), layout)
+
+
+def _compared(columns: Array, values: Array, factor: Array, layout: ParameterLayout) -> PositionScale:
+    """Compare the linear models ``values = columns x`` with and without a factor, at the best size of lengths."""
+    lengths = np.array([each.role == "geometry" and each.unit == "m" for each in layout.parameters])
+    gram, goal = columns @ columns.T, columns @ values
+    with_factor = columns @ factor
+    told: list[tuple[float, float, float, float]] = []
+    for size_m in _LENGTH_ERRORS_M:
+        prior = np.where(lengths, size_m, np.array([each.prior for each in layout.parameters]))
+        scaled = prior[:, None] * gram * prior + np.eye(len(prior))
+        solve = np.linalg.solve(scaled, np.stack([prior * goal, prior * with_factor], axis=1))
+        plain = float(prior * goal @ solve[:, 0]) - float(np.linalg.slogdet(scaled)[1])
+        sight = float(factor @ factor - prior * with_factor @ solve[:, 1])
+        slope = float(factor @ values - prior * with_factor @ solve[:, 0])
+        told.append((plain, plain + slope**2 / sight, slope / sight, sight**-0.5))
+    without = max(each[0] for each in told)
+    best = max(told, key=lambda each: each[1])
+    return PositionScale(1.0 + best[2], best[3], best[1] - without)
+
+
+def is_wrong(scale: PositionScale | None) -> bool:
+    """Whether a factor is there beyond what temperature makes, and lengths of any size do not explain it."""
+    return scale is not None and scale.is_beyond(_SURE, _DECISIVE)
+
+
+def refuse_wrong_scale(model: RobotModel, scale: PositionScale | None) -> None:
+    """Refuse positions that fit the arm only with a factor.
+
+    Raises
+    ------
+    MisfitError
+        With the factor, what may have made it, and what these rows cannot tell.
+    """
+    if scale is None or not is_wrong(scale):
+        return
+    says = f"all measured positions are {scale.words}"
+    cure = (
+        f"{_LOOK} Then measure again, or divide X, Y and Z by {scale.factor:.4f} in the file. {_UNTOLD} Nothing was "
+        "stored."
+    )
+    raise MisfitError(
+        f"the measurements fit {model.name} only if {says}.",
+        remedy=cure,
+        causes=(MisfitCause(("scale",), says, cure, 0.0),),
+    )
+
+
+def scale_note(scale: PositionScale | None) -> list[Lint]:
+    """Return a note where a factor is likely and not sure."""
+    if scale is None or is_wrong(scale) or not scale.is_beyond(_LIKELY, _DOUBTFUL):
+        return []
+    return [Lint("scale", f"perhaps all measured positions are {scale.words}: {_LOOK} {_UNTOLD}")]
