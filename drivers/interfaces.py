@@ -377,7 +377,8 @@ class TouchProbe(Device, Protocol):
     """A probe whose contact closes when its tip touches. Each sentence is a test in tests/wire/contract_probe.py.
 
     A reading is fresh: taken after the call began. An image of the inputs that stands still gives no reading.
-    ``wait_for_touch`` returns the first touch after the call, in bounds that hold it. A contact that is closed already is
+    ``wait_for_touch`` returns the first touch after the call, in bounds that hold it. A contact that is
+    closed already is
     refused. A second wait during one raises BusyError at once. A cancelled wait leaves the probe usable.
     """
 

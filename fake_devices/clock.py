@@ -5,7 +5,8 @@ Imitates
 Source
     tests/README: fast-forward changes the world's time only, never the event loop's.
 Modelled
-    A factor from 0 (stands still until ``advance``) to several thousand, which ``set_time_factor`` changes; jumps ahead with
+    A factor from 0 (stands still until ``advance``) to several thousand, which ``set_time_factor`` changes;
+    jumps ahead with
     ``advance``.
 Not modelled
     Clocks that differ from device to device. Link timers (heartbeats, cyclic telegrams, a program's cycle

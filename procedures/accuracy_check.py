@@ -151,15 +151,15 @@ def evaluate_rounds(
     rated_rad_s, once = float(np.min(bench.nominal_model().max_speed_rad_s)), plan.round_motion()
     share = min(once.travel_rad / once.moving_s / rated_rad_s, 1.0)
     conditions = AccuracyConditions(rules.load_share, share, rules.warmed_up, one_direction=True)
-    nominal = test_model(bench, plan, captures, {}, conditions)
+    nominal = _test_model(bench, plan, captures, {}, conditions)
     if arm is None:
         return AccuracyResult(nominal.title, nominal, None, share)
     return AccuracyResult(
-        nominal.title, nominal, test_model(bench, plan, captures, arm.parameter_values(), conditions), share
+        nominal.title, nominal, _test_model(bench, plan, captures, arm.parameter_values(), conditions), share
     )
 
 
-def test_model(
+def _test_model(
     bench: Bench,
     plan: CubePlan,
     captures: CubeCaptures,

@@ -185,7 +185,8 @@ def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Inst
         x, y, z = (value * 1e3 for value in found.outer_inner.position_m)
         what = "The robot's base in the fixture" if part == "base" else "The workpiece in the robot's base"
         text = (
-            f"{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {found.origin_uncertainty.expanded_uncertainty * 1e3:.3f} mm and "
+            f"{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within "
+            f"{found.origin_uncertainty.expanded_uncertainty * 1e3:.3f} mm and "
             f"{math.degrees(found.angle_uncertainty.expanded_uncertainty):.4f} degrees (95 %)."
         )
     return Instruction("accept_part", f"{text} Take it over into the simulation?")

@@ -43,7 +43,10 @@ def with_verdict(
         if _needs_order(verdict, write_anyway)
         else ""
     )
-    text = f"{shown.text} Verdict: {_IN_WORDS[verdict.overall_decision]} ({verdict.limits_from}). {figures}. Rule: {rules}."
+    text = (
+        f"{shown.text} Verdict: {_IN_WORDS[verdict.overall_decision]} ({verdict.limits_from}). "
+        f"{figures}. Rule: {rules}."
+    )
     instruction = replace(shown, text=f"{text}{doubt} {question}")
     return review_page(instruction, verdict, writes=writes, write_anyway=write_anyway)
 

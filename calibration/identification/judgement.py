@@ -57,7 +57,8 @@ class Judgement:
     def describe_method(self, grouping: Grouping) -> str:
         """Return how the rows were judged, for people."""
         text = (
-            f"cross-validation over {grouping.group_count} {grouping.kind} in {len(self.levels)} folds; breaks, level "
+            f"cross-validation over {grouping.group_count} {grouping.kind} in {len(self.levels)} "
+            f"folds; breaks, level "
             "and fit were made anew without each fold"
         )
         if len(self.placed):

@@ -239,7 +239,7 @@ class CollisionCheck:
         return LimitExcess("clearance", found, limit, limit - found, "m", tuple(quantity_names), more)
 
     def _pair_uncertainties(self, joints: Array, of_posture: PositionUncertainty) -> Array:
-        """Return (N, Q): by how much each pair of shapes may be nearer than computed; pairs as ``_pair_clearances``."""
+        """Return (N, Q), pairs as ``_pair_clearances``: by how much each pair may be nearer than computed [m]."""
         shape, arm = self.shape, self.shape.arm
         segments = _link_segments(self.model, arm, joints)
         axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.bodies_rad)

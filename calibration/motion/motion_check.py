@@ -313,7 +313,10 @@ def _worst_findings(excess: LimitExcess, owner: NDArray[np.int_]) -> list[Motion
         what, unit = excess.quantity_names[column] if excess.quantity_names else excess.check, excess.unit
         words = f"target {target + 1}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}"
         if excess.uncertainty is not None:
-            words = f"{words}, of which {excess.uncertainty[worst, column]:.3g} m are for turns that are not known yet"
+            words = (
+                f"{words}, of which {excess.uncertainty[worst, column]:.3g} m are for turns that are not "
+                f"known yet"
+            )
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings
 

@@ -209,7 +209,8 @@ def _refuse_stray(pairs: TagPairs, jacobian: Array, residuals: Array) -> None:
     deleted = deleted_residuals(basis, residuals)
     if deleted.probability < STRAY:
         raise CalibrationError(
-            f"tag {pairs.one.tag_label(deleted.stray)} is {deleted.sizes_m[deleted.stray] * 1e3:.2f} mm from where the "
+            f"tag {pairs.one.tag_label(deleted.stray)} is "
+            f"{deleted.sizes_m[deleted.stray] * 1e3:.2f} mm from where the "
             "other tags have it.",
             remedy="Measure it again, or leave it out of both files; see that no two tags are exchanged.",
         )

@@ -113,7 +113,8 @@ def match_tags(one: TagPath, other: TagPath, *, least: int = 3) -> TagPairs:
     if len(pairs.one) < least:
         unpaired_text = f"; only in one of them: {', '.join(pairs.unpaired[:6])}" if pairs.unpaired else ""
         raise DegenerateDataError(
-            f"{one.source} and {other.source} have {len(pairs.one)} tags in common, {least} are needed{unpaired_text}.",
+            f"{one.source} and {other.source} have {len(pairs.one)} tags in common, {least} are "
+            f"needed{unpaired_text}.",
             remedy="Measure more tags, and give the same tag the same name in both files.",
         )
     return pairs

@@ -47,7 +47,8 @@ class WirePlace:
 class WireBelief:
     """What is known of wire and arm before measuring; ``wire`` gives zero, scale, geometry and disturbances.
 
-    With the sag of the joints among the parameters, what is left of flexing is small: the defaults of ``with_certified_scale``.
+    With the sag of the joints among the parameters, what is left of flexing is small: the defaults of
+    ``with_certified_scale``.
     """
 
     wire: WirePrior

@@ -177,7 +177,10 @@ class GrowingFile:
 
     def _late_row_error(self, content: bytes, earlier_rows: int) -> DeviceTimeoutError:
         wait_s = self._file.options.wait_s
-        message = f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {earlier_rows} older ones."
+        message = (
+            f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {earlier_rows} "
+            f"older ones."
+        )
         if _last_line(content).strip():
             message += " Its last line has no line end yet, so it may be half written."
         return DeviceTimeoutError(self._file.device, message, remedy="Resume, and shoot after the question.")

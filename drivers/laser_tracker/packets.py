@@ -153,7 +153,8 @@ def decode_result(kind: PacketKind, body: bytes) -> StationaryResult:
         return (0.0, 0.0, 0.0) if at is None else (values[at], values[at + 1], values[at + 2])
 
     plain = StationaryResult(
-        kind, status, mode, bool(is_try), triple_of("value"), triple_of("scatter"), triple_of("expected"), triple_of("covariance"),
+        kind, status, mode, bool(is_try),
+        *(triple_of(part) for part in ("value", "scatter", "expected", "covariance")),
         triple_of("air"), raw=encode_packet(kind, body).hex(),
     )  # fmt: skip
     return plain if kind is not PacketKind.PROBE else _with_turn(plain, words, values)

@@ -47,12 +47,16 @@ class FakeLaserTracker:
             "set_up_again": lambda _parameters: self.sensor.set_up_again(),
             "reflector_to_nest": lambda parameters: self.sensor.put_reflector(int(parameters.pop("nest", 1))),
             "reflector_to_flange": lambda _parameters: self.sensor.put_reflector(None),
-            "units": lambda parameters: self._set_by_other(parameters, "units", tuple(parameters.pop("units", (1, 1, 0, 1, 0)))),
+            "units": lambda parameters: self._set_by_other(
+                parameters, "units", tuple(parameters.pop("units", (1, 1, 0, 1, 0)))
+            ),
             "axes": lambda parameters: self._set_by_other(parameters, "axes", int(parameters.pop("axes", 6))),
             "settings": self._change_settings,
             "reflector": lambda parameters: self._set_by_other(parameters, "reflector", int(parameters.pop("id", 3))),
             "station": self._change_station,
-            "compensation": lambda parameters: self._set_by_other(parameters, "compensation", int(parameters.pop("id", 12))),
+            "compensation": lambda parameters: self._set_by_other(
+                parameters, "compensation", int(parameters.pop("id", 12))
+            ),
             "air": self._change_air,
             "entered_temperature": self._enter_temperature,
             "spoil": self._spoil_result,

@@ -136,7 +136,8 @@ def one_more_posture(
 def offers_text(found: KitOffers) -> str:
     """Return the kits side by side, a line each, for a person who chooses."""
     lines = [
-        f"{offer.name}: {offer.words}; about {offer.duration_min:.0f} minutes by hand. After a loss every zero would be "
+        f"{offer.name}: {offer.words}; about {offer.duration_min:.0f} minutes by hand. After a loss "
+        f"every zero would be "
         f"known within {_degrees_text(offer)}"
         + ("" if offer.is_strong else ". TOO WEAK: it would be refused")
         for offer in found.offers

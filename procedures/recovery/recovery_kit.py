@@ -130,8 +130,10 @@ def refuse_weak(model_name: str, found: KitProspect) -> None:
         )
     if not is_strong(kit_outlook):
         raise RefusalError(
-            f"{kit_outlook.fitted} places to fit and {kit_outlook.checked} for checking are too little: a wrong turn would show at "
-            f"{kit_outlook.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; {max(kit_outlook.spare, 0)} figures to spare",
+            f"{kit_outlook.fitted} places to fit and {kit_outlook.checked} for checking are too "
+            f"little: a wrong turn would show at "
+            f"{kit_outlook.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; "
+            f"{max(kit_outlook.spare, 0)} figures to spare",
             code="procedure.weak_kit",
             remedy="Record more places, with the tip farther from the last axis, then start a new run.",
         )

@@ -105,5 +105,8 @@ def _goal_text(survey: Survey, count: int, reached: tuple[float, float]) -> str:
     for words, careful in ways:
         other = replace(survey, rules=careful)
         if goal.is_promised_by(*expected_at_least(other, count)):
-            return f"{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, further apart."
+            return (
+                f"{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, "
+                f"further apart."
+            )
     return f"{limit_text} are asked for: not in reach so. More points tell most, further apart and not in one plane."

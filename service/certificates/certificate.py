@@ -209,7 +209,8 @@ def _describe_traceability(
 def _traceability_claim(role: str, certificate: InstrumentCertificate) -> str:
     accredited = f", {certificate.accreditation}" if certificate.accreditation else ""
     return (
-        f"{_CLAIMS[role]} {certificate.number} of {certificate.laboratory}{accredited}, issued {certificate.issued}, due {certificate.due}, "
+        f"{_CLAIMS[role]} {certificate.number} of {certificate.laboratory}{accredited}, issued "
+        f"{certificate.issued}, due {certificate.due}, "
         f"U = {certificate.expanded_uncertainty_mm:g} mm."
     )
 

@@ -241,7 +241,8 @@ def made_with_rows(run: Mapping[str, Any], translations: Translations = ENGLISH)
     """Return software, solver and definition, once for every software that had a part in the run."""
     return [
         (
-            f"cellcal {made.get('software', '?')}, {made.get('solver') or translations.translate('solver not recorded')}",
+            f"cellcal {made.get('software', '?')}, "
+            f"{made.get('solver') or translations.translate('solver not recorded')}",
             made.get("definition_sha256") or translations.translate("not recorded"),
         )
         for made in run["made_with"]

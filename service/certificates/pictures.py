@@ -142,7 +142,10 @@ def _draw_pairs(
     drawing.draw_key((_LEFT, 12.0), translations.translate("before"), translations.translate("after"))
     drawing.draw_text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
     description = "; ".join(
-        f"{row.name}: {translations.translate(f'{format_quantity(row.before, unit)} before, {format_quantity(row.after, unit)} after')}"
+        f"{row.name}: "
+        + translations.translate(
+            f"{format_quantity(row.before, unit)} before, {format_quantity(row.after, unit)} after"
+        )
         for row in rows
     )
     return drawing.to_picture(caption, f"{translations.translate('Two marks a row.')} {description}.")
@@ -192,7 +195,8 @@ def errors_by_point(errors: PointErrors, translations: Translations = ENGLISH) -
     worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
     name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
     alt = (
-        f"One dot a point, {len(errors.values_m)} points; the largest is {format_quantity(errors.values_m[worst], 'm')} "
+        f"One dot a point, {len(errors.values_m)} points; the largest is "
+        f"{format_quantity(errors.values_m[worst], 'm')} "
         f"at {name}."
     )
     return drawing.to_picture(

@@ -376,7 +376,8 @@ def _change_to_json(change: "ParameterChange") -> dict[str, Any]:
     }
     return {
         "name": change.name, "unit": change.unit, **values,
-        "difference": change.value_difference, "deviations": change.difference_in_sigmas, "determined": change.is_determined,
+        "difference": change.value_difference, "deviations": change.difference_in_sigmas,
+        "determined": change.is_determined,
     }  # fmt: skip
 
 

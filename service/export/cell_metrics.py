@@ -36,7 +36,7 @@ class _RunCounts:
 
 
 class CellMetrics:
-    """Knows the figures of one cell. ``on_event`` is called by the service's loop, ``render_metrics`` by any thread."""
+    """The figures of one cell. ``on_event`` is called by the service's loop, ``render_metrics`` by any thread."""
 
     def __init__(self, config: CellConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._config, self._clock = config, clock

@@ -136,7 +136,8 @@ def refuse_class_out_of_reach(
         if prediction.limits and chosen not in reach:
             expanded = format_quantity(prediction.expanded, prediction.unit)
             raise ClassOutOfReachError(
-                f"class {chosen} cannot be proved: {prediction.name} would be known to {expanded}, more than a third of "
+                f"class {chosen} cannot be proved: {prediction.name} would be known to {expanded}, "
+                f"more than a third of "
                 f"its limit. In reach: {', '.join(reach) or 'none'}.",
                 remedy="Measure more or better (see --dry-run), choose another class, or set limits of your own.",
             )

@@ -326,7 +326,10 @@ def _out_of_date(role: str, certificate: DeviceCertificate, day: str) -> Charact
         "probe": "the touch probe's calibration is valid",
         "dial": "the dial gauge's calibration is valid",
     }[role]
-    rule = f"certificate {certificate.number} holds from {certificate.issued} to {certificate.due}, this is {day}: have it calibrated"
+    rule = (
+        f"certificate {certificate.number} holds from {certificate.issued} to {certificate.due}, "
+        f"this is {day}: have it calibrated"
+    )
     return state_evidence(words, False, rule, found=0.0, limit=1.0)
 
 

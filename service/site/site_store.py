@@ -47,7 +47,7 @@ class ReceivedEvent:
 
 @dataclass(frozen=True, slots=True)
 class EventReach:
-    """How far a station's events are here: all up to ``upto``; ``existing`` exist; ``lost`` cannot be had any more."""
+    """How far a station's events are here: all up to ``upto``; ``existing`` exist; ``lost`` are gone for good."""
 
     upto: int = 0
     existing: int = 0

@@ -13,7 +13,8 @@ ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
 # Names of arguments, constants, fields and functions whose texts are read by people.
 _BY_NAME = """
-    access_rule advice after descriptions attitude_forms alarm_text alike_text amount any_amount any_increment assumed assumption_texts
+    access_rule advice after descriptions attitude_forms alarm_text alike_text amount any_amount
+    any_increment assumed assumption_texts
     barred_computed barred_different barred_moved barred_reason barred_set beside_external called caller
     camera chain_flaw chain_flaws clean_text collision_text compare_mastering component_set computed
     conflicts copied costs costs_each_time cure cure_text describe_hypothesis describe_mismatch
@@ -38,7 +39,8 @@ _CALLED = """
     at_least at_most bar_row damaged_error damaged_file_error drop_coordinates error error_at judge_value
     known_within make_error name_flaw refused_error row_error state_evidence state_fact state_figure
 """
-_REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"  # (where, code, text) of a program's line
+# Calls with (where, code, text) of a line of a program.
+_REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 ASKED = frozenset(("Instruction", "Question", "MeterReading"))  # a key or a code, and what is said
 REMARKING = frozenset(_REMARKS.split())

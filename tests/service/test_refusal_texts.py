@@ -312,7 +312,8 @@ def test_what_fills_a_hole_is_said_in_every_language_too(locale: str) -> None:
     for turn in (ToolTurn(about, 1.0) for about in TURNS):
         said.append(f"Turn the tool {turn.describe_turn()} of the flange, or further.")
         said.append(
-            f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, about; touch the pin."
+            f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, "
+            f"about; touch the pin."
         )
     sayings = Translations.read_tables(locale, ROOT / "web/src/locales")
     english = re.compile(r"\b(the|of|and|between|about|touch|try|is|not|[a-z]+ing)\b")

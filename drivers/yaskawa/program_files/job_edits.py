@@ -83,7 +83,8 @@ def _refuse_texts(program: ChangeableProgram, rows: NDArray[np.int64], change: P
             if text != (old[row] or ""):
                 raise ProgramFileError(
                     program.file,
-                    f"{positions.names[row]} would need another {what} ({text}); a job says it once for many positions.",
+                    f"{positions.names[row]} would need another {what} ({text}); a job says it once "
+                    f"for many positions.",
                     line=int(positions.lines[row]),
                     remedy="Teach this position on the controller.",
                 )

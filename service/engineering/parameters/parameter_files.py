@@ -110,7 +110,8 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: SetOr
     factory_hash = _factory_hash(sets, who.robot_serial)
     if content.factory_hash and factory_hash and content.factory_hash != factory_hash:
         raise ParameterSetError(
-            f"{path} belongs to another arm: it is {content.factory_hash}, robot {who.robot_serial} is {factory_hash}.",
+            f"{path} belongs to another arm: it is {content.factory_hash}, robot {who.robot_serial} "
+            f"is {factory_hash}.",
             remedy="Check the serial number; fetch the table from this controller again.",
         )
     digest = hashlib.sha256(data).hexdigest()

@@ -92,7 +92,8 @@ def draw_predicted(panels: "Sequence[Axes] | Array", evidence: IdentificationEvi
     some = thin_rows(np.zeros(len(evidence.held_out_places_m)))
     for panel, view in zip(panels, _plane_views(evidence), strict=True):
         panel.hexbin(
-            *view.reach, C=sigma, gridsize=view.hexagon_counts(), extent=view.axis_limits(), reduce_C_function=np.median,
+            *view.reach, C=sigma,
+            gridsize=view.hexagon_counts(), extent=view.axis_limits(), reduce_C_function=np.median,
             cmap=DOUBT_MAP, norm=norm, lw=0.1,
         )  # fmt: skip
         x, y = (values[some] for values in view.measured)

@@ -29,7 +29,8 @@ class ProgramResult:
     """One program before and after, N positions in the order of ``before.positions``.
 
     A point is ``changed``; ``unchanged``, because its new coordinates are the old ones in the file's own number
-    format; or ``excluded_points`` as it was, and then ``reason`` says why. A cell that runs a program with points left runs
+    format; or ``excluded_points`` as it was, and then ``reason`` says why. A cell that runs a program with
+    points left runs
     these as they were taught for another cell.
     """
 

@@ -21,7 +21,8 @@ _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations o
 def cell_here(config: CellConfig, cell_input: Mapping[str, Any]) -> Project:
     """Return a robot of this service's cell with its newest parameters, and tools and frames as runs left them.
 
-    ``cell_input`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell file, and with
+    ``cell_input`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell
+    file, and with
     ``measured``, what runs of this cell kept. What a person entered goes before what a run measured.
 
     Raises
