@@ -269,8 +269,7 @@ class WirePredictor:
         return terms.lengths + shared @ self._weighted_residuals, (covariance + covariance.T) / 2.0
 
     def scatter_of_sets(self, terms: WireTerms, size: int) -> Array:
-        """Return (B, K, K) [m^2]: the covariances of ``expected_lengths`` inside B sets of K = ``size``
-        captures each.
+        """Return (B, K, K) [m^2]: covariances of ``expected_lengths`` inside B sets of K = ``size`` captures.
 
         What captures of different sets share is not computed: many sets are compared in little time.
         """

@@ -154,7 +154,7 @@ def decode_result(kind: PacketKind, body: bytes) -> StationaryResult:
 
     plain = StationaryResult(
         kind, status, mode, bool(is_try),
-        *(triple_of(part) for part in ("value", "scatter", "expected", "covariance")),
+        triple_of("value"), triple_of("scatter"), triple_of("expected"), triple_of("covariance"),
         triple_of("air"), raw=encode_packet(kind, body).hex(),
     )  # fmt: skip
     return plain if kind is not PacketKind.PROBE else _with_turn(plain, words, values)
