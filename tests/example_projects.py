@@ -32,7 +32,7 @@ _FLANGE_SEED = np.array([0.0, 0.15, -0.1, 0.0, -0.95, 0.0])
 
 
 @dataclass(frozen=True)
-class Cell:
+class ExampleCell:
     """What is true in one cell."""
 
     name: str
@@ -42,34 +42,34 @@ class Cell:
     entered_frame: Array
 
     @property
-    def real(self) -> RobotModel:
+    def real_model(self) -> RobotModel:
         """The arm that stands there."""
-        nominal, dice = load_model(MODEL), np.random.default_rng(self.seed)
-        errors = dice.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axis_count, 5))
-        return nominal.with_dh_errors(np.where(_free(nominal), errors, 0.0))
+        nominal, rng = load_model(MODEL), np.random.default_rng(self.seed)
+        errors = rng.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axis_count, 5))
+        return nominal.with_dh_errors(np.where(_identifiable_errors(nominal), errors, 0.0))
 
 
 def main() -> None:
     """Make everything."""
     shutil.rmtree(FOLDER, ignore_errors=True)
-    master, clone = cells()
+    master, clone = example_cells()
     for cell in (master, clone):
-        _write(cell, master)
-    for name, text in programs(master.entered_frame).items():
+        _write_project(cell, master)
+    for name, text in example_programs(master.entered_frame).items():
         path = FOLDER / "cell_1" / "programs" / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(text)
 
 
-def cells() -> tuple[Cell, Cell]:
+def example_cells() -> tuple[ExampleCell, ExampleCell]:
     """Return the master's cell and the clone's as they really are."""
     stand = homogeneous_matrix(np.eye(3), np.array([1.05, -0.45, 0.55]))
     shifted = stand @ homogeneous_matrix(
         rotation_from("fanuc_wpr", np.deg2rad([0.12, -0.08, 0.4])), np.array([0.0118, -0.0079, 0.0034])
     )
     return (
-        Cell("cell_1", "F-104711", 11, stand, _rounded(stand)),
-        Cell("cell_7", "F-118020", 77, shifted, _rounded(shifted)),
+        ExampleCell("cell_1", "F-104711", 11, stand, _rounded_pose(stand)),
+        ExampleCell("cell_7", "F-118020", 77, shifted, _rounded_pose(shifted)),
     )
 
 
@@ -83,7 +83,7 @@ def poses_of(listing: bytes) -> Array:
     )
 
 
-def tips_at_fixture(cell: Cell, listing: bytes) -> Array:
+def tips_at_fixture(cell: ExampleCell, listing: bytes) -> Array:
     """Return where a cell's true tip goes (N, 4, 4), seen from the fixture, when its controller runs a listing."""
     nominal = load_model(MODEL)
     flange = cell.entered_frame @ poses_of(listing) @ inverse_transform(TOOL)
@@ -92,35 +92,35 @@ def tips_at_fixture(cell: Cell, listing: bytes) -> Array:
     real_tool = homogeneous_matrix(
         np.eye(3), np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) / 1e3
     )
-    tips: Array = inverse_transform(cell.base_fixture) @ cell.real.base_flange(joints) @ real_tool
+    tips: Array = inverse_transform(cell.base_fixture) @ cell.real_model.base_flange(joints) @ real_tool
     return tips
 
 
-def programs(entered_frame: Array) -> dict[str, bytes]:
+def example_programs(entered_frame: Array) -> dict[str, bytes]:
     """Return the master's programs: spots on a door, a hem, and the rack they come from."""
     spots = [(x, y, 0.02 * np.sin(3 * x)) for y in (0.06, 0.84) for x in np.linspace(0.05, 1.15, 8)]
-    hem = [(x, y, 0.015) for x, y in _around(1.15, 0.84, 20)]
+    hem = [(x, y, 0.015) for x, y in _rectangle_points(1.15, 0.84, 20)]
     rack = [(0.6, 0.45, z) for z in (0.45, 0.30, 0.12, 0.03)]
     tilted = np.deg2rad([6.0, -9.0, 4.0])
     return {
-        "DOOR_SPOTS.LS": _listing(
+        "DOOR_SPOTS.LS": _fanuc_listing(
             "DOOR_SPOTS", "door spots l.h.", spots, entered_frame, ("L", "FINE", tilted)
         ),
-        "HEM_SEAL.LS": _listing("HEM_SEAL", "hem bead", hem, entered_frame, ("L", "CNT60", tilted / 2)),
-        "RACK_PICK.LS": _listing(
+        "HEM_SEAL.LS": _fanuc_listing("HEM_SEAL", "hem bead", hem, entered_frame, ("L", "CNT60", tilted / 2)),
+        "RACK_PICK.LS": _fanuc_listing(
             "RACK_PICK", "pick from rack", rack, entered_frame, ("J", "FINE", tilted * 0)
         ),
     }
 
 
-def _around(width: float, height: float, count: int) -> list[tuple[float, float]]:
+def _rectangle_points(width: float, height: float, count: int) -> list[tuple[float, float]]:
     return [
         (0.6 + 0.5 * width * np.cos(a), 0.45 + 0.5 * height * np.sin(a))
         for a in np.linspace(0, 2 * np.pi, count, endpoint=False)
     ]
 
 
-def _listing(
+def _fanuc_listing(
     name: str,
     comment: str,
     places: list[tuple[float, float, float]],
@@ -154,44 +154,44 @@ def _listing(
     ]
     body = "".join(f"{i:4d}:{line}\n" for i, line in enumerate(lines, start=1))
     positions = "".join(
-        _position(i, pose, text) for i, (pose, text) in enumerate(zip(poses, texts, strict=True))
+        _position_record(i, pose, text) for i, (pose, text) in enumerate(zip(poses, texts, strict=True))
     )
     head = _HEAD.format(name=name, comment=comment, lines=len(lines), size=900 + 110 * len(poses))
     return f"{head}/MN\n{body}/POS\n{positions}/END\n".encode("cp437")
 
 
-def _position(i: int, pose: Array, text: str) -> str:
+def _position_record(i: int, pose: Array, text: str) -> str:
     x, y, z = pose[:3, 3] * 1e3
     w, p, r = np.degrees(values_from("fanuc_wpr", pose[:3, :3]))
     return (
         f"P[{i + 1}]{{\n   GP1:\n\tUF : 2, UT : 1,\t\tCONFIG : '{text}',\n"
-        f"\tX = {_number(x)}  mm,\tY = {_number(y)}  mm,\tZ = {_number(z)}  mm,\n"
-        f"\tW = {_number(w)} deg,\tP = {_number(p)} deg,\tR = {_number(r)} deg\n}};\n"
+        f"\tX = {_format_number(x)}  mm,\tY = {_format_number(y)}  mm,\tZ = {_format_number(z)}  mm,\n"
+        f"\tW = {_format_number(w)} deg,\tP = {_format_number(p)} deg,\tR = {_format_number(r)} deg\n}};\n"
     )
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     """Write a number as the controller does: three decimals, no zero before the point."""
     return f"{value:.3f}".replace("-0.", "-.", 1).removeprefix("0").rjust(9)
 
 
-def _write(cell: Cell, master: Cell) -> None:
+def _write_project(cell: ExampleCell, master: ExampleCell) -> None:
     folder = FOLDER / cell.name
     folder.mkdir(parents=True)
     nominal = load_model(MODEL)
-    (folder / "robot.toml").write_text(to_text(_identified(cell, nominal)), encoding="utf-8")
+    (folder / "robot.toml").write_text(to_text(_identified_parameters(cell, nominal)), encoding="utf-8")
     (folder / "door_fixture.aln.json").write_text(
-        alignment_text([_alignment(cell, nominal)]), encoding="utf-8"
+        alignment_text([_fixture_alignment(cell, nominal)]), encoding="utf-8"
     )
-    (folder / "project.toml").write_text(_project(cell, cell is not master), encoding="utf-8")
+    (folder / "project.toml").write_text(_project_text(cell, cell is not master), encoding="utf-8")
 
 
-def _identified(cell: Cell, nominal: RobotModel) -> ParameterSet:
-    dice = np.random.default_rng(cell.seed + 1000)
+def _identified_parameters(cell: ExampleCell, nominal: RobotModel) -> ParameterSet:
+    rng = np.random.default_rng(cell.seed + 1000)
     values = []
-    for value in values_of_model(nominal, cell.real):
+    for value in values_of_model(nominal, cell.real_model):
         sigma = SIGMA_RAD if value.unit == "rad" else SIGMA_M
-        found = round(value.value + dice.normal(scale=sigma), 9)
+        found = round(value.value + rng.normal(scale=sigma), 9)
         values.append(
             replace(value, value=found, standard_uncertainty=sigma, correlations=(0.0,) * len(values))
         )
@@ -207,10 +207,10 @@ def _identified(cell: Cell, nominal: RobotModel) -> ParameterSet:
     )
 
 
-def _alignment(cell: Cell, nominal: RobotModel) -> Alignment:
-    dice = np.random.default_rng(cell.seed + 2000)
+def _fixture_alignment(cell: ExampleCell, nominal: RobotModel) -> Alignment:
+    rng = np.random.default_rng(cell.seed + 2000)
     sigma = np.array([2e-5, 2e-5, 2e-5, 3e-5, 3e-5, 3e-5])
-    off = dice.normal(scale=sigma)
+    off = rng.normal(scale=sigma)
     found = cell.base_fixture @ homogeneous_matrix(exp_rotation(off[3:]), off[:3])
     return Alignment(
         fixture="door fixture",
@@ -222,7 +222,7 @@ def _alignment(cell: Cell, nominal: RobotModel) -> Alignment:
     )
 
 
-def _project(cell: Cell, is_clone: bool) -> str:
+def _project_text(cell: ExampleCell, is_clone: bool) -> str:
     x, y, z = cell.entered_frame[:3, 3] * 1e3
     w, p, r = np.degrees(values_from("fanuc_wpr", cell.entered_frame[:3, :3]))
     head = f"""# One cell of the door line. Made by a simulation: a pattern to copy, not a robot.
@@ -254,7 +254,7 @@ alignment = "door_fixture.aln.json"
 """
 
 
-def _measured_tip(cell: Cell) -> str:
+def _measured_tip(cell: ExampleCell) -> str:
     off = np.random.default_rng(cell.seed + 3000).normal(scale=0.03, size=3)
     tip = np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) + off
     return ", ".join(f"{v:.3f}" for v in tip)
@@ -285,7 +285,7 @@ CONTROL_CODE\t= 00000000 00000000;
 """
 
 
-def _free(nominal: RobotModel) -> Array:
+def _identifiable_errors(nominal: RobotModel) -> Array:
     """Return (n, 5): where the arm's geometry has a parameter of its own; the other errors nobody could find."""
     free = np.zeros((nominal.axis_count, 5), dtype=bool)
     for entry in np.ndindex(free.shape):
@@ -295,7 +295,7 @@ def _free(nominal: RobotModel) -> Array:
     return free
 
 
-def _rounded(pose: Array) -> Array:
+def _rounded_pose(pose: Array) -> Array:
     """Return a frame as somebody taught it: half a millimetre off, in three decimals."""
     wpr = np.round(np.degrees(values_from("fanuc_wpr", pose[:3, :3])), 3)
     place = np.round(pose[:3, 3] + [4e-4, -3e-4, 5e-4], 6)

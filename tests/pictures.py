@@ -39,10 +39,10 @@ def draw_demo() -> None:
     logging.disable(logging.WARNING)
     console = Console(record=True, width=112, force_terminal=True, file=io.StringIO(), highlight=False)
     console.print("[bold green]$[/] make demo")
-    with tempfile.TemporaryDirectory() as folder, DemoPrinter(console) as teller:
+    with tempfile.TemporaryDirectory() as folder, DemoPrinter(console) as printer:
         # no bar in a still picture
-        report = asyncio.run(run_recovery_demo(Path(folder), DemoScenario(say=teller.print_line)))
-    teller.close_with(report, console)
+        report = asyncio.run(run_recovery_demo(Path(folder), DemoScenario(say=printer.print_line)))
+    printer.close_with(report, console)
     svg = console.export_svg(title="cellcal demo --headless")
     svg = re.sub(r"@font-face \{.*?\}", "", svg, flags=re.DOTALL)
     svg = svg.replace("Fira Code", "DejaVu Sans Mono")

@@ -60,7 +60,7 @@ Equations: TypeAlias = Callable[[ArmState, ParameterLayout, PointObservations], 
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class BenchmarkRow:
     """One row of the table."""
 
     rows: int
@@ -75,22 +75,22 @@ class Figures:
     accuracy_ratio: float  # over all seeds
 
 
-def measure(rows: int, *, repeats: int, seeds: int) -> Figures:
+def measure_size(rows: int, *, repeats: int, seeds: int) -> BenchmarkRow:
     """Time one size, and average its accuracy over seeds."""
     simulated = tracker_points("ur10", rows, seed=11, sigma_m=_SIGMA_M)
     model, observations = simulated.model, simulated.observations
     layout = base_layout(model)
-    batched, plain, lean = _fastest(
+    batched, plain, lean = _fastest_times_s(
         [
-            lambda: _identify(model, layout, observations),
-            lambda: _loop(model, layout, observations, _plain_equations, _unmoved),
-            lambda: _loop(model, layout, observations, _lean_equations, is_settled),
+            lambda: _identify_arm(model, layout, observations),
+            lambda: _solve_by_loop(model, layout, observations, _plain_equations, _is_negligible),
+            lambda: _solve_by_loop(model, layout, observations, _lean_equations, is_settled),
         ],
         repeats,
     )
     squares = np.array([squared_errors(rows, seed, layout) for seed in range(seeds)])
     actual, bound = np.sqrt(squares.mean(axis=0))
-    return Figures(
+    return BenchmarkRow(
         rows=rows,
         parameters=len(layout),
         batched_ms=batched * 1e3,
@@ -111,7 +111,7 @@ def base_layout(model: RobotModel) -> ParameterLayout:
     return base_subset(layout, first_guess(model, probe)[0], probe)
 
 
-def _identify(model: RobotModel, layout: ParameterLayout, observations: PointObservations) -> ArmFit:
+def _identify_arm(model: RobotModel, layout: ParameterLayout, observations: PointObservations) -> ArmFit:
     """Everything from joints and positions to parameters and covariance, the first guess included."""
     start = first_guess(model, observations)[0]
     return estimate_arm(layout, start, FitProblem.from_observations(start, observations), from_afar=True)
@@ -120,7 +120,7 @@ def _identify(model: RobotModel, layout: ParameterLayout, observations: PointObs
 def squared_errors(rows: int, seed: int, layout: ParameterLayout) -> tuple[float, float]:
     """Return the mean squared tip error of one arm's fit at the check postures, and its Cramer-Rao bound [m^2]."""
     simulated = tracker_points("ur10", rows, seed=100 + seed, sigma_m=_SIGMA_M)
-    fit = _identify(simulated.model, layout, simulated.observations)
+    fit = _identify_arm(simulated.model, layout, simulated.observations)
     joints = random_joints(simulated.model, np.random.default_rng(7), _CHECK_ROWS)
     truth = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3]
     check = PointObservations(joints, truth, np.ones(len(joints)), np.zeros(len(joints), dtype=np.intp))
@@ -130,7 +130,7 @@ def squared_errors(rows: int, seed: int, layout: ParameterLayout) -> tuple[float
     return float(np.mean(errors_m(fit.state, problem) ** 2)), float(np.mean(bound))
 
 
-def _fastest(contestants: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+def _fastest_times_s(contestants: Sequence[Callable[[], object]], repeats: int) -> list[float]:
     """Return the least processor time of each over several turns [s]: one thread's work, not its neighbours'."""
     least = [float("inf")] * len(contestants)
     for _ in range(repeats):
@@ -142,12 +142,12 @@ def _fastest(contestants: Sequence[Callable[[], object]], repeats: int) -> list[
     return least
 
 
-def _unmoved(step: Array, spread: Array, prior: Array) -> bool:
+def _is_negligible(step: Array, spread: Array, prior: Array) -> bool:
     """Tell whether a step, in prior deviations, was too small to see: how one ends such a loop."""
     return bool(np.abs(step * prior).max() < _UNMOVED)
 
 
-def _loop(
+def _solve_by_loop(
     model: RobotModel,
     layout: ParameterLayout,
     observations: PointObservations,
@@ -176,7 +176,7 @@ def _plain_equations(
     state: ArmState, layout: ParameterLayout, observations: PointObservations
 ) -> tuple[Array, Array]:
     """Go through the postures as Pinocchio's own examples do: frames, regressor, rows onto a list."""
-    _, twin, frame, angles = _twin(state, observations)
+    _, twin, frame, angles = _pinocchio_twin(state, observations)
     data, tangent = twin.createData(), layout.tangent_rows(state, 0).T
     rows, residuals = [], []
     for angle, measured in zip(angles, observations.positions_m, strict=True):
@@ -195,7 +195,7 @@ def _lean_equations(
     state: ArmState, layout: ParameterLayout, observations: PointObservations
 ) -> tuple[Array, Array]:
     """Do nothing in the loop but call Pinocchio and copy what it says."""
-    chain, twin, frame, angles = _twin(state, observations)
+    chain, twin, frame, angles = _pinocchio_twin(state, observations)
     data, count, joints = twin.createData(), len(observations), 6 * chain.axis_count
     design, residual = np.zeros((count, 3, joints + 6)), np.empty((count, 3))
     for i in range(count):
@@ -211,7 +211,9 @@ def _lean_equations(
     return flat.T @ flat, flat.T @ residual
 
 
-def _twin(state: ArmState, observations: PointObservations) -> tuple[RobotModel, pin.Model, int, Array]:
+def _pinocchio_twin(
+    state: ArmState, observations: PointObservations
+) -> tuple[RobotModel, pin.Model, int, Array]:
     chain = state.seen_from(0)
     twin, parent = pin.Model(), 0
     for name, placement in zip(chain.joint_names, chain.placements[:-1], strict=True):
@@ -221,13 +223,13 @@ def _twin(state: ArmState, observations: PointObservations) -> tuple[RobotModel,
     return chain, twin, frame, observations.joints_rad @ chain.joint_coupling.T + chain.theta0_rad
 
 
-def agree(rows: int = 1000) -> float:
+def compare_solutions(rows: int = 1000) -> float:
     """Return how far the loop's arm and ours are apart [m]: both solve the same problem, ours by fewer rows first."""
     simulated = tracker_points("ur10", rows, seed=11, sigma_m=_SIGMA_M)
     model, observations = simulated.model, simulated.observations
     layout = base_layout(model)
-    ours = _identify(model, layout, observations).state
-    theirs = _loop(model, layout, observations, _plain_equations, _unmoved)
+    ours = _identify_arm(model, layout, observations).state
+    theirs = _solve_by_loop(model, layout, observations, _plain_equations, _is_negligible)
     joints = random_joints(model, np.random.default_rng(0), 50)
     apart = [state.seen_from(0).base_flange(joints)[:, :3, 3] for state in (ours, theirs)]
     return float(np.abs(apart[0] - apart[1]).max())
@@ -241,11 +243,11 @@ def main() -> None:
     parser.add_argument("--rows", type=int, nargs="+", default=[100, 1000, 10000])
     parser.add_argument("--seeds", type=int, default=40)
     parser.add_argument("--repeats", type=int, default=15)
-    given = parser.parse_args()
-    print(f"the two solutions differ by {agree() * 1e9:.2f} nm")
-    columns = [field.name for field in fields(Figures)]
+    options = parser.parse_args()
+    print(f"the two solutions differ by {compare_solutions() * 1e9:.2f} nm")
+    columns = [field.name for field in fields(BenchmarkRow)]
     print(" ".join(f"{name:>14}" for name in columns))
-    found = [measure(rows, repeats=given.repeats, seeds=given.seeds) for rows in given.rows]
+    found = [measure_size(rows, repeats=options.repeats, seeds=options.seeds) for rows in options.rows]
     for row in found:
         print(
             " ".join(

@@ -25,7 +25,7 @@ def _is_note(part: Any) -> bool:
     return type(part).__name__ == "FieldInfo"
 
 
-def devices(config: CellConfig) -> list[Any]:
+def configured_devices(config: CellConfig) -> list[Any]:
     placed = (*config.gauges, *config.trackers, *config.probes)
     return [*config.robots, *(entry.device for entry in placed)]
 
@@ -38,17 +38,17 @@ def test_an_example_is_read_and_a_cell_is_made_of_it_on_paper(path: Path) -> Non
         cell = offline_cell(config, robot.name)
         assert cell.model.name == robot.model
         assert cell.limits.speed_rad_s == robot.speed_limit_rad_s
-    for device in devices(config):
+    for device in configured_devices(config):
         assert callable(device.open), device.name  # the model is the factory
 
 
 def test_every_driver_has_an_example() -> None:
-    shown = {type(device) for path in EXAMPLES for device in devices(read_cell_file(path))}
-    wanted = set.union(
+    shown = {type(device) for path in EXAMPLES for device in configured_devices(read_cell_file(path))}
+    expected_names = set.union(
         *(models_of(union) for union in (RobotConfig, GaugeConfig, TrackerConfig, ProbeConfig))
     )
-    assert len(wanted) >= 8
-    assert shown == wanted
+    assert len(expected_names) >= 8
+    assert shown == expected_names
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -76,12 +76,12 @@ def test_one_that_is_wrong_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_every_instrument_has_an_example_of_its_certificate(path: Path, tmp_path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    told = re.sub(
+    described = re.sub(
         r"(?m)^# (?=\[\w+\.certificate\]|(?:number|laboratory|accreditation|issued|due|expanded_\w+) = )",
         "",
         text,
     )
-    (tmp_path / path.name).write_text(told, encoding="utf-8")
+    (tmp_path / path.name).write_text(described, encoding="utf-8")
     instruments = read_cell_file(tmp_path / path.name).instrument_entries
     missing = [entry.device.name for entry in instruments if entry.setup.certificate is None]
     assert not missing, missing

@@ -21,7 +21,7 @@ ANALYZE = shutil.which("systemd-analyze")
 MISSING = "systemd-analyze is not on this computer: the units were read here, and systemd itself did not verify them."
 
 
-def settings(path: Path) -> dict[str, dict[str, list[str]]]:
+def read_unit_settings(path: Path) -> dict[str, dict[str, list[str]]]:
     """Return a unit's settings; a key may stand more than once."""
     found: dict[str, dict[str, list[str]]] = {}
     section = ""
@@ -37,13 +37,13 @@ def settings(path: Path) -> dict[str, dict[str, list[str]]]:
     return found
 
 
-def named(path: Path) -> str:
+def unit_name(path: Path) -> str:
     """Return a unit's name with an instance where it takes one."""
     instance = INSTANCE.get(path.stem, "cell-7")
     return path.name.replace("@.", f"@{instance}.")
 
 
-def installed(root: Path) -> Path:
+def install_units(root: Path) -> Path:
     """Lay the units out as they are installed, with the programs that they start."""
     folder = root / "etc/systemd/system"
     folder.mkdir(parents=True)
@@ -51,7 +51,7 @@ def installed(root: Path) -> Path:
     shutil.copytree(SYSTEM, root / "usr/lib/systemd/system", symlinks=True, ignore_dangling_symlinks=True)
     for unit in UNITS:
         shutil.copy(unit, folder)
-        for command in settings(unit).get("Service", {}).get("ExecStart", []):
+        for command in read_unit_settings(unit).get("Service", {}).get("ExecStart", []):
             program = root / command.split()[0].lstrip("/")
             program.parent.mkdir(parents=True, exist_ok=True)
             program.write_text("#!/bin/sh\n")
@@ -64,11 +64,11 @@ def test_systemd_reads_every_unit_without_a_word(tmp_path: Path) -> None:
     if ANALYZE is None:
         print(MISSING)
         return
-    root = installed(tmp_path)
-    verify = [ANALYZE, "verify", f"--root={root}", "--man=no", *(named(unit) for unit in UNITS)]
-    said = subprocess.run(verify, capture_output=True, text=True, check=False)
-    own = [line for line in said.stderr.splitlines() if "cellcal" in line]
-    assert (said.returncode, own) == (0, [])
+    root = install_units(tmp_path)
+    verify = [ANALYZE, "verify", f"--root={root}", "--man=no", *(unit_name(unit) for unit in UNITS)]
+    completed = subprocess.run(verify, capture_output=True, text=True, check=False)
+    own = [line for line in completed.stderr.splitlines() if "cellcal" in line]
+    assert (completed.returncode, own) == (0, [])
     broken = root / "etc/systemd/system/cellcal@.service"
     broken.write_text(broken.read_text().replace("ProtectHome=", "ProtectHom="))
     again = subprocess.run(verify, capture_output=True, text=True, check=False)
@@ -84,20 +84,20 @@ def test_a_service_exposes_little(unit: Path) -> None:
     if ANALYZE is None:
         print(MISSING)
         return
-    said = subprocess.run(
+    completed = subprocess.run(
         [ANALYZE, "security", "--offline=yes", "--no-pager", unit],
         capture_output=True,
         text=True,
         check=False,
     )
-    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", said.stdout)
-    assert exposure, said.stderr
-    assert float(exposure[1]) <= MOST_EXPOSED[unit.stem], said.stdout
+    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", completed.stdout)
+    assert exposure, completed.stderr
+    assert float(exposure[1]) <= MOST_EXPOSED[unit.stem], completed.stdout
 
 
 def test_units_start_commands_that_there_are() -> None:
     for unit in UNITS:
-        for command in settings(unit).get("Service", {}).get("ExecStart", []):
+        for command in read_unit_settings(unit).get("Service", {}).get("ExecStart", []):
             words = command.split()
             if words[0] != "/opt/cellcal/bin/cellcal":
                 continue
@@ -110,7 +110,7 @@ def _without_files(words: list[str]) -> list[str]:
 
 
 def test_the_pepper_comes_as_the_credential_that_the_program_looks_for() -> None:
-    service = settings(DEPLOY / "services/cellcal@.service")["Service"]
+    service = read_unit_settings(DEPLOY / "services/cellcal@.service")["Service"]
     name, _, path = service["LoadCredentialEncrypted"][0].partition(":")
     assert name == CREDENTIAL
     assert path == f"/etc/credstore.encrypted/{CREDENTIAL}-%i"
@@ -120,14 +120,14 @@ def test_the_pepper_comes_as_the_credential_that_the_program_looks_for() -> None
 
 
 def test_a_can_interface_does_not_hide_a_bus_off() -> None:
-    network = settings(DEPLOY / "can_interface/80-cellcal-can.network")
+    network = read_unit_settings(DEPLOY / "can_interface/80-cellcal-can.network")
     assert network["CAN"].keys() == {"BitRate", "SamplePoint"}  # no RestartSec: somebody has to look
     rate, point = network["CAN"]["BitRate"][0], network["CAN"]["SamplePoint"][0]
     assert (rate, point) == ("250K", "87.5%")
-    service = settings(DEPLOY / "can_interface/cellcal-can@.service")["Service"]
+    service = read_unit_settings(DEPLOY / "can_interface/cellcal-can@.service")["Service"]
     assert "bitrate 250000 sample-point 0.875 restart-ms 0" in service["ExecStart"][0]
     assert service["CapabilityBoundingSet"] == ["CAP_NET_ADMIN"]
-    link = settings(DEPLOY / "can_interface/80-cellcal-can.link")
+    link = read_unit_settings(DEPLOY / "can_interface/80-cellcal-can.link")
     assert link["Link"]["Name"] == network["Match"]["Name"] == ["can0"]
 
 
@@ -138,7 +138,7 @@ def test_a_tablet_shows_one_address_and_keeps_what_enrolled_it() -> None:
     assert re.fullmatch(r"https://[a-z0-9.-]+:\d+", address)
     assert policy["SSLErrorOverrideAllowed"] is False
     assert not {key for key in policy if "Clear" in key}, "the tablet's key would go with it"
-    service = settings(DEPLOY / "tablet/cellcal-kiosk.service")["Service"]
+    service = read_unit_settings(DEPLOY / "tablet/cellcal-kiosk.service")["Service"]
     (command,) = service["ExecStart"]
     profile = re.search(r"--user-data-dir=(\S+)", command)
     assert profile
@@ -162,4 +162,4 @@ def test_settings_are_read_as_configparser_reads_them() -> None:
     parser.optionxform = str  # type: ignore[assignment,method-assign]
     path = DEPLOY / "backup/cellcal-backup@.timer"
     parser.read(path)
-    assert settings(path)["Timer"] == {key: [value] for key, value in parser["Timer"].items()}
+    assert read_unit_settings(path)["Timer"] == {key: [value] for key, value in parser["Timer"].items()}

@@ -45,16 +45,16 @@ TOOL: dict[str, Any] = {
 }
 
 
-async def _run(
+async def _run_procedure(
     config: CellConfig, cell: Any, journal: Journal, name: str, settings: dict[str, Any]
 ) -> RunOutcome:
     # a technician with the pendant: the last pose of a record may lie where the assumed arm touches itself
     await cell.robot.move_joints((0.0,) * 6, speed_rad_s=0.4)
-    lent = await with_robot_history(cell, journal)
-    return await run_procedure(lent, name, build_spec(config, "fanuc", name, settings), journal)
+    cell_with_history = await with_robot_history(cell, journal)
+    return await run_procedure(cell_with_history, name, build_spec(config, "fanuc", name, settings), journal)
 
 
-def _errors(found: Pose, truth: list[list[float]]) -> tuple[float, float]:
+def _pose_errors(found: Pose, truth: list[list[float]]) -> tuple[float, float]:
     twist = log_transform(np.linalg.inv(found.to_matrix()) @ np.array(truth))
     return float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
 
@@ -64,25 +64,25 @@ async def test_a_fixture_and_a_tool_are_found_within_their_uncertainty_over_sock
         path = write_cell_file(tmp_path, address, seed=3, time_factor=1500.0)
     path.write_text(path.read_text(encoding="utf-8") + FURNITURE, encoding="utf-8")
     config = read_cell_file(path)
-    async with running_fakes(path) as door:
+    async with running_fakes(path) as fake_client:
         with open_journal(config) as journal:
-            async with open_cell(config, SimulatedTechnician(door, lambda _: None), "fanuc") as cell:
-                record = await _run(config, cell, journal, "mastering_record", {})
-                aligned = await _run(config, cell, journal, "fixture_alignment", ALIGNMENT)
-                await door.inject_fault("wire_home")
-                tool = await _run(config, cell, journal, "end_effector_points", TOOL)
-                truth = (await door.read_truth())["gauges"]["wire"]
+            async with open_cell(config, SimulatedTechnician(fake_client, lambda _: None), "fanuc") as cell:
+                record = await _run_procedure(config, cell, journal, "mastering_record", {})
+                aligned = await _run_procedure(config, cell, journal, "fixture_alignment", ALIGNMENT)
+                await fake_client.inject_fault("wire_home")
+                tool = await _run_procedure(config, cell, journal, "end_effector_points", TOOL)
+                truth = (await fake_client.read_truth())["gauges"]["wire"]
             stored = RunStore(journal).list_alignments()
     assert (show_alignments(cell=path), export_alignments(cell=path, out=tmp_path / "table.aln")) == (0, 0)
     assert read_alignments((tmp_path / "table.aln").read_text(encoding="utf-8")) == stored
     assert [outcome.verdict for outcome in (record, aligned, tool)] == [RunVerdict.PASSED] * 3
     assert [alignment.fixture for alignment in stored] == ["table"]
     placed = aligned.result.placed
-    origin_m, angle_rad = _errors(placed.outer_inner, truth["fixture_in_base"])
+    origin_m, angle_rad = _pose_errors(placed.outer_inner, truth["fixture_in_base"])
     assert (
         origin_m <= 1.5 * placed.origin_u_m <= 0.0003
     )  # U is of one direction, this is the distance in space
     assert angle_rad <= 1.5 * placed.angle_u_rad
-    tip_m, turn_rad = _errors(tool.result.flange_tool, truth["tool_in_flange"])
+    tip_m, turn_rad = _pose_errors(tool.result.flange_tool, truth["tool_in_flange"])
     assert tip_m <= 1.5 * tool.result.tip_u_m <= 0.0006
     assert turn_rad <= 1.5 * tool.result.angle_u_rad

@@ -34,7 +34,7 @@ def cell_file(folder: Path, old: str = "", new: str = "") -> Path:
     return path
 
 
-def said(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+def run_command(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     """Run a command here; return its exit code and what it said, on one line."""
     code = run_command_line(words)
     return code, " ".join(capsys.readouterr().err.split())
@@ -54,7 +54,7 @@ def said(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
 def test_a_wrong_value_of_a_cell_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, says: str
 ) -> None:
-    code, words = said(capsys, "check", str(cell_file(tmp_path, old, new)))
+    code, words = run_command(capsys, "check", str(cell_file(tmp_path, old, new)))
     assert code == ExitCode.USAGE
     assert says in words
     assert "Correct the file" in words
@@ -73,19 +73,19 @@ def test_a_file_that_is_no_cell_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, says: str
 ) -> None:
     (tmp_path / "cell.toml").write_bytes(content)
-    code, words = said(capsys, "check", str(tmp_path / "cell.toml"))
+    code, words = run_command(capsys, "check", str(tmp_path / "cell.toml"))
     assert (code, says in words) == (ExitCode.USAGE, True), words
 
 
 def test_a_folder_is_no_cell_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, words = said(capsys, "runs", "--cell", str(tmp_path))
+    code, words = run_command(capsys, "runs", "--cell", str(tmp_path))
     assert (code, "is a folder" in words) == (ExitCode.USAGE, True), words
 
 
 def test_a_data_dir_that_cannot_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = cell_file(tmp_path)
     (tmp_path / "data").write_text("in the way")
-    code, words = said(capsys, "runs", "--cell", str(path))
+    code, words = run_command(capsys, "runs", "--cell", str(path))
     assert code == ExitCode.REFUSED
     assert "cannot be opened" in words
     assert "data_dir" in words
@@ -108,8 +108,8 @@ def test_answers_that_are_none(
     if content is not None:
         answers.write_text(content)
     words = ("run", "mastering_record", "--cell", str(cell_file(tmp_path)), "--answers", str(answers))
-    code, told = said(capsys, *words)
-    assert (code, says in told) == (ExitCode.USAGE, True), told
+    code, output = run_command(capsys, *words)
+    assert (code, says in output) == (ExitCode.USAGE, True), output
 
 
 @pytest.mark.parametrize(
@@ -125,17 +125,17 @@ def test_answers_that_are_none(
     ids=" ".join,
 )
 def test_a_demo_that_cannot_be(capsys: pytest.CaptureFixture[str], words: tuple[str, str]) -> None:
-    code, told = said(capsys, "demo", *words)
+    code, output = run_command(capsys, "demo", *words)
     assert code == ExitCode.USAGE
-    assert "What to do:" in told
+    assert "What to do:" in output
 
 
 def test_resume_before_any_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, words = said(capsys, "show", "last", "--cell", str(cell_file(tmp_path)))
+    code, words = run_command(capsys, "show", "last", "--cell", str(cell_file(tmp_path)))
     assert (code, "no run was made yet" in words) == (ExitCode.USAGE, True), words
 
 
-def test_a_journal_with_flipped_bytes_is_told_by_every_command(
+def test_a_journal_with_flipped_bytes_is_reported_by_every_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = cell_file(tmp_path)
@@ -145,7 +145,7 @@ def test_a_journal_with_flipped_bytes_is_told_by_every_command(
     with sqlite3.connect(tmp_path / "data" / "journal.db") as raw:
         raw.execute("UPDATE event SET body = replace(body, '\"k\":1', '\"k\":7') WHERE seq = 2")
     raw.close()
-    code, words = said(capsys, "runs", "--cell", str(path), "--json")
+    code, words = run_command(capsys, "runs", "--cell", str(path), "--json")
     assert code == ExitCode.SIGNATURE
     assert "damaged after event 1" in words
     assert "Restore a backup" in words
@@ -174,7 +174,7 @@ def test_each_code_has_its_exit_code(code: str, ends_in: ExitCode) -> None:
 # ------------------------------------------------------------------ on a fake cell, as processes of their own
 
 
-class Command:
+class CommandProcess:
     """A command as a technician starts it."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
@@ -182,7 +182,7 @@ class Command:
         self._lines: list[str] = []
 
     @classmethod
-    async def start(cls, *words: str) -> "Command":
+    async def start(cls, *words: str) -> "CommandProcess":
         return cls(
             await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "cellcal", *words),
@@ -190,16 +190,16 @@ class Command:
             )
         )  # fmt: skip
 
-    async def until(self, seen: Callable[[str], bool]) -> None:
-        """Read what it says until a line is ``seen``."""
+    async def read_until(self, is_expected: Callable[[str], bool]) -> None:
+        """Read what it says until a line is ``is_expected``."""
         assert self.process.stderr is not None
         while line := (await self.process.stderr.readline()).decode():
             self._lines.append(line.strip())
-            if seen(line):
+            if is_expected(line):
                 return
         raise AssertionError(f"it ended before: {self._lines}")
 
-    async def end(self) -> tuple[int, str]:
+    async def wait_for_end(self) -> tuple[int, str]:
         """Wait for its end; return the exit code and all it said, on one line."""
         assert self.process.stderr is not None
         async with asyncio.timeout(stretched_s(120.0)):
@@ -217,33 +217,33 @@ async def fake_cell(
         path = write_cell_file(folder, address, seed=1, time_factor=time_factor)
     answers = folder / "answers.json"
     answers.write_text(json.dumps(dict.fromkeys(YES, "yes")))
-    async with running_fakes(path) as door:
-        yield path, door, ("--cell", str(path), "--answers", str(answers))
+    async with running_fakes(path) as fake_client:
+        yield path, fake_client, ("--cell", str(path), "--answers", str(answers))
 
 
 async def test_an_emergency_stop_and_a_second_program_in_the_middle_of_a_run(tmp_path: Path) -> None:
-    async with fake_cell(tmp_path, time_factor=150.0) as (path, door, told):
-        run = await Command.start("run", "mastering_record", *told)
-        await run.until(lambda line: "capture 1" in line)
+    async with fake_cell(tmp_path, time_factor=150.0) as (path, fake_client, events):
+        run = await CommandProcess.start("run", "mastering_record", *events)
+        await run.read_until(lambda line: "capture 1" in line)
 
         second, check = await asyncio.gather(
-            Command.start("run", "mastering_record", *told), Command.start("check", str(path))
+            CommandProcess.start("run", "mastering_record", *events), CommandProcess.start("check", str(path))
         )
-        code, words = await second.end()
+        code, words = await second.wait_for_end()
         assert (code, "Wait until that run has ended" in words) == (ExitCode.BUSY, True), words
-        code, words = await check.end()
+        code, words = await check.wait_for_end()
         assert (code, "in use" in words) == (ExitCode.BUSY, True), words
 
-        await door.inject_fault("emergency_stop", device="fanuc")
-        code, words = await run.end()
+        await fake_client.inject_fault("emergency_stop", device="fanuc")
+        code, words = await run.wait_for_end()
         assert code == ExitCode.STOPPED, words  # and not the gauge taken away by the two others
         assert "fanuc: " in words  # in a move it stopped, between two it is not ready: both say why
         assert "the emergency stop is pressed" in words
         assert "release the emergency stop" in words
 
-        await door.inject_fault("release_emergency_stop", device="fanuc")
-        await door.inject_fault("press_reset")
-        code, words = await (await Command.start("resume", "last", *told)).end()
+        await fake_client.inject_fault("release_emergency_stop", device="fanuc")
+        await fake_client.inject_fault("press_reset")
+        code, words = await (await CommandProcess.start("resume", "last", *events)).wait_for_end()
         assert (code, "passed mastering_record" in words) == (ExitCode.PASS, True), words
 
 
@@ -251,15 +251,15 @@ async def test_an_emergency_stop_and_a_second_program_in_the_middle_of_a_run(tmp
 async def test_a_run_that_is_cancelled_says_so_and_leaves_the_arm_at_rest(
     tmp_path: Path, number: signal.Signals
 ) -> None:
-    async with fake_cell(tmp_path) as (_, door, told):
-        run = await Command.start("run", "mastering_record", *told)
-        await run.until(lambda line: "capture 1" in line)
+    async with fake_cell(tmp_path) as (_, fake_client, events):
+        run = await CommandProcess.start("run", "mastering_record", *events)
+        await run.read_until(lambda line: "capture 1" in line)
         run.process.send_signal(number)
-        code, words = await run.end()
+        code, words = await run.wait_for_end()
         assert code == ExitCode.CANCELLED, words
         assert "Cancelled." in words
         assert "resume last" in words
-        assert not (await door.read_truth())["robots"]["fanuc"]["moving"]
+        assert not (await fake_client.read_truth())["robots"]["fanuc"]["moving"]
 
 
 def children_of(pid: int) -> list[str]:
@@ -267,19 +267,19 @@ def children_of(pid: int) -> list[str]:
 
 
 async def test_a_demo_that_is_cancelled_leaves_no_fake_behind() -> None:
-    demo = await Command.start("demo")
-    await demo.until(lambda line: "serial 4711" in line)
+    demo = await CommandProcess.start("demo")
+    await demo.read_until(lambda line: "serial 4711" in line)
     children = children_of(demo.process.pid)
     assert children
     demo.process.send_signal(signal.SIGINT)
-    code, words = await demo.end()
+    code, words = await demo.wait_for_end()
     assert (code, "Cancelled." in words) == (ExitCode.CANCELLED, True), words
     for child in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(child), 0)
 
 
-async def test_fakes_behind_a_script_end_when_they_are_told_to(tmp_path: Path) -> None:
+async def test_fake_processes_behind_a_script_end_on_request(tmp_path: Path) -> None:
     with free_address() as address:
         path = write_cell_file(tmp_path, address, seed=1, time_factor=600.0)
     ignoring = f"trap '' INT; exec {shlex.quote(sys.executable)} -m cellcal fakes {shlex.quote(str(path))}"
@@ -298,18 +298,18 @@ async def test_fakes_behind_a_script_end_when_they_are_told_to(tmp_path: Path) -
 
 
 async def test_the_arm_of_another_model_is_noticed(tmp_path: Path) -> None:
-    async with fake_cell(tmp_path) as (path, _, told):
+    async with fake_cell(tmp_path) as (path, _, events):
         path.write_text(path.read_text().replace("fanuc_m6ib", "fanuc_r2000ic_165f"))
-        code, words = await (await Command.start("run", "mastering_record", *told)).end()
+        code, words = await (await CommandProcess.start("run", "mastering_record", *events)).wait_for_end()
     assert code == ExitCode.REFUSED, words
     assert "from where a fanuc_r2000ic_165f has it" in words
 
 
 @pytest.mark.parametrize("procedure", ["six_point_tcp", "three_point_frame"])
-async def test_the_taught_procedures_with_pretended_hands(tmp_path: Path, procedure: str) -> None:
-    async with fake_cell(tmp_path) as (path, door, _):
+async def test_the_taught_procedures_with_a_simulated_technician(tmp_path: Path, procedure: str) -> None:
+    async with fake_cell(tmp_path) as (path, fake_client, _):
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, str(ROOT / "deploy" / "try_out" / "teach.py"), str(path), str(door.port), procedure),
+            *(sys.executable, str(ROOT / "deploy" / "try_out" / "teach.py"), str(path), str(fake_client.port), procedure),
             stdout=asyncio.subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         out, _ = await process.communicate()

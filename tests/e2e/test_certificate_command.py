@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
-from tests.e2e.test_broken_on_purpose import YES, Command, fake_cell
+from tests.e2e.test_broken_on_purpose import YES, CommandProcess, fake_cell
 
 GAUGE = """
 [gauge.certificate]
@@ -20,28 +20,28 @@ expanded_uncertainty_mm = 0.05
 """
 
 
-async def test_a_redone_run_ends_in_a_certificate_that_a_stranger_can_check(tmp_path: Path, capsys) -> None:
-    async with fake_cell(tmp_path) as (path, _, told):
+async def test_a_redone_run_ends_in_a_certificate_that_verifies_independently(tmp_path: Path, capsys) -> None:
+    async with fake_cell(tmp_path) as (path, _, events):
         path.write_text(path.read_text().replace("\n[watch]\n", GAUGE))
         short = ("--set", "poses=14", "--set", "samples=2")
-        run = await Command.start("run", "mastering_record", *told, *short)
-        await run.until(lambda line: "capture 3" in line)
+        run = await CommandProcess.start("run", "mastering_record", *events, *short)
+        await run.read_until(lambda line: "capture 3" in line)
         run.process.send_signal(signal.SIGINT)
-        assert (await run.end())[0] == ExitCode.CANCELLED
+        assert (await run.wait_for_end())[0] == ExitCode.CANCELLED
 
-        redo = ("resume", "last", *told, "--from", "capture 2")
-        code, words = await (await Command.start(*redo)).end()
+        redo = ("resume", "last", *events, "--from", "capture 2")
+        code, words = await (await CommandProcess.start(*redo)).wait_for_end()
         assert (code, "no answer to 'discard_findings'" in words) == (ExitCode.CANCELLED, True), words
         answers = dict.fromkeys(YES, "yes")
         (tmp_path / "answers.json").write_text(json.dumps(answers | {"discard_findings": "no"}))
-        code, words = await (await Command.start(*redo)).end()
+        code, words = await (await CommandProcess.start(*redo)).wait_for_end()
         assert (code, "nothing was discarded" in words) == (ExitCode.CANCELLED, True), words
         (tmp_path / "answers.json").write_text(json.dumps(answers | {"discard_findings": "yes"}))
-        code, words = await (await Command.start(*redo)).end()
+        code, words = await (await CommandProcess.start(*redo)).wait_for_end()
         assert code == ExitCode.PASS, words
         assert "verdict: PASS" in words
         assert "certificate: " in words
-        code, words = await (await Command.start(*redo)).end()
+        code, words = await (await CommandProcess.start(*redo)).wait_for_end()
         assert (code, "is finished" in words) == (ExitCode.USAGE, True), words
     cell = ("--cell", str(path))
 

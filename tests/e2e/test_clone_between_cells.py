@@ -9,24 +9,26 @@ import pytest
 
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.service.cli.program import ProgramOutputs, clone
-from tests.unit.helpers.cloned_cells import listing
-from tests.unit.helpers.cloned_program import Cells
+from tests.unit.helpers.cloned_cells import fanuc_listing
+from tests.unit.helpers.cloned_program import ClonedCells
 
 _COORDINATES = re.compile(rb"^\t[XYZWPR] = |CONFIG")
 
 
 @pytest.fixture(scope="module")
-def cells(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cells, Path]:
+def fake_cell_pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[ClonedCells, Path]:
     folder = tmp_path_factory.mktemp("line")
-    made = Cells.made(11, folder)
+    made = ClonedCells.make(11, folder)
     for i in range(4):
         some = made.joints[10 * i : 10 * i + 10]
-        (folder / "master" / f"SPOT{i}.ls").write_bytes(listing(f"SPOT{i}", made.master.taught(some), some))
+        (folder / "master" / f"SPOT{i}.ls").write_bytes(
+            fanuc_listing(f"SPOT{i}", made.master.recorded_tips(some), some)
+        )
     return made, folder
 
 
-def test_a_line_is_cloned_by_one_command(cells: tuple[Cells, Path]) -> None:
-    made, folder = cells
+def test_a_line_is_cloned_by_one_command(fake_cell_pair: tuple[ClonedCells, Path]) -> None:
+    made, folder = fake_cell_pair
     sources = sorted((folder / "master").glob("*.ls"))
     before = {path.name: path.read_bytes() for path in sources}
 

@@ -14,13 +14,13 @@ from tests.machine_speed import stretched_s
 ROOT = Path(__file__).parents[2]
 
 
-def cellcal(*words: str) -> subprocess.CompletedProcess[str]:
+def run_cellcal(*words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "cellcal", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=stretched_s(280.0), check=False)
 
 
 def test_help_names_every_command() -> None:
-    ended = cellcal("--help")
+    ended = run_cellcal("--help")
     assert ended.returncode == 0
     for name in (
         "demo",
@@ -46,7 +46,7 @@ _REAL_CELL = str(ROOT / "deploy/example_cells/fanuc_draw_wire.toml")
 
 def test_the_version_is_the_packages() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert cellcal("--version").stdout.strip() == declared
+    assert run_cellcal("--version").stdout.strip() == declared
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_the_version_is_the_packages() -> None:
     ],
 )
 def test_a_wrong_word_is_a_sentence_and_no_trace(words: tuple[str, ...], says: str) -> None:
-    ended = cellcal(*words)
+    ended = run_cellcal(*words)
     assert ended.returncode in (2, 4)
     assert ended.stdout == ""
     assert says in " ".join(ended.stderr.split())
@@ -78,7 +78,7 @@ def test_a_wrong_word_is_a_sentence_and_no_trace(words: tuple[str, ...], says: s
 
 
 def test_models_as_json_is_one_object() -> None:
-    listed = json.loads(cellcal("models", "--json").stdout)
+    listed = json.loads(run_cellcal("models", "--json").stdout)
     names = {model["name"] for model in listed["models"]}
     assert {
         "ur5e",
@@ -92,7 +92,7 @@ def test_models_as_json_is_one_object() -> None:
 
 
 def test_procedures_are_listed() -> None:
-    listed = json.loads(cellcal("procedures", "--json").stdout)
+    listed = json.loads(run_cellcal("procedures", "--json").stdout)
     names = {procedure["name"] for procedure in listed["procedures"]}
     assert {"mastering_record", "mastering_recovery", "six_point_tcp", "three_point_frame"} <= names
 
@@ -104,14 +104,14 @@ def test_the_example_cells_are_valid(path: Path) -> None:
     assert read_cell_file(path).robots
 
 
-def test_a_cell_that_is_switched_off_is_told_device_by_device(tmp_path: Path) -> None:
+def test_a_cell_that_is_switched_off_is_reported_device_by_device(tmp_path: Path) -> None:
     text = (ROOT / "deploy" / "example_cells" / "fanuc_draw_wire.toml").read_text()
     text = text.replace("192.168.0.20", "127.0.0.1").replace("port = 502 ", "port = 1 ")
     text = text.replace('"/var/lib/cellcal/cell-7"', f'"{tmp_path}"')
     text = text.replace('interface = "socketcan" ', 'interface = "socketcand"\nhost = "127.0.0.1"\nport = 1 ')
     cell = tmp_path / "cell.toml"
     cell.write_text(text)
-    ended = cellcal("check", str(cell), "--json")
+    ended = run_cellcal("check", str(cell), "--json")
     assert ended.returncode == 5
     report = json.loads(ended.stdout)
     assert not report["all_reached"]

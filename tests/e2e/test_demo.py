@@ -17,7 +17,7 @@ KEYS = {
 JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offset_u_rad"}
 
 
-def demo(loss: str, seed: int) -> tuple[int, dict]:
+def run_demo(loss: str, seed: int) -> tuple[int, dict]:
     command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss]
     ended = subprocess.run(
         [*command, "--seed", str(seed), "--time-factor", "1000"], capture_output=True,
@@ -28,64 +28,68 @@ def demo(loss: str, seed: int) -> tuple[int, dict]:
 
 
 def test_lost_turns_are_restored_exactly() -> None:  # further seeds: make soak ARGS="turns motor"
-    code, told = demo("turns", 11)
-    assert set(told) == KEYS
-    assert all(set(joint) == JOINT_KEYS for joint in told["joints"])
-    assert (code, told["verdict"]) == (0, "PASS")
-    assert "SRVO-062" in told["detected_by"]
-    assert any(abs(joint["turns_lost"]) > 5 for joint in told["joints"])  # the world did take them
-    assert [j["turns_restored"] for j in told["joints"]] == [j["turns_lost"] for j in told["joints"]]
-    assert all(joint["offset_error_rad"] == 0.0 for joint in told["joints"])
-    assert told["tcp_error_before_m"]["mean"] > 0.1
-    assert told["tcp_error_after_m"]["max"] < 1e-9
+    code, demo_report = run_demo("turns", 11)
+    assert set(demo_report) == KEYS
+    assert all(set(joint) == JOINT_KEYS for joint in demo_report["joints"])
+    assert (code, demo_report["verdict"]) == (0, "PASS")
+    assert "SRVO-062" in demo_report["detected_by"]
+    assert any(abs(joint["turns_lost"]) > 5 for joint in demo_report["joints"])  # the world did take them
+    assert [j["turns_restored"] for j in demo_report["joints"]] == [
+        j["turns_lost"] for j in demo_report["joints"]
+    ]
+    assert all(joint["offset_error_rad"] == 0.0 for joint in demo_report["joints"])
+    assert demo_report["tcp_error_before_m"]["mean"] > 0.1
+    assert demo_report["tcp_error_after_m"]["max"] < 1e-9
 
 
-def test_an_exchanged_motor_is_told_apart_and_stays_inside_its_uncertainty() -> None:
-    code, told = demo("motor:J3", 21)
-    assert (code, told["verdict"]) == (0, "PASS")
-    exchanged = told["joints"].pop(2)
+def test_an_exchanged_motor_is_distinguished_and_stays_inside_its_uncertainty() -> None:
+    code, demo_report = run_demo("motor:J3", 21)
+    assert (code, demo_report["verdict"]) == (0, "PASS")
+    exchanged = demo_report["joints"].pop(2)
     assert (
         abs(exchanged["offset_error_rad"]) <= 1.5 * exchanged["offset_u_rad"]
     )  # k = 2 holds 95 % of the time
     assert exchanged["offset_u_rad"] < 2e-3
-    assert all(joint["turns_restored"] == joint["turns_lost"] for joint in told["joints"])
-    assert told["tcp_error_after_m"]["max"] < 2e-3
+    assert all(joint["turns_restored"] == joint["turns_lost"] for joint in demo_report["joints"])
+    assert demo_report["tcp_error_after_m"]["max"] < 2e-3
 
 
 def test_every_reference_lost_is_mastered_by_measurement() -> None:
-    code, told = demo("all", 31)
-    assert (code, told["verdict"]) == (0, "PASS")
-    assert all(0.0 < joint["offset_u_rad"] < 2e-2 for joint in told["joints"])
-    assert all(abs(joint["offset_error_rad"]) <= 1.5 * joint["offset_u_rad"] for joint in told["joints"])
+    code, demo_report = run_demo("all", 31)
+    assert (code, demo_report["verdict"]) == (0, "PASS")
+    assert all(0.0 < joint["offset_u_rad"] < 2e-2 for joint in demo_report["joints"])
+    assert all(
+        abs(joint["offset_error_rad"]) <= 1.5 * joint["offset_u_rad"] for joint in demo_report["joints"]
+    )
 
 
 def test_a_bent_arm_is_refused_and_nothing_is_written() -> None:
-    code, told = demo("crash", 41)
-    assert (code, told["verdict"]) == (4, "REFUSED")
-    assert "full calibration" in told["reason"]
-    assert all(joint["turns_restored"] == 0 for joint in told["joints"])
+    code, demo_report = run_demo("crash", 41)
+    assert (code, demo_report["verdict"]) == (4, "REFUSED")
+    assert "full calibration" in demo_report["reason"]
+    assert all(joint["turns_restored"] == 0 for joint in demo_report["joints"])
 
 
 @pytest.mark.parametrize("loss", ["memory", "backup"])
 def test_mastering_data_that_are_wrong_without_a_lost_encoder_are_put_right(loss: str) -> None:
-    code, told = demo(loss, 5)
-    assert (code, told["verdict"]) == (0, "PASS")
-    assert told["tcp_error_before_m"]["max"] > 1e-3
-    assert told["tcp_error_after_m"]["max"] < 1e-9
-    assert all(joint["turns_lost"] == joint["turns_restored"] == 0 for joint in told["joints"])
-    assert told["clock_s"] > 0.0
-    assert sum(told["clock_parts_s"].values()) == pytest.approx(told["clock_s"], rel=0.05)
+    code, demo_report = run_demo(loss, 5)
+    assert (code, demo_report["verdict"]) == (0, "PASS")
+    assert demo_report["tcp_error_before_m"]["max"] > 1e-3
+    assert demo_report["tcp_error_after_m"]["max"] < 1e-9
+    assert all(joint["turns_lost"] == joint["turns_restored"] == 0 for joint in demo_report["joints"])
+    assert demo_report["clock_s"] > 0.0
+    assert sum(demo_report["clock_parts_s"].values()) == pytest.approx(demo_report["clock_s"], rel=0.05)
 
 
 def test_another_arm_under_the_same_cabinet_gets_no_mastering() -> None:
-    code, told = demo("swap", 5)
-    assert (code, told["verdict"]) == (4, "REFUSED")
-    assert told["tcp_error_after_m"]["mean"] > 0.1  # nothing was written
-    assert all(joint["turns_restored"] == 0 for joint in told["joints"])
+    code, demo_report = run_demo("swap", 5)
+    assert (code, demo_report["verdict"]) == (4, "REFUSED")
+    assert demo_report["tcp_error_after_m"]["mean"] > 0.1  # nothing was written
+    assert all(joint["turns_restored"] == 0 for joint in demo_report["joints"])
 
 
 @pytest.mark.parametrize("loss", ["turn", "motor", "motor:J7", "motor:"])
-def test_a_misspelt_loss_is_said_before_anything_starts(loss: str) -> None:
+def test_a_misspelt_loss_is_reported_before_anything_starts(loss: str) -> None:
     command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss]
     ended = subprocess.run(command, capture_output=True, timeout=stretched_s(280.0), text=True, check=False)
     assert ended.returncode == 2

@@ -12,24 +12,26 @@ from typing import Any
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.run_store import RunStore, RunView
-from tests.e2e.kill_nine.world import Served, child, parts_of
+from tests.e2e.kill_nine.world import SceneServer, parts_of, run_child
 from tests.machine_speed import stretched_s
-from tests.procedures.cells import Scene, recovering
-from tests.procedures.conclusions import concluded
+from tests.procedures.conclusions import comparable_result
+from tests.procedures.procedure_scenes import ProcedureScene, recovery_scene
 
 KILLS = 10
 _context = multiprocessing.get_context("forkserver")
 _context.set_forkserver_preload(["tests.e2e.kill_nine.world"])
 
 
-def _one_life(made: Scene, journal: Path, run_id: str | None, kill: dict[str, Any] | None) -> Served:
+def _one_life(
+    made: ProcedureScene, journal: Path, run_id: str | None, kill: dict[str, Any] | None
+) -> SceneServer:
     """Let a process run or resume the recovery until it ends or is killed."""
     ours, theirs = _context.Pipe()
     arguments = (theirs, journal, "mastering_recovery", parts_of(made), run_id)
-    process = _context.Process(target=child, args=arguments, daemon=True)
+    process = _context.Process(target=run_child, args=arguments, daemon=True)
     process.start()
     theirs.close()
-    served = Served(made, ours)
+    served = SceneServer(made, ours)
     served.until_closed(process.kill, **(kill or {}))
     process.join(stretched_s(120.0))
     assert process.exitcode in ((0,) if kill is None else (0, -9))
@@ -55,7 +57,7 @@ def _steps_stored(path: Path) -> list[tuple[str, Any]]:
 def kill_and_resume(kills: int, seed: int) -> list[str]:
     """Kill so many processes, some runs twice; return how runs ended otherwise than the undisturbed one."""
     with tempfile.TemporaryDirectory() as folder:
-        made = asyncio.run(recovering())
+        made = asyncio.run(recovery_scene())
         undisturbed = _one_life(made, Path(folder) / "whole.db", None, None)
         whole = _the_run(Path(folder) / "whole.db")
         assert whole is not None
@@ -64,22 +66,22 @@ def kill_and_resume(kills: int, seed: int) -> list[str]:
         done = trial = 0
         while done < kills:
             trial += 1
-            dice = random.Random(f"{seed}/{trial}")
-            end, killed = _one_run(Path(folder) / f"{trial}.db", dice, undisturbed.calls)
-            wrong += [f"run {trial}: {difference}" for difference in _differences(end, whole)]
+            rng = random.Random(f"{seed}/{trial}")
+            end, killed = _one_run(Path(folder) / f"{trial}.db", rng, undisturbed.calls)
+            wrong += [f"run {trial}: {difference}" for difference in _list_differences(end, whole)]
             done += killed
     return wrong
 
 
-def _one_run(path: Path, dice: random.Random, calls: int) -> tuple[RunView, int]:
+def _one_run(path: Path, rng: random.Random, calls: int) -> tuple[RunView, int]:
     """Kill one run once or twice and finish it; return how it ended, and the kills."""
-    made = asyncio.run(recovering())
+    made = asyncio.run(recovery_scene())
     acknowledged: list[tuple[str, Any]] = []
     run_id, killed = None, 0
-    for life in range(dice.choice((1, 1, 2))):
+    for life in range(rng.choice((1, 1, 2))):
         kill = {
-            "at_call": dice.randrange(1, calls >> life),
-            "after_s": dice.choice((0.0, dice.random() / 50)),
+            "at_call": rng.randrange(1, calls >> life),
+            "after_s": rng.choice((0.0, rng.random() / 50)),
         }
         served = _one_life(made, path, run_id, kill)
         acknowledged, killed = acknowledged + served.acknowledged, killed + served.killed
@@ -94,11 +96,11 @@ def _one_run(path: Path, dice: random.Random, calls: int) -> tuple[RunView, int]
     return end, killed
 
 
-def _differences(end: RunView, whole: RunView) -> list[str]:
+def _list_differences(end: RunView, whole: RunView) -> list[str]:
     if end.state != "passed":
         return [f"{end.state}: {end.reason}"]
-    found, wanted = concluded(end.result), concluded(whole.result)
-    return [f"{key} is {found[key]}, not {wanted[key]}" for key in wanted if found[key] != wanted[key]]
+    found, expected = comparable_result(end.result), comparable_result(whole.result)
+    return [f"{key} is {found[key]}, not {expected[key]}" for key in expected if found[key] != expected[key]]
 
 
 def test_ten_kills_lose_nothing_and_end_in_the_same_result() -> None:

@@ -27,7 +27,7 @@ KEYS = (
 KILLED_AT = ((4, 12), (20, 30))  # between so many findings of about sixty
 
 
-async def cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tuple[int, str, str]:
+async def run_cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tuple[int, str, str]:
     """Run a command to its end, or kill it once ``until`` holds."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
@@ -47,12 +47,12 @@ async def cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tup
     return process.returncode, out.decode(), err.decode()
 
 
-async def act_when_asked(door: FakeCellClient, path: Path) -> None:
+async def answer_questions(fake_client: FakeCellClient, path: Path) -> None:
     """Be the hands at the cabinet: exchange the battery at once, turn the switch when the alarms ask for it."""
-    await door.inject_fault("new_battery")
+    await fake_client.inject_fault("new_battery")
     while "power cycle 1" not in [step for step, _ in findings_of(path)]:
         await asyncio.sleep(0.2)
-    await door.inject_fault("power_cycle")
+    await fake_client.inject_fault("power_cycle")
 
 
 def findings_of(path: Path) -> list[Any]:
@@ -71,28 +71,30 @@ async def test_a_killed_recovery_is_resumed_to_the_exact_turns(tmp_path: Path) -
     answers = tmp_path / "answers.json"
     answers.write_text(json.dumps(dict.fromkeys(KEYS, "yes")))
     common = ("--cell", str(path), "--answers", str(answers), "--json")
-    dice = random.Random(4)
-    async with running_fakes(path) as door:
-        code, _, said = await cellcal("run", "mastering_record", *common)
-        assert code == 0, said
-        await door.inject_fault("battery_loss", axes="all")
-        hands = asyncio.create_task(act_when_asked(door, path))
+    rng = random.Random(4)
+    async with running_fakes(path) as fake_client:
+        code, _, errors = await run_cellcal("run", "mastering_record", *common)
+        assert code == 0, errors
+        await fake_client.inject_fault("battery_loss", axes="all")
+        hands = asyncio.create_task(answer_questions(fake_client, path))
         words: tuple[str, ...] = ("run", "mastering_recovery")
         before: list[Any] = []
         for least, most in KILLED_AT:
-            enough = dice.randint(least, most)
-            code, _, said = await cellcal(*words, *common, until=lambda n=enough: len(findings_of(path)) >= n)
-            assert code == -9, said
+            enough = rng.randint(least, most)
+            code, _, errors = await run_cellcal(
+                *words, *common, until=lambda n=enough: len(findings_of(path)) >= n
+            )
+            assert code == -9, errors
             after = findings_of(path)
             assert after[: len(before)] == before  # nothing acknowledged is lost or changed
             before, words = after, ("resume", "last")
-        code, out, said = await cellcal("resume", "last", *common)
+        code, out, errors = await run_cellcal("resume", "last", *common)
         await hands
-        assert code == 0, said
+        assert code == 0, errors
         assert json.loads(out)["result"]["mode"] == "turns"
         steps = [step for step, _ in findings_of(path)]
         assert len(steps) == len(set(steps))  # none doubled
-        truth = (await door.read_truth())["robots"]["fanuc"]
+        truth = (await fake_client.read_truth())["robots"]["fanuc"]
         assert truth["counts_at_zero"] == truth["true_counts_at_zero"]
-        error = await door.send_command("tcp_error", robot="fanuc")
+        error = await fake_client.send_command("tcp_error", robot="fanuc")
         assert error["max"] < 1e-9

@@ -10,7 +10,7 @@ from typing import Any
 import apsw
 
 from cellcal.service.record.journal import Journal
-from tests.e2e.power_cut.disk import Disk, DiskVfs
+from tests.e2e.power_cut.disk import DiskVfs, SimulatedDisk
 
 CUTS = 300
 EVENTS = 30
@@ -19,7 +19,7 @@ EVENTS = 30
 class ApswDatabase:
     """Lends the journal an SQLite that runs on a simulated disk."""
 
-    def __init__(self, disk: Disk, name: str, *, synchronous: str | None) -> None:
+    def __init__(self, disk: SimulatedDisk, name: str, *, synchronous: str | None) -> None:
         self._vfs = DiskVfs(name, disk)
         self._synchronous = synchronous
         self._connection = apsw.Connection("journal.db", vfs=name)
@@ -52,7 +52,7 @@ def _sqlite_error(kind: type[sqlite3.Error], error: apsw.Error) -> sqlite3.Error
     return translated
 
 
-def _write_until_dark(disk: Disk, name: str, synchronous: str | None) -> list[tuple[str, int]]:
+def _write_until_dark(disk: SimulatedDisk, name: str, synchronous: str | None) -> list[tuple[str, int]]:
     """Append events until the power fails; return what was acknowledged."""
     acknowledged: list[tuple[str, int]] = []
     database = None
@@ -78,7 +78,7 @@ def _close_in_the_dark(database: ApswDatabase | None) -> None:
         return
 
 
-def _survives(disk: Disk, name: str, acknowledged: list[tuple[str, int]]) -> bool:
+def _journal_survives(disk: SimulatedDisk, name: str, acknowledged: list[tuple[str, int]]) -> bool:
     """Whether the journal is whole and holds everything acknowledged, once."""
     database = ApswDatabase(disk, name, synchronous=None)
     try:
@@ -93,19 +93,19 @@ def _survives(disk: Disk, name: str, acknowledged: list[tuple[str, int]]) -> boo
 
 def lost_in(cuts: int, seed: int, synchronous: str | None) -> int:
     """Return in how many of so many power cuts an acknowledged event was lost or the journal damaged."""
-    whole = Disk()
+    whole = SimulatedDisk()
     _write_until_dark(whole, f"whole-{seed}", synchronous)
     lost = 0
     for cut in range(cuts):
-        dice = random.Random(f"{seed}/{cut}")
-        disk = Disk(cut_at=dice.randrange(1, whole.operations))
+        rng = random.Random(f"{seed}/{cut}")
+        disk = SimulatedDisk(cut_at=rng.randrange(1, whole.operations))
         acknowledged = _write_until_dark(disk, f"cut-{seed}-{cut}", synchronous)
-        lost += not _survives(disk.after_the_cut(dice), f"found-{seed}-{cut}", acknowledged)
+        lost += not _journal_survives(disk.after_the_cut(rng), f"found-{seed}-{cut}", acknowledged)
     return lost
 
 
 def test_the_journal_on_the_simulated_disk_is_the_real_one() -> None:
-    database = ApswDatabase(Disk(), "same", synchronous=None)
+    database = ApswDatabase(SimulatedDisk(), "same", synchronous=None)
     journal = Journal(Path("journal.db"), connect=lambda _: database)
     assert database.execute("PRAGMA journal_mode").fetchall() == [("wal",)]
     assert database.execute("PRAGMA synchronous").fetchall() == [(2,)]

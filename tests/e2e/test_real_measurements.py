@@ -38,12 +38,12 @@ CASES = [
 ]
 
 
-def located(name):
+def locate_file(name):
     """Only the UR10 series may be copied; the others are read where they lie, if they are there."""
     return next((folder / name for folder in (SHARED, COPIES) if (folder / name).is_file()), None)
 
 
-def identify(path, robot, *options):
+def identify_file(path, robot, *options):
     command = [sys.executable, "-m", "cellcal", "identify", str(path), "--robot", robot, *options, "--json"]
     done = subprocess.run(
         command,
@@ -59,10 +59,10 @@ def identify(path, robot, *options):
 
 
 @pytest.mark.parametrize(
-    ("name", "robot", "options", "rmse_mm", "mean_mm"), [case for case in CASES if located(case[0])]
+    ("name", "robot", "options", "rmse_mm", "mean_mm"), [case for case in CASES if locate_file(case[0])]
 )
 def test_held_out_rows_of_a_real_robot_are_predicted(name, robot, options, rmse_mm, mean_mm):
-    found = identify(located(name), robot, *options)
+    found = identify_file(locate_file(name), robot, *options)
     assert list(found)[: len(KEYS)] == KEYS
     assert found["held_out"]["n"] == found["before"]["n"]
     if options:
@@ -87,7 +87,9 @@ def test_held_out_rows_of_a_real_robot_are_predicted(name, robot, options, rmse_
 
 
 def test_the_finished_model_is_checked_on_another_series():
-    found = identify(located(JOINT_SERIES), "ur10", "--level", "3", "--check", str(located(RANDOM_SERIES)))
+    found = identify_file(
+        locate_file(JOINT_SERIES), "ur10", "--level", "3", "--check", str(locate_file(RANDOM_SERIES))
+    )
     assert found["check"]["n"] == 1400
     assert found["check"]["mean_m"] < 0.75e-3
     assert found["check"]["mean_m"] < found["before"]["mean_m"]

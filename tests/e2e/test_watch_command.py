@@ -19,46 +19,46 @@ from tests.machine_speed import stretched_s
 PATIENCE_S = stretched_s(120.0)
 
 
-async def until_said(process: asyncio.subprocess.Process, words: str, heard: list[str]) -> None:
+async def wait_for_output(process: asyncio.subprocess.Process, words: str, received_lines: list[str]) -> None:
     assert process.stderr is not None
     async with asyncio.timeout(PATIENCE_S):
-        while words not in " ".join(" ".join(heard).split()):
+        while words not in " ".join(" ".join(received_lines).split()):
             line = await process.stderr.readline()
-            assert line, f"it ended without saying {words!r}: {heard}"
-            heard.append(line.decode())
+            assert line, f"it ended without saying {words!r}: {received_lines}"
+            received_lines.append(line.decode())
 
 
-async def first_seen(memory: LastHealthyCounts) -> HealthyCounts:
+async def first_stored_counts(memory: LastHealthyCounts) -> HealthyCounts:
     async with asyncio.timeout(PATIENCE_S):
-        seen = memory.load_counts("fanuc")
-        while seen is None:
+        healthy_counts = memory.load_counts("fanuc")
+        while healthy_counts is None:
             await asyncio.sleep(0.05)
-            seen = memory.load_counts("fanuc")
-        return seen
+            healthy_counts = memory.load_counts("fanuc")
+        return healthy_counts
 
 
 async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> None:
     with free_address() as address:
         path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
     memory = LastHealthyCounts(read_cell_file(path).cell.data_dir)
-    async with running_fakes(path) as door:
+    async with running_fakes(path) as fake_client:
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "cellcal", "watch", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:
-            heard: list[str] = []
-            await until_said(process, "fanuc: watched", heard)
-            healthy = await first_seen(memory)
-            truth = (await door.read_truth())["robots"]["fanuc"]
+            received_lines: list[str] = []
+            await wait_for_output(process, "fanuc: watched", received_lines)
+            healthy = await first_stored_counts(memory)
+            truth = (await fake_client.read_truth())["robots"]["fanuc"]
             assert list(healthy.counts) == truth["counts_read"]
-            await door.inject_fault("battery_low")
-            await until_said(process, "Exchange it with the controller switched ON", heard)
-            await door.inject_fault("battery_loss", axes="all")
-            await until_said(process, "lost its position", heard)
-            await until_said(process, "Most likely M1", heard)
-            await until_said(process, "recover_alone is not set", heard)
-            await until_said(process, "cellcal run mastering_recovery", heard)
+            await fake_client.inject_fault("battery_low")
+            await wait_for_output(process, "Exchange it with the controller switched ON", received_lines)
+            await fake_client.inject_fault("battery_loss", axes="all")
+            await wait_for_output(process, "lost its position", received_lines)
+            await wait_for_output(process, "Most likely M1", received_lines)
+            await wait_for_output(process, "recover_alone is not set", received_lines)
+            await wait_for_output(process, "cellcal run mastering_recovery", received_lines)
             assert (
                 memory.load_counts("fanuc") == healthy
             )  # what was healthy is not overwritten by what was lost
@@ -67,7 +67,7 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
             await process.communicate()
 
 
-async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nobody_is(
+async def test_an_automatic_recovery_ends_at_the_first_question_without_a_technician(
     tmp_path: Path,
 ) -> None:
     with free_address() as address:
@@ -75,9 +75,9 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
     allowed = "recover_alone = true\ncell_closed = true\nrecords_complete = true\nwire_stays_hooked = true\n"
     path.write_text(path.read_text().replace("[watch]\n", f"[watch]\n{allowed}"))
     config = read_cell_file(path)
-    async with running_fakes(path) as door:
-        hands = ScriptedOperator({"wire_is_hooked": "yes", "accept_plan": "yes"})
-        record = await start_run(RunTarget(config, hands, "fanuc"), "mastering_record", {})
+    async with running_fakes(path) as fake_client:
+        operator = ScriptedOperator({"wire_is_hooked": "yes", "accept_plan": "yes"})
+        record = await start_run(RunTarget(config, operator, "fanuc"), "mastering_record", {})
         assert record.verdict is RunVerdict.PASSED
         (config.cell.data_dir / "last_healthy_fanuc.json").unlink(
             missing_ok=True
@@ -87,16 +87,16 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:
-            heard: list[str] = []
-            await until_said(process, "fanuc: watched", heard)
-            await first_seen(LastHealthyCounts(config.cell.data_dir))
-            await door.inject_fault("memory_loss")
-            await until_said(process, "The cell file allows it", heard)
-            await until_said(process, "nobody is at this terminal", heard)
-            await until_said(process, "Write the mastering data to the controller?", heard)
-            await until_said(process, "cellcal resume", heard)
-            await door.inject_fault("protective_stop", device="ur")  # and it goes on watching
-            await until_said(process, "ur: protective stop", heard)
+            received_lines: list[str] = []
+            await wait_for_output(process, "fanuc: watched", received_lines)
+            await first_stored_counts(LastHealthyCounts(config.cell.data_dir))
+            await fake_client.inject_fault("memory_loss")
+            await wait_for_output(process, "The cell file allows it", received_lines)
+            await wait_for_output(process, "nobody is at this terminal", received_lines)
+            await wait_for_output(process, "Write the mastering data to the controller?", received_lines)
+            await wait_for_output(process, "cellcal resume", received_lines)
+            await fake_client.inject_fault("protective_stop", device="ur")  # and it goes on watching
+            await wait_for_output(process, "ur: protective stop", received_lines)
         finally:
             process.terminate()
             await process.communicate()
@@ -109,24 +109,26 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
     assert last == "compare with drawn poses"  # it moved and measured; nothing was written
 
 
-async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen_is_said(
+async def test_without_encoder_counts_stops_are_reported_and_the_missing_checks_are_named(
     tmp_path: Path,
 ) -> None:
     with free_address() as address:
         path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
-    async with running_fakes(path) as door:
+    async with running_fakes(path) as fake_client:
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "cellcal", "watch", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:
-            heard: list[str] = []
-            await until_said(process, "ur: watched every 0.2 s: its stops and faults only", heard)
-            await until_said(process, "a lost position is NOT seen", heard)
-            await door.inject_fault("protective_stop", device="ur")
-            await until_said(process, "ur: protective stop. Find out what the arm met", heard)
-            await door.inject_fault("unlock_protective_stop", device="ur")
-            await until_said(process, "ur: neither stopped nor out of reach any more", heard)
+            received_lines: list[str] = []
+            await wait_for_output(
+                process, "ur: watched every 0.2 s: its stops and faults only", received_lines
+            )
+            await wait_for_output(process, "a lost position is NOT seen", received_lines)
+            await fake_client.inject_fault("protective_stop", device="ur")
+            await wait_for_output(process, "ur: protective stop. Find out what the arm met", received_lines)
+            await fake_client.inject_fault("unlock_protective_stop", device="ur")
+            await wait_for_output(process, "ur: neither stopped nor out of reach any more", received_lines)
         finally:
             process.terminate()
             await process.communicate()

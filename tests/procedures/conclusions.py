@@ -5,7 +5,7 @@ from typing import Any
 TWICE_IS_DIFFERENT = ("power cycle", "wait for the robot", "pass the index")
 
 
-def concluded(result: dict[str, Any]) -> dict[str, Any]:
+def comparable_result(result: dict[str, Any]) -> dict[str, Any]:
     """Return a recovery's result as JSON without the figures that an interrupted waking changes.
 
     A power cycle done twice counts two epochs. A motor whose way past its index was cut short is sent there
@@ -18,8 +18,8 @@ def concluded(result: dict[str, Any]) -> dict[str, Any]:
     return result | there | {"robot_seconds": 0.0, "gate": gate, "record": record}
 
 
-def same_end(found: dict[str, Any], wanted: dict[str, Any], interrupted: str) -> bool:
+def has_same_result(found: dict[str, Any], expected: dict[str, Any], interrupted: str) -> bool:
     """Tell whether a resumed run ended as the undisturbed one did; to the last digit where nothing was done twice."""
     if interrupted.startswith(TWICE_IS_DIFFERENT):
-        return concluded(found) == concluded(wanted)
-    return found == wanted
+        return comparable_result(found) == comparable_result(expected)
+    return found == expected

@@ -14,17 +14,17 @@ from cellcal.procedures.accuracy_check import DEFINITION, AccuracyResult, accura
 from cellcal.procedures.accuracy_limits import PoseLimits
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.run import Run
-from tests.procedures.cells import QUICK_ROUND, ZERO, Scene, going_round
-from tests.procedures.ledgers import MemoryLedger
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.procedure_scenes import QUICK_ROUND, ZERO, ProcedureScene, round_trip_scene
 
 OFFSET_RAD = 0.002
 
 
-async def _check(made: Scene) -> AccuracyResult:
+async def _check_accuracy(made: ProcedureScene) -> AccuracyResult:
     return await accuracy_check(Run(made.cell, MemoryLedger()), made.spec)
 
 
-def _off_by_a_zero(made: Scene) -> CalibratedArm:
+def _off_by_a_zero(made: ProcedureScene) -> CalibratedArm:
     """Turn the third joint's truth against what is shown, and return the parameters that say so."""
     change = np.linalg.solve(np.array(made.arm.drive.radians_per_count), [0, 0, OFFSET_RAD, 0, 0, 0])
     made.arm.true_zero = tuple(int(z - c) for z, c in zip(ZERO, np.rint(change), strict=True))
@@ -38,8 +38,10 @@ def _off_by_a_zero(made: Scene) -> CalibratedArm:
 
 @pytest.mark.parametrize("method", ["tracker", "wire"])
 async def test_a_perfect_robot_is_as_accurate_as_its_device_can_tell(method: Any) -> None:
-    made = going_round(method, rules=replace(QUICK_ROUND, placing=20))  # ten readings leave the device open
-    result = await _check(made)
+    made = round_trip_scene(
+        method, rules=replace(QUICK_ROUND, placing=20)
+    )  # ten readings leave the device open
+    result = await _check_accuracy(made)
     assert result.identified is None
     assert len(result.nominal.poses) == 5
     assert result.nominal.ap_m < 3e-4
@@ -50,27 +52,27 @@ async def test_a_perfect_robot_is_as_accurate_as_its_device_can_tell(method: Any
 
 
 async def test_a_reduced_test_is_titled_so_and_says_what_it_departs_in() -> None:
-    made = going_round()
-    result = await _check(made)
+    made = round_trip_scene()
+    result = await _check_accuracy(made)
     assert isinstance(result.nominal, AccuracyTest)
     assert result.title == REDUCED_TITLE
     assert DEFINITION.verdict is not None
-    told = " ".join(DEFINITION.verdict(made.spec, result).not_verified)
-    assert "2 cycles instead of 30" in told
-    assert "rated load" in told
+    not_verified = " ".join(DEFINITION.verdict(made.spec, result).not_verified)
+    assert "2 cycles instead of 30" in not_verified
+    assert "rated load" in not_verified
 
 
 async def test_a_wire_tells_one_direction_and_the_title_admits_it() -> None:
-    result = await _check(going_round("wire"))
+    result = await _check_accuracy(round_trip_scene("wire"))
     assert isinstance(result.nominal, LineTest)
     assert "one direction only" in result.title
     assert "not a test to ISO 9283" in result.title
 
 
 async def test_the_identified_model_is_judged_from_the_same_readings() -> None:
-    made = going_round(limits=PoseLimits(0.0005, 0.0003))
+    made = round_trip_scene(limits=PoseLimits(0.0005, 0.0003))
     made.cell = replace(made.cell, calibrated=_off_by_a_zero(made))
-    result = await _check(made)
+    result = await _check_accuracy(made)
     assert result.identified is not None
     assert result.nominal.ap_m > 3 * result.identified.ap_m
     assert DEFINITION.verdict is not None
@@ -78,28 +80,30 @@ async def test_the_identified_model_is_judged_from_the_same_readings() -> None:
     assert verdict.overall_decision == "pass"
     assert verdict.changes[0].before == result.nominal.ap_m
     made.cell = replace(made.cell, calibrated=None)
-    assert DEFINITION.verdict(made.spec, await _check(made)).overall_decision != "pass"
+    assert DEFINITION.verdict(made.spec, await _check_accuracy(made)).overall_decision != "pass"
 
 
 async def test_parameters_of_another_mastering_are_not_used() -> None:
-    made = going_round()
+    made = round_trip_scene()
     arm = replace(_off_by_a_zero(made), counts_at_zero=(0,) * 6)
     made.cell = replace(made.cell, calibrated=arm)
-    assert (await _check(made)).identified is None
+    assert (await _check_accuracy(made)).identified is None
 
 
 async def test_a_cube_out_of_reach_is_refused_before_anything_moves() -> None:
-    made = going_round(rules=replace(QUICK_ROUND, centre_m=(4.0, 0.0, 0.5)))
+    made = round_trip_scene(rules=replace(QUICK_ROUND, centre_m=(4.0, 0.0, 0.5)))
     with pytest.raises(DegenerateDataError, match="no cube about"):
-        await _check(made)
+        await _check_accuracy(made)
     assert made.arm.moves == []
 
 
 def test_a_dry_run_knows_the_five_poses() -> None:
-    made = going_round("wire")
+    made = round_trip_scene("wire")
     assert DEFINITION.forecast is not None
-    known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
-    assert [pose.label for pose in DEFINITION.forecast(made.spec, known).poses] == [
+    knowledge = Knowledge(
+        made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits
+    )
+    assert [pose.label for pose in DEFINITION.forecast(made.spec, knowledge).poses] == [
         "P1",
         "P2",
         "P3",

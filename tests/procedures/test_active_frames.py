@@ -32,8 +32,13 @@ from cellcal.service.record.journal import Journal
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
-from tests.procedures.cells import Scene, pointing, scene, touching
-from tests.procedures.ideal import IdealArm
+from tests.procedures.ideal_devices import IdealArm
+from tests.procedures.procedure_scenes import (
+    ProcedureScene,
+    healthy_scene,
+    tool_touch_scene,
+    user_frame_scene,
+)
 
 HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
@@ -47,17 +52,17 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
         yield opened
 
 
-def standing() -> Scene:
-    made = scene()
+def standing_scene() -> ProcedureScene:
+    made = healthy_scene()
     made.arm.write_program(np.array(HERE))
     return made
 
 
-def switch(arm: IdealArm) -> None:
+def switch_tool(arm: IdealArm) -> None:
     arm.active_tool = 3
 
 
-def edit(arm: IdealArm) -> None:
+def edit_tool(arm: IdealArm) -> None:
     arm.tools[1] = TOOL
 
 
@@ -65,14 +70,14 @@ def select_frame(arm: IdealArm) -> None:
     arm.user_frame = 4
 
 
-def load(arm: IdealArm) -> None:
+def change_payload(arm: IdealArm) -> None:
     arm.payload_kg = 1.8
 
 
 HAPPENINGS = [
-    (switch, "tool 3 is active, and not tool 1", "Select tool 1 on the pendant again, then resume."),
+    (switch_tool, "tool 3 is active, and not tool 1", "Select tool 1 on the pendant again, then resume."),
     (
-        edit,
+        edit_tool,
         r"tool 1 is at x 10.000, y 0.000, z 120.000 mm .*, and not at x 0.000, y 0.000, z 0.000 mm",
         "Set tool 1",
     ),
@@ -82,7 +87,7 @@ HAPPENINGS = [
         "Select user frame 0 on the pendant again",
     ),
     (
-        load,
+        change_payload,
         "the payload is 1.800 kg, and not 1.500 kg",
         "Set the payload to 1.500 kg on the pendant again",
     ),
@@ -91,7 +96,7 @@ HAPPENINGS = [
 
 @pytest.mark.parametrize(("happens", "says", "undo"), HAPPENINGS)
 async def test_no_move_with_a_foreign_tool(happens: Callable[[IdealArm], None], says: str, undo: str) -> None:
-    made = standing()
+    made = standing_scene()
     await move_along(made.cell, [THERE], 0.1)
     happens(made.arm)
     with pytest.raises(FramesChangedError, match=says) as refused:
@@ -103,14 +108,14 @@ async def test_no_move_with_a_foreign_tool(happens: Callable[[IdealArm], None], 
 
 
 async def test_a_switch_between_two_corners_stops_before_the_second() -> None:
-    made = standing()
+    made = standing_scene()
     move = made.arm.move_joints
 
-    async def meanwhile(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+    async def switch_during_move(target: tuple[float, ...], *, speed_rad_s: float) -> None:
         await move(target, speed_rad_s=speed_rad_s)
-        switch(made.arm)
+        switch_tool(made.arm)
 
-    made.arm.move_joints = meanwhile  # type: ignore[assignment,method-assign]
+    made.arm.move_joints = switch_during_move  # type: ignore[assignment,method-assign]
     with pytest.raises(FramesChangedError):
         await move_along(made.cell, [THERE, HERE], 0.1)
     assert made.arm.moves == ["move"]
@@ -128,9 +133,9 @@ async def test_a_switch_between_two_corners_stops_before_the_second() -> None:
     ids=["wire", "length", "point", "taught", "seat"],
 )
 async def test_no_capture_with_a_foreign_tool(captured: Callable[[Cell], object]) -> None:
-    made = standing()
+    made = standing_scene()
     await captured(made.cell)  # type: ignore[misc]
-    switch(made.arm)
+    switch_tool(made.arm)
     with pytest.raises(FramesChangedError, match="tool 3 is active, and not tool 1"):
         await captured(made.cell)  # type: ignore[misc]
     made.arm.active_tool = 1
@@ -138,7 +143,7 @@ async def test_no_capture_with_a_foreign_tool(captured: Callable[[Cell], object]
 
 
 async def test_our_own_write_of_the_active_tool_is_no_foreign_tool() -> None:
-    made = standing()
+    made = standing_scene()
     await move_along(made.cell, [THERE], 0.1)
     await write_and_read_back(made.cell, 1, TOOL)
     await move_along(made.cell, [HERE], 0.1)
@@ -149,16 +154,16 @@ async def test_our_own_write_of_the_active_tool_is_no_foreign_tool() -> None:
 
 
 async def test_a_robot_that_cannot_tell_is_moved() -> None:
-    made = standing()
+    made = standing_scene()
     made.cell = replace(made.cell, frames=None)
     await move_along(made.cell, [THERE], 0.1)
-    switch(made.arm)
+    switch_tool(made.arm)
     await move_along(made.cell, [HERE], 0.1)
     assert made.arm.moves == ["move", "move"]
 
 
 @dataclass
-class SwitchedDuring:
+class SwitchesToolAtStep:
     """Somebody switches the tool when a step begins, once."""
 
     arm: IdealArm
@@ -171,43 +176,43 @@ class SwitchedDuring:
 
 
 async def test_a_switch_in_a_run_is_refused_and_the_points_are_kept(journal: Journal) -> None:
-    made = scene(MasteringRecordSpec(poses=16, samples=2))
-    how = replace(QUICK, on_event=SwitchedDuring(made.arm, "capture 5"))
+    made = healthy_scene(MasteringRecordSpec(poses=16, samples=2))
+    how = replace(QUICK, on_event=SwitchesToolAtStep(made.arm, "capture 5"))
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=how)
     assert outcome.verdict is RunVerdict.CELL_FAILED
     assert (outcome.code, outcome.remedy) == (
         "procedure.frames_changed",
         "Select tool 1 on the pendant again, then resume.",
     )
-    kept = RunStore(journal).find_run(outcome.run_id).past.findings
-    assert "capture 4" in [finding.step for finding in kept]
+    findings = RunStore(journal).find_run(outcome.run_id).past.findings
+    assert "capture 4" in [finding.step for finding in findings]
     with pytest.raises(ReplayMismatchError, match="tool 3 is active, and not tool 1") as refused:
         await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
     assert refused.value.remedy == "Select tool 1 on the pendant again, then resume."
     made.arm.active_tool = 1
     passed = await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
     assert passed.verdict is RunVerdict.PASSED
-    assert RunStore(journal).find_run(outcome.run_id).past.findings[: len(kept)] == kept
+    assert RunStore(journal).find_run(outcome.run_id).past.findings[: len(findings)] == findings
 
 
 async def test_what_was_active_is_taken_when_the_run_begins_not_at_its_first_move(journal: Journal) -> None:
-    made = pointing()
-    made.hands.does["pointer_is_mounted"] = lambda: switch(made.arm)
+    made = user_frame_scene()
+    made.technician.does["pointer_is_mounted"] = lambda: switch_tool(made.arm)
     outcome = await run_procedure(made.cell, "three_point_frame", made.spec, journal, how=QUICK)
     assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "procedure.frames_changed")
 
 
 async def test_a_procedure_may_teach_the_active_tool_and_be_resumed_afterwards(journal: Journal) -> None:
-    made = touching()
+    made = tool_touch_scene()
     made.arm.active_tool = made.spec.tool_number
     write = made.arm.write_tool_frame
 
-    async def cut(number: int, flange_tool: Pose) -> Pose:
+    async def interrupt_write(number: int, flange_tool: Pose) -> Pose:
         await write(number, flange_tool)
         made.arm.write_tool_frame = write  # type: ignore[method-assign]
         raise FramesChangedError("the cable was cut after the write")
 
-    made.arm.write_tool_frame = cut  # type: ignore[method-assign]
+    made.arm.write_tool_frame = interrupt_write  # type: ignore[method-assign]
     outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=QUICK)
     assert outcome.reason == "the cable was cut after the write"
     assert (
@@ -216,50 +221,54 @@ async def test_a_procedure_may_teach_the_active_tool_and_be_resumed_afterwards(j
 
 
 async def test_a_run_from_before_the_robot_could_be_asked_goes_on(journal: Journal) -> None:
-    made = pointing()
-    made.hands.refuses = {"accept_frame"}
+    made = user_frame_scene()
+    made.technician.refuses = {"accept_frame"}
     blind = replace(made.cell, frames=None)
     outcome = await run_procedure(blind, "three_point_frame", made.spec, journal, how=QUICK)
-    made.hands.refuses = set()
+    made.technician.refuses = set()
     resumed = await resume_procedure(made.cell, outcome.run_id, journal, how=QUICK)
     assert resumed.verdict is RunVerdict.PASSED
 
 
 @pytest.mark.parametrize("blind", [False, True])
 async def test_a_certificate_says_what_the_robot_does_not_tell(journal: Journal, blind: bool) -> None:
-    made = pointing()
+    made = user_frame_scene()
     made.arm.payload_kg = None
     cell = replace(made.cell, frames=None if blind else made.arm)
     outcome = await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
     what = "the tool or the user frame or the payload" if blind else "the payload"
-    said = f"Whether {what} was changed on the controller during the run: this robot does not tell it."
-    assert outcome.judgement["not_verified"][-1] == said
+    expected_line = (
+        f"Whether {what} was changed on the controller during the run: this robot does not tell it."
+    )
+    assert outcome.judgement["not_verified"][-1] == expected_line
 
 
 def test_only_what_both_tell_is_compared() -> None:
-    known = ActiveFrames(3, TOOL, 0, 1.5)
+    expected_frames = ActiveFrames(3, TOOL, 0, 1.5)
     assert (
-        frame_changes(known, known)
-        == frame_changes(known, ActiveFrames())
-        == frame_changes(ActiveFrames(), known)
+        frame_changes(expected_frames, expected_frames)
+        == frame_changes(expected_frames, ActiveFrames())
+        == frame_changes(ActiveFrames(), expected_frames)
         == ()
     )
-    assert frame_changes(known, replace(known, payload_kg=1.5004)) == ()
-    both = frame_changes(known, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
+    assert frame_changes(expected_frames, replace(expected_frames, payload_kg=1.5004)) == ()
+    both = frame_changes(expected_frames, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
     assert (
         changes_text(both) == "tool 5 is active, and not tool 3; user frame 2 is active, and not user frame 0"
     )
     assert cure_text(both) == (
         "Select tool 3 on the pendant again, select user frame 0 on the pendant again, then resume."
     )
-    nameless = frame_changes(replace(known, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1))))
+    nameless = frame_changes(
+        replace(expected_frames, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1)))
+    )
     assert changes_text(nameless).startswith("the active tool is at x 0.000, y 0.000, z 100.000 mm")
-    assert unread_frames(known) == ()
-    assert unread_frames(replace(known, tool_number=None)) == ()
+    assert unread_frames(expected_frames) == ()
+    assert unread_frames(replace(expected_frames, tool_number=None)) == ()
 
 
 async def test_no_run_begins_with_another_tool_than_the_cell_file_names(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     cell = replace(made.cell, named_frames=ActiveFrames(3, payload_kg=1.5))
     with pytest.raises(
         FramesChangedError, match="the cell file names: tool 1 is active, and not tool 3"
@@ -272,11 +281,11 @@ async def test_no_run_begins_with_another_tool_than_the_cell_file_names(journal:
     assert outcome.verdict is RunVerdict.PASSED
 
 
-async def test_what_the_cell_file_names_must_be_told_by_the_robot(journal: Journal) -> None:
-    made = pointing()
+async def test_frames_named_in_the_cell_file_must_be_reported_by_the_robot(journal: Journal) -> None:
+    made = user_frame_scene()
     made.arm.payload_kg = None
-    for lent in (made.cell, replace(made.cell, frames=None)):
-        cell = replace(lent, named_frames=ActiveFrames(payload_kg=1.5))
+    for each_cell in (made.cell, replace(made.cell, frames=None)):
+        cell = replace(each_cell, named_frames=ActiveFrames(payload_kg=1.5))
         with pytest.raises(
             FramesChangedError, match=r"names payload_kg 1\.5, and this robot does not tell it"
         ):

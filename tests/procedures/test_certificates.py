@@ -35,20 +35,20 @@ from cellcal.service.record.signing import CheckFinding, check_document
 from cellcal.service.runs.open_cell import offline_cell
 from cellcal.service.runs.run_procedure import forget_from, resume_procedure
 from cellcal.service.site.cell_state import DueDates
-from tests.procedures.cells import (
+from tests.procedures.certified_runs import HOW, cell_config, run_in
+from tests.procedures.procedure_scenes import (
     TARGETS,
-    Scene,
-    drifting,
-    hanging,
-    pointing,
-    recording,
-    recovering,
+    ProcedureScene,
+    drift_scene,
+    hook_scene,
+    recording_scene,
+    recovery_scene,
     scene_for,
-    touching,
+    tool_touch_scene,
+    user_frame_scene,
 )
-from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.test_record_by_places import without_wire
-from tests.service.printed import verify_paper
+from tests.service.printed_documents import verify_paper
 
 NAMES = [entry.name for entry in DEFINITIONS]
 TROUBLED = ("mastering_record", "mastering_recovery")  # certified below, with a wire that kinked once
@@ -62,7 +62,7 @@ expanded_uncertainty_mm = 0.05
 """
 
 
-def certified(config: CellConfig, run_id: str = "last") -> dict[str, Any]:
+def certificate_content(config: CellConfig, run_id: str = "last") -> dict[str, Any]:
     with open_journal(config) as journal:
         return content_of(config, journal, RunStore(journal).resolve_run_id(run_id))
 
@@ -105,7 +105,7 @@ def result_of(config: CellConfig, run_id: str) -> Any:
 
 async def test_the_same_run_gives_the_same_bytes_and_a_spoilt_copy_is_put_right(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    outcome = await run_in(config, pointing(), "three_point_frame")
+    outcome = await run_in(config, user_frame_scene(), "three_point_frame")
     issued = issue_certificate(config, outcome.run_id)
     raw = issued.json_path.read_bytes()
     assert issue_certificate(config, "last", tmp_path / "other").json_path.read_bytes() == raw
@@ -116,7 +116,7 @@ async def test_the_same_run_gives_the_same_bytes_and_a_spoilt_copy_is_put_right(
 
 async def test_a_lost_key_leaves_earlier_certificates_as_they_are(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    outcome = await run_in(config, pointing(), "three_point_frame")
+    outcome = await run_in(config, user_frame_scene(), "three_point_frame")
     first = issue_certificate(config, outcome.run_id)
     raw = first.json_path.read_bytes()
     first.key.path.unlink()
@@ -129,10 +129,10 @@ async def test_a_lost_key_leaves_earlier_certificates_as_they_are(tmp_path: Path
 
 
 async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), recording()
+    config, made = cell_config(tmp_path), recording_scene()
     made.wire.kink_m = {2 * 7: 0.02, 2 * 7 + 1: 0.02}  # both samples of the eighth capture
     verify_certificate(config, await run_in(config, made, "mastering_record"))
-    points = {point["step"]: point for point in certified(config)["points"]}
+    points = {point["step"]: point for point in certificate_content(config)["points"]}
     assert not points["capture 8"]["used"]
     assert "contradicted" in points["capture 8"]["reason"]
     assert points["capture again 1"]["used"]
@@ -142,11 +142,11 @@ async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_p
 
 
 async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), await recovering()
+    config, made = cell_config(tmp_path), await recovery_scene()
     made.wire.kink_m = {8: 0.02, 9: 0.02}  # the fifth capture
     outcome = await run_in(config, made, "mastering_recovery")
     verify_certificate(config, outcome)
-    content = certified(config)
+    content = certificate_content(config)
     unused = [point["step"] for point in content["points"] if not point["used"]]
     assert unused == list(outcome.result.set_aside) == ["capture 5"]
     assert any("safety" in line.lower() for line in content["verdict"]["to_sign"])
@@ -184,15 +184,15 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
 
 
 async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), pointing()
-    made.hands.refuses = {"accept_frame"}
+    config, made = cell_config(tmp_path), user_frame_scene()
+    made.technician.refuses = {"accept_frame"}
     outcome = await run_in(config, made, "three_point_frame")
-    made.hands.refuses = set()
+    made.technician.refuses = set()
     with open_journal(config) as journal:
         forget_from(journal, outcome.run_id, "touch a point on x", actor="bert")
         cell = replace(made.cell, config_sha256=config.sha256)
         assert (await resume_procedure(cell, outcome.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
-    content = certified(config)
+    content = certificate_content(config)
     steps = [(point["step"], point["used"]) for point in content["points"]]
     assert steps == [
         ("read the user frame", True),
@@ -209,8 +209,8 @@ async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) ->
 
 
 async def test_touches_that_scatter_leave_it_undecided(tmp_path: Path) -> None:
-    made = touching(max_touches=3)
-    shaken(made, 0.0003)
+    made = tool_touch_scene(max_touches=3)
+    scatter_touches(made, 0.0003)
     outcome = await run_in(cell_config(tmp_path), made, "six_point_tcp")
     assert outcome.verdict is RunVerdict.PASSED
     assert outcome.judgement["word"] == "undecided"
@@ -220,18 +220,18 @@ async def test_touches_that_scatter_leave_it_undecided(tmp_path: Path) -> None:
     assert tip["expanded_uncertainty"] > tip["limit"] == 0.0004
 
 
-def shaken(made: Scene, by_m: float) -> None:
+def scatter_touches(made: ProcedureScene, by_m: float) -> None:
     """Let the technician miss the pin by a little, each time elsewhere."""
     for k, key in enumerate(("touch", "touch_about_x", "touch_about_y")):
 
-        def missed(teach: Any = made.hands.does[key], k: int = k) -> None:
+        def touch_beside(teach: Any = made.technician.does[key], k: int = k) -> None:
             teach()
             taught = made.arm.taught
             assert taught is not None
             place = np.array(taught.position_m) + by_m * np.array([np.cos(2 * k), np.sin(2 * k), (-1) ** k])
             made.arm.taught = Pose(tuple(float(v) for v in place), taught.quaternion)  # type: ignore[arg-type]
 
-        made.hands.does[key] = missed
+        made.technician.does[key] = touch_beside
 
 
 async def test_limits_of_an_engineer_replace_the_class(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ async def test_limits_of_an_engineer_replace_the_class(tmp_path: Path) -> None:
         (FrameLimits(0.01, 0.1), "pass"),
         (FrameLimits(1e-5, 1e-5), "undecided"),
     ):
-        made = pointing()
+        made = user_frame_scene()
         made.spec = replace(made.spec, limits=own)
         outcome = await run_in(cell_config(tmp_path / f"{word}{own is None}"), made, "three_point_frame")
         assert outcome.judgement["word"] == word
@@ -249,11 +249,11 @@ async def test_limits_of_an_engineer_replace_the_class(tmp_path: Path) -> None:
 
 async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    await run_in(config, hanging(TARGETS[:1]), "end_effector_points")
+    await run_in(config, hook_scene(TARGETS[:1]), "end_effector_points")
     today = datetime.now(UTC).date()
     for from_days, to_days, claims in ((-10, 10, True), (-10, -1, False), (2, 10, False)):
         issued, due = (today + timedelta(days=days) for days in (from_days, to_days))
-        held = InstrumentCertificate(
+        instrument_certificate = InstrumentCertificate(
             number="C-77",
             laboratory="Lab",
             accreditation="D-K-1",
@@ -262,26 +262,26 @@ async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp
             expanded_uncertainty_mm=0.05,
         )
         (entry,) = config.gauges
-        setup = entry.setup.model_copy(update={"certificate": held})
+        setup = entry.setup.model_copy(update={"certificate": instrument_certificate})
         with_it = replace(config, gauges=(replace(entry, setup=setup),))
-        told = certified(with_it)["traceability"]
-        assert (NO_TRACEABILITY not in told) == claims
-        assert ("of Lab, D-K-1" in told) == claims
+        traceability = certificate_content(with_it)["traceability"]
+        assert (NO_TRACEABILITY not in traceability) == claims
+        assert ("of Lab, D-K-1" in traceability) == claims
         edited = replace(with_it, text=config.text + "\n# edited")
-        assert NO_TRACEABILITY in certified(edited)["traceability"]
-    assert certified(config)["traceability"] == NO_TRACEABILITY
+        assert NO_TRACEABILITY in certificate_content(edited)["traceability"]
+    assert certificate_content(config)["traceability"] == NO_TRACEABILITY
 
 
 @pytest.mark.parametrize(("due", "word"), [("2001-02-03", "undecided"), ("2999-12-31", "pass")])
 async def test_a_gauge_whose_calibration_has_lapsed_gives_no_pass(
     tmp_path: Path, due: str, word: str
 ) -> None:
-    made = hanging(TARGETS[:1])
+    made = hook_scene(TARGETS[:1])
     made.cell = replace(made.cell, certificates={"gauge": DeviceCertificate("C-77", "2000-02-03", due)})
     outcome = await run_in(cell_config(tmp_path), made, "end_effector_points")
-    told = {figure["name"]: figure for figure in outcome.judgement["characteristics"]}
+    figures_by_name = {figure["name"]: figure for figure in outcome.judgement["characteristics"]}
     assert outcome.judgement["word"] == word
-    assert ("the gauge's calibration is valid" in told) == (word == "undecided")
+    assert ("the gauge's calibration is valid" in figures_by_name) == (word == "undecided")
 
 
 TRACKER = """
@@ -335,30 +335,30 @@ async def test_the_instrument_that_was_read_decides_and_not_one_that_is_there(
     config = cell_config(
         tmp_path, more=GAUGE_CERTIFICATE.replace("2100-01-01", gauge_due) + TRACKER.format(due=tracker_due)
     )
-    made = await drifting(method)
-    held = {
+    made = await drift_scene(method)
+    instrument_certificates = {
         role: DeviceCertificate(role, "2000-01-01", due)
         for role, due in (("gauge", gauge_due), ("tracker", tracker_due))
     }
-    made.cell = replace(made.cell, certificates=held)
+    made.cell = replace(made.cell, certificates=instrument_certificates)
     outcome = await run_in(config, made, "drift_check")
     assert outcome.judgement["word"] == word
-    told = certified(config)["traceability"]
+    traceability = certificate_content(config)["traceability"]
     name = "gauge" if method == "wire" else "tracker"
     if word == "pass":
-        said = (
+        expected_line = (
             "Lengths refer to certificate C-77 of Lab"
             if method == "wire"
             else "Places seen by the tracker refer to certificate T-12 of Other lab"
         )
-        assert told.startswith(said)
-        assert told.endswith("Nothing else is claimed to be traceable.")
+        assert traceability.startswith(expected_line)
+        assert traceability.endswith("Nothing else is claimed to be traceable.")
     else:
         assert f"the {name}'s calibration is valid" in {
             figure["name"] for figure in outcome.judgement["characteristics"]
         }
-        assert told.startswith(NO_TRACEABILITY)
-        assert f"The {name}'s certificate" in told
+        assert traceability.startswith(NO_TRACEABILITY)
+        assert f"The {name}'s certificate" in traceability
     verify_certificate(config, outcome)
 
 
@@ -377,7 +377,7 @@ async def test_a_probe_whose_calibration_has_lapsed_gives_no_pass(tmp_path: Path
 async def test_a_reading_that_a_redo_discarded_is_behind_nothing(tmp_path: Path) -> None:
     """What counts is folded from the journal: which instruments a finding rests on, and whether it still counts."""
     config = cell_config(tmp_path)
-    outcome = await run_in(config, await drifting("tracker"), "drift_check")
+    outcome = await run_in(config, await drift_scene("tracker"), "drift_check")
     with open_journal(config) as journal:
         past = RunStore(journal).find_run(outcome.run_id).past
         assert past.instrument_roles == ("tracker",)
@@ -402,7 +402,7 @@ def test_every_instrument_of_a_cell_becomes_due(tmp_path: Path) -> None:
         )
     )
     config = cell_config(tmp_path, more=GAUGE_CERTIFICATE + TRACKER.format(due=HOLDS) + probes)
-    due = {told["what"]: told["due"] for told in DueDates(config).due_items(0.0)}
+    due = {due_item["what"]: due_item["due"] for due_item in DueDates(config).due_items(0.0)}
     assert due["calibration of wire"] == "2100-01-01"
     assert due["calibration of at"] == HOLDS
     assert due["calibration of probe"] == due["calibration of dial"] == "2050-06-07"
@@ -412,13 +412,13 @@ def test_every_instrument_of_a_cell_becomes_due(tmp_path: Path) -> None:
 async def test_a_run_without_the_gauge_claims_nothing_of_its_certificate(tmp_path: Path) -> None:
     config = cell_config(tmp_path, more=GAUGE_CERTIFICATE)
     assert config.gauges[0].setup.certificate is not None
-    await run_in(config, pointing(), "three_point_frame")
-    assert certified(config)["traceability"] == NO_TRACEABILITY
+    await run_in(config, user_frame_scene(), "three_point_frame")
+    assert certificate_content(config)["traceability"] == NO_TRACEABILITY
 
 
 async def test_what_did_not_end_with_a_result_is_not_certified(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), pointing()
-    made.hands.refuses = {"accept_frame"}
+    config, made = cell_config(tmp_path), user_frame_scene()
+    made.technician.refuses = {"accept_frame"}
     outcome = await run_in(config, made, "three_point_frame")
     with pytest.raises(CertificateError, match="no result to certify"):
         issue_certificate(config, outcome.run_id)
@@ -427,24 +427,24 @@ async def test_what_did_not_end_with_a_result_is_not_certified(tmp_path: Path) -
 
 async def test_nothing_is_certified_from_a_damaged_journal(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    outcome = await run_in(config, pointing(), "three_point_frame")
+    outcome = await run_in(config, user_frame_scene(), "three_point_frame")
     with open_journal(config) as journal:
         journal._database.execute("UPDATE event SET actor = 'mallory' WHERE seq = 3").fetchall()
-    with pytest.raises(CertificateError, match="damaged") as told:
+    with pytest.raises(CertificateError, match="damaged") as error_info:
         issue_certificate(config, outcome.run_id)
-    assert told.value.code == "store.damaged"
+    assert error_info.value.code == "store.damaged"
 
 
 async def test_a_verdict_that_cannot_be_given_does_not_lose_the_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def broken(*_: object) -> None:
+    def fail_verdict(*_: object) -> None:
         raise ZeroDivisionError
 
     entry = CATALOGUE["three_point_frame"]
-    monkeypatch.setitem(CATALOGUE, "three_point_frame", replace(entry, verdict=broken))
+    monkeypatch.setitem(CATALOGUE, "three_point_frame", replace(entry, verdict=fail_verdict))
     config = cell_config(tmp_path)
-    outcome = await run_in(config, pointing(), "three_point_frame")
+    outcome = await run_in(config, user_frame_scene(), "three_point_frame")
     assert (outcome.verdict, outcome.judgement) == (RunVerdict.PASSED, None)
     assert "could not be given" in caplog.text
     issued = issue_certificate(config, outcome.run_id)
@@ -459,7 +459,7 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
     cell = made.cell
     assert cell.gauge is not None
     assert cell.tracker is not None
-    known = Knowledge(
+    knowledge = Knowledge(
         cell.model,
         cell.gauge_setup,
         cell.gauge.capabilities,
@@ -470,7 +470,7 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
         alignments=cell.alignments,
         drift_references=cell.drift_references,
     )
-    forecast = entry.forecast(made.spec, known)
+    forecast = entry.forecast(made.spec, knowledge)
     assert np.isfinite(forecast.duration_s)
     assert forecast.duration_s > 0
     assert forecast.predictions or forecast.assumed
@@ -482,7 +482,7 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
 
 async def test_a_journal_that_lost_its_end_is_betrayed_by_a_certificate(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    outcome = await run_in(config, touching(), "six_point_tcp")
+    outcome = await run_in(config, tool_touch_scene(), "six_point_tcp")
     issue_certificate(config, outcome.run_id)
     with open_journal(config) as journal:
         assert missing_end(config, journal) == ""

@@ -17,7 +17,13 @@ from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.run_procedure import RunConditions, forget_from, resume_procedure, run_procedure
-from tests.procedures.cells import Scene, pointing, recording, recovering, touching
+from tests.procedures.procedure_scenes import (
+    ProcedureScene,
+    recording_scene,
+    recovery_scene,
+    tool_touch_scene,
+    user_frame_scene,
+)
 
 NAME = "three_point_frame"
 HOW = RunConditions(free_bytes=0, actor="anna")
@@ -29,62 +35,62 @@ def journal(tmp_path: Path):
         yield opened
 
 
-async def _interrupted(made: Scene, journal: Journal) -> str:
+async def _start_interrupted(made: ProcedureScene, journal: Journal) -> str:
     """Start a run that the technician declines to finish."""
-    made.hands.refuses = {"accept_frame"}
+    made.technician.refuses = {"accept_frame"}
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
     assert outcome.verdict is RunVerdict.DECLINED
-    made.hands.refuses = set()
+    made.technician.refuses = set()
     return outcome.run_id
 
 
 async def test_a_passed_run_returns_its_result_and_keeps_it(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
     assert outcome.verdict is RunVerdict.PASSED
     assert isinstance(outcome.result, FrameSetup)
     view = RunStore(journal).find_run(outcome.run_id)
     assert (view.state, view.procedure, view.version) == ("passed", NAME, 3)
-    kept = RunStore(journal).list_stored("user_frame", "F-1")
-    assert [fact["subject"] for fact in kept] == ["2"]
+    stored_results = RunStore(journal).list_stored("user_frame", "F-1")
+    assert [fact["subject"] for fact in stored_results] == ["2"]
     assert {event.actor for event in journal.list_events()} == {"anna"}
 
 
 async def test_a_passed_run_is_answered_from_the_journal(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
-    asked, events = len(made.hands.asked), len(journal.list_events())
+    instruction_count, events = len(made.technician.instructions), len(journal.list_events())
     again = await resume_procedure(made.cell, outcome.run_id, journal, how=HOW)
     assert again == outcome
-    assert (len(made.hands.asked), len(journal.list_events())) == (asked, events)
+    assert (len(made.technician.instructions), len(journal.list_events())) == (instruction_count, events)
 
 
 async def test_a_declined_run_is_resumed_without_touching_again(journal: Journal) -> None:
-    made = pointing()
-    run_id = await _interrupted(made, journal)
-    made.hands.asked.clear()
+    made = user_frame_scene()
+    run_id = await _start_interrupted(made, journal)
+    made.technician.instructions.clear()
     outcome = await resume_procedure(made.cell, run_id, journal, how=HOW)
     assert outcome.verdict is RunVerdict.PASSED
-    assert made.hands.asked == ["pointer_is_mounted", "accept_frame", "may_move"]
+    assert made.technician.instructions == ["pointer_is_mounted", "accept_frame", "may_move"]
     assert RunStore(journal).find_run(run_id).state == "passed"
 
 
 async def test_a_redo_touches_again_from_that_step(journal: Journal) -> None:
-    made = pointing()
-    run_id = await _interrupted(made, journal)
+    made = user_frame_scene()
+    run_id = await _start_interrupted(made, journal)
     forget_from(journal, run_id, "touch a point on the y side")
-    made.hands.asked.clear()
+    made.technician.instructions.clear()
     outcome = await resume_procedure(made.cell, run_id, journal, how=HOW)
     assert outcome.verdict is RunVerdict.PASSED
-    assert made.hands.asked[1:3] == ["touch_on_xy", "touch_above"]
+    assert made.technician.instructions[1:3] == ["touch_on_xy", "touch_above"]
     with pytest.raises(StoreError, match="no finding"):
         forget_from(journal, run_id, "touch the moon")
 
 
 @pytest.mark.parametrize("difference", ["robot", "settings", "cell", "epoch", "gauge"])
 async def test_a_run_is_not_continued_on_another_cell(journal: Journal, difference: str) -> None:
-    made = pointing()
-    run_id = await _interrupted(made, journal)
+    made = user_frame_scene()
+    run_id = await _start_interrupted(made, journal)
     if difference == "robot":
         made.arm.serial = "F-2"
     if difference == "settings":
@@ -102,16 +108,16 @@ async def test_a_run_is_not_continued_on_another_cell(journal: Journal, differen
 
 
 async def test_a_recovery_may_go_on_after_the_power_cycle_it_asked_for(journal: Journal) -> None:
-    made = await recovering()
-    made.hands.refuses = {"accept_plan"}
+    made = await recovery_scene()
+    made.technician.refuses = {"accept_plan"}
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
     assert outcome.verdict is RunVerdict.DECLINED  # two power cycles after its header was written
-    made.hands.refuses = set()
+    made.technician.refuses = set()
     assert (await resume_procedure(made.cell, outcome.run_id, journal, how=HOW)).verdict is RunVerdict.PASSED
 
 
 async def test_a_stored_record_serves_the_next_run(journal: Journal) -> None:
-    made = recording()
+    made = recording_scene()
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
     store = RunStore(journal)
     record = store.mastering_record("F-1")
@@ -124,23 +130,23 @@ async def test_a_stored_record_serves_the_next_run(journal: Journal) -> None:
 
 
 async def test_the_ends_have_their_names(journal: Journal) -> None:
-    made = touching()
+    made = tool_touch_scene()
     made.spec = replace(made.spec, rms_limit_m=-1.0)
     outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=HOW)
     assert (outcome.verdict, outcome.code) == (RunVerdict.OUT_OF_TOLERANCE, "procedure.out_of_tolerance")
 
-    made = await recovering()
+    made = await recovery_scene()
     made.cell = replace(made.cell, record=None)
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
     assert (outcome.verdict, outcome.code) == (RunVerdict.REFUSED, "procedure.no_record")
     assert outcome.remedy
 
-    made = recording()
+    made = recording_scene()
 
-    async def stopped(*_: object, **__: object) -> None:
+    async def raise_stopped(*_: object, **__: object) -> None:
         raise MotionStoppedError("arm", "emergency stop", remedy="Release it.")
 
-    made.arm.move_joints = stopped  # type: ignore[method-assign]
+    made.arm.move_joints = raise_stopped  # type: ignore[method-assign]
     outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
     assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "device.stopped")
     assert [view.state for view in RunStore(journal).list_runs()] == [
@@ -151,7 +157,7 @@ async def test_the_ends_have_their_names(journal: Journal) -> None:
 
 
 async def test_a_refusal_carries_its_evidence_into_the_journal(journal: Journal) -> None:
-    made = await recovering()
+    made = await recovery_scene()
     made.wire.anchor_in_base_m = (0.93, -0.69, -0.44)
     outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
     assert (outcome.verdict, outcome.result.mode) == (RunVerdict.REFUSED, "geometry")
@@ -159,13 +165,13 @@ async def test_a_refusal_carries_its_evidence_into_the_journal(journal: Journal)
 
 
 async def test_a_cancelled_run_says_so_and_can_be_resumed(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
 
-    def watch(progress: StepProgress) -> None:
+    def cancel_at_step(progress: StepProgress) -> None:
         if progress.kind == "asked" and progress.step == "touch a point on x":
             task.cancel()
 
-    how = replace(HOW, on_event=watch)
+    how = replace(HOW, on_event=cancel_at_step)
     task = asyncio.create_task(run_procedure(made.cell, NAME, made.spec, journal, how=how))
     with pytest.raises(asyncio.CancelledError):
         await task
@@ -176,7 +182,7 @@ async def test_a_cancelled_run_says_so_and_can_be_resumed(journal: Journal) -> N
 
 
 async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     with (
         acquire_lease(journal.path.parent / "leases", "F-1", "bert"),
         pytest.raises(LeaseHeldError, match="bert"),
@@ -187,7 +193,7 @@ async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
 
 
 async def test_a_cell_that_lacks_something_starts_nothing(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     with pytest.raises(NeedsUnmetError):
         await run_procedure(replace(made.cell, user_frames=None), NAME, made.spec, journal, how=HOW)
     assert journal.list_events() == []
@@ -196,31 +202,31 @@ async def test_a_cell_that_lacks_something_starts_nothing(journal: Journal) -> N
 async def test_a_listener_that_fails_stops_nothing(
     journal: Journal, caplog: pytest.LogCaptureFixture
 ) -> None:
-    made = pointing()
+    made = user_frame_scene()
 
-    def broken(_: StepProgress) -> None:
+    def fail_listener(_: StepProgress) -> None:
         raise ValueError("screen")
 
-    how = replace(HOW, on_event=broken)
+    how = replace(HOW, on_event=fail_listener)
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=how)
     assert outcome.verdict is RunVerdict.PASSED
     assert "a listener failed" in caplog.text
 
 
 async def test_a_disk_that_fills_up_ends_the_run_with_the_points_safe(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
 
-    def fill() -> None:
+    def fill_disk() -> None:
         pages = journal._database.execute("PRAGMA page_count").fetchall()[0][0]
         journal._database.execute(f"PRAGMA max_page_count={pages}").fetchall()
 
-    touch = made.hands.does["touch_on_xy"]
-    made.hands.does["touch_on_xy"] = lambda: (touch(), fill())
+    touch = made.technician.does["touch_on_xy"]
+    made.technician.does["touch_on_xy"] = lambda: (touch(), fill_disk())
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
     assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "store.full")
     assert "points are safe" in outcome.reason
     journal.close()
-    made.hands.does["touch_on_xy"] = touch
+    made.technician.does["touch_on_xy"] = touch
     with Journal.open_file(journal.path) as reopened:
         (view,) = RunStore(reopened).list_runs()
         assert view.state == "interrupted"
@@ -228,15 +234,15 @@ async def test_a_disk_that_fills_up_ends_the_run_with_the_points_safe(journal: J
     assert finished.verdict is RunVerdict.PASSED
 
 
-async def test_a_disk_without_room_starts_nothing(journal: Journal) -> None:
-    made = pointing()
+async def test_a_full_disk_starts_no_run(journal: Journal) -> None:
+    made = user_frame_scene()
     with pytest.raises(StoreError, match="MB"):
         await run_procedure(made.cell, NAME, made.spec, journal, how=replace(HOW, free_bytes=10**18))
     assert journal.list_events() == []
 
 
 async def test_the_header_says_what_was_run_where(journal: Journal) -> None:
-    made = pointing()
+    made = user_frame_scene()
     outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
     first = journal.list_events(outcome.run_id)[0]
     header = json.loads(first.body)

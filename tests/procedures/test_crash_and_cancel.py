@@ -16,14 +16,19 @@ from cellcal.procedures.progress import StepProgress
 from cellcal.procedures.refit import LEFT_OUT
 from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import EventKind
-from tests.procedures.cells import Scene, pointing, scene_for, with_a_length_to_leave_out
-from tests.procedures.conclusions import same_end
-from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
+from tests.procedures.conclusions import has_same_result
+from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
+from tests.procedures.procedure_scenes import (
+    ProcedureScene,
+    alignment_with_outlier,
+    scene_for,
+    user_frame_scene,
+)
 from tests.procedures.test_record_by_places import recording_places
 from tests.procedures.test_recovery_by_places import lost_places
 
 NAMES = [entry.name for entry in DEFINITIONS]
-FURTHER: dict[str, Callable[[], Awaitable[Scene]]] = {
+FURTHER: dict[str, Callable[[], Awaitable[ProcedureScene]]] = {
     f"{procedure} by {what}": made
     for what, record, recovery in (
         ("touched points", partial(recording_places, "probe"), partial(lost_places, "point")),
@@ -31,7 +36,7 @@ FURTHER: dict[str, Callable[[], Awaitable[Scene]]] = {
         ("a tracker", partial(recording_places, "tracker"), partial(lost_places, "target")),
     )
     for procedure, made in (("mastering_record", record), ("mastering_recovery", recovery))
-} | {"fixture_alignment by all lengths but one": with_a_length_to_leave_out}
+} | {"fixture_alignment by all lengths but one": alignment_with_outlier}
 CASES = [*NAMES, *FURTHER]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
 CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
@@ -43,36 +48,36 @@ LONG = {  # of procedures that take long: an arm that waits at each contact, and
 }
 
 
-async def _scene(case: str) -> Scene:
+async def _scene_of(case: str) -> ProcedureScene:
     """Return a scene of the procedure in which it goes on until it knows enough."""
     if case in FURTHER:
         return await FURTHER[case]()
-    return pointing(accuracy_class="C") if case == "three_point_frame" else await scene_for(case)
+    return user_frame_scene(accuracy_class="C") if case == "three_point_frame" else await scene_for(case)
 
 
-def _procedure(case: str) -> Callable[[Run, Any], Awaitable[Any]]:
+def _procedure_of(case: str) -> Callable[[Run, Any], Awaitable[Any]]:
     return CATALOGUE[case.partition(" by ")[0]].procedure
 
 
-async def _whole(case: str) -> tuple[object, MemoryLedger, Scene]:
-    made, ledger = await _scene(case), MemoryLedger()
-    return await _procedure(case)(Run(made.cell, ledger), made.spec), ledger, made
+async def _run_whole(case: str) -> tuple[object, MemoryLedger, ProcedureScene]:
+    made, ledger = await _scene_of(case), MemoryLedger()
+    return await _procedure_of(case)(Run(made.cell, ledger), made.spec), ledger, made
 
 
-def _spread(case: str, count: int, *, between: bool = False) -> list[int]:
+def _spread_places(case: str, count: int, *, between: bool = False) -> list[int]:
     """Return places evenly spread over so many; ``between``: those half-way between these, and the last."""
     most = FEW if case in FURTHER else LONG.get(case, CRASHES)
-    places = _evenly(count, most)
+    places = _even_places(count, most)
     return sorted({*((a + b) // 2 for a, b in pairwise(places)), *places[-1:]}) if between else places
 
 
-def _evenly(count: int, most: int) -> list[int]:
+def _even_places(count: int, most: int) -> list[int]:
     return sorted({round(k * (count - 1) / (most - 1)) for k in range(most)}) if count else []
 
 
 @pytest.mark.parametrize("name", NAMES)
 async def test_the_outline_is_what_really_runs(name: str) -> None:
-    _, ledger, made = await _whole(name)
+    _, ledger, made = await _run_whole(name)
     entry = CATALOGUE[name]
     ran: dict[str, int] = {}
     for finding in ledger.past().findings:
@@ -87,7 +92,7 @@ async def test_the_outline_is_what_really_runs(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 async def test_a_replay_gives_the_identical_result_and_moves_nothing(name: str) -> None:
-    result, ledger, made = await _whole(name)
+    result, ledger, made = await _run_whole(name)
     moves, writes = len(made.arm.moves), made.arm.writes
     again = await CATALOGUE[name].procedure(
         Run(made.cell, MemoryLedger(ledger.facts), ledger.past()), made.spec
@@ -97,55 +102,57 @@ async def test_a_replay_gives_the_identical_result_and_moves_nothing(name: str) 
 
 
 async def test_a_length_is_left_out_in_the_scene_that_says_so() -> None:
-    result, _, _ = await _whole("fixture_alignment by all lengths but one")
+    result, _, _ = await _run_whole("fixture_alignment by all lengths but one")
     assert [aside.reason for aside in result.set_aside] == [LEFT_OUT]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("stored", [False, True])
 @pytest.mark.parametrize("case", CASES)
 async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored: bool) -> None:
-    result, whole, _ = await _whole(case)
+    result, whole, _ = await _run_whole(case)
     steps = [finding.step for finding in whole.past().findings]
-    for dies_at in _spread(case, len(whole.facts), between=stored and not ASKED):
-        made = await _scene(case)
+    for dies_at in _spread_places(case, len(whole.facts), between=stored and not ASKED):
+        made = await _scene_of(case)
         facts: list = []
         mortal = MortalLedger(facts, dies_at, stored=stored)
         with pytest.raises(CrashError):
-            await _procedure(case)(Run(made.cell, mortal), made.spec)
+            await _procedure_of(case)(Run(made.cell, mortal), made.spec)
         interrupted = str(facts[-1][1].get("step", "")) if facts else ""
         acknowledged = MemoryLedger(list(facts)).past().findings
         ledger = MemoryLedger(facts)
-        resumed = await _procedure(case)(Run(made.cell, ledger, ledger.past()), made.spec)
+        resumed = await _procedure_of(case)(Run(made.cell, ledger, ledger.past()), made.spec)
         findings = ledger.past().findings
         assert findings[: len(acknowledged)] == acknowledged
         assert [finding.step for finding in findings] == steps
-        assert same_end(to_jsonable_python(resumed), to_jsonable_python(result), interrupted), interrupted
+        assert has_same_result(to_jsonable_python(resumed), to_jsonable_python(result), interrupted), (
+            interrupted
+        )
 
 
 @pytest.mark.parametrize("case", CASES)
 async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_result(case: str) -> None:
-    result, whole, _ = await _whole(case)
+    result, whole, _ = await _run_whole(case)
     started = [body["step"] for kind, body in whole.facts if kind in (EventKind.ENTERED, EventKind.INTENT)]
-    for index in _spread(case, len(started)):
-        made, ledger = await _scene(case), MemoryLedger()
+    for index in _spread_places(case, len(started)):
+        made, ledger = await _scene_of(case), MemoryLedger()
         await _cancelled_in(started[index], case, made, ledger)
         assert made.arm.stops == 1, started[index]
         assert ledger.facts[-1][0] == EventKind.FAILED
         assert ledger.facts[-1][1]["stopped"] is True
         again = MemoryLedger(ledger.facts)
-        resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
-        assert same_end(to_jsonable_python(resumed), to_jsonable_python(result), started[index]), started[
-            index
-        ]
+        resumed = await _procedure_of(case)(Run(made.cell, again, again.past()), made.spec)
+        assert has_same_result(to_jsonable_python(resumed), to_jsonable_python(result), started[index]), (
+            started[index]
+        )
 
 
-async def _cancelled_in(step: str, case: str, made: Scene, ledger: MemoryLedger) -> None:
-    def announce(progress: StepProgress) -> None:
+async def _cancelled_in(step: str, case: str, made: ProcedureScene, ledger: MemoryLedger) -> None:
+    def cancel_at_step(progress: StepProgress) -> None:
         if progress.kind == "started" and progress.step == step:
             task.cancel()
 
-    run = Run(made.cell, ledger, announce=announce)
-    task = asyncio.create_task(_procedure(case)(run, made.spec))
+    run = Run(made.cell, ledger, announce=cancel_at_step)
+    task = asyncio.create_task(_procedure_of(case)(run, made.spec))
     with pytest.raises(asyncio.CancelledError):
         await task
 
@@ -154,10 +161,10 @@ async def _cancelled_in(step: str, case: str, made: Scene, ledger: MemoryLedger)
 async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_and_says_so(
     case: str,
 ) -> None:
-    result, _, undisturbed = await _whole(case)
-    began = len((await _scene(case)).arm.moves)
-    for number in _evenly(len(undisturbed.arm.moves) - began, FEW):
-        made, ledger = await _scene(case), MemoryLedger()
+    result, _, undisturbed = await _run_whole(case)
+    began = len((await _scene_of(case)).arm.moves)
+    for number in _even_places(len(undisturbed.arm.moves) - began, FEW):
+        made, ledger = await _scene_of(case), MemoryLedger()
         stood = await _cancelled_on_the_way(began + number + 1, case, made, ledger)
         assert len(made.arm.moves) == began + number + 1  # it went no further
         assert not made.arm.moving
@@ -166,7 +173,7 @@ async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_
         kind, last = ledger.facts[-1]
         assert (kind, last["stopped"]) == (EventKind.FAILED, True)
         again = MemoryLedger(ledger.facts)
-        resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
+        resumed = await _procedure_of(case)(Run(made.cell, again, again.past()), made.spec)
         assert made.arm.data == undisturbed.arm.data
         assert (made.arm.tools, made.arm.frames) == (undisturbed.arm.tools, undisturbed.arm.frames)
         if not case.startswith(
@@ -175,17 +182,17 @@ async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_
             assert to_jsonable_python(resumed) == to_jsonable_python(result), last["step"]
 
 
-async def _cancelled_on_the_way(number: int, case: str, made: Scene, ledger: MemoryLedger) -> Any:
+async def _cancelled_on_the_way(number: int, case: str, made: ProcedureScene, ledger: MemoryLedger) -> Any:
     """Cancel a run in the middle of its n-th move; return the joints (6,) at which the arm then was."""
     stood = []
 
-    def midway(move: int) -> None:
+    def cancel_during_move(move: int) -> None:
         if move == number:
             stood.append(made.arm.true_joints)
             task.cancel()
 
-    made.arm.midway = midway
-    task = asyncio.create_task(_procedure(case)(Run(made.cell, ledger), made.spec))
+    made.arm.midway = cancel_during_move
+    task = asyncio.create_task(_procedure_of(case)(Run(made.cell, ledger), made.spec))
     with pytest.raises(asyncio.CancelledError):
         await task
     made.arm.midway = None

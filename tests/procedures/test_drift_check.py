@@ -10,48 +10,54 @@ from cellcal.calibration.geometry import Pose
 from cellcal.procedures.drift_check import DEFINITION, DriftCheck, DriftResult, drift_check
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.run import Run
-from tests.procedures.cells import LITTLE, Scene, drifting, knocked, scene
-from tests.procedures.ledgers import MemoryLedger
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.procedure_scenes import (
+    LITTLE,
+    ProcedureScene,
+    drift_scene,
+    healthy_scene,
+    knocked_tool_scene,
+)
 
 FULL = replace(LITTLE, poses=6, candidates=100)
 
 
-async def _check(made: Scene) -> DriftResult:
+async def _check_drift(made: ProcedureScene) -> DriftResult:
     return await drift_check(Run(made.cell, MemoryLedger()), made.spec)
 
 
-def _knock_hook(made: Scene) -> None:
+def _knock_hook(made: ProcedureScene) -> None:
     x, y, z = made.wire.hook_in_flange_m
     made.wire.hook_in_flange_m = (x + 0.001, y - 0.0008, z + 0.0005)
 
 
-def _knock_target(made: Scene) -> None:
+def _knock_target(made: ProcedureScene) -> None:
     device: Any = made.cell.tracker
     x, y, z = device.target_in_flange_m
     device.target_in_flange_m = (x + 0.001, y - 0.0008, z + 0.0005)
 
 
-def _push_exit(made: Scene) -> None:
+def _push_exit(made: ProcedureScene) -> None:
     x, y, z = made.wire.anchor_in_base_m
     made.wire.anchor_in_base_m = (x + 0.001, y + 0.001, z + 0.0015)
 
 
-def _push_tripod(made: Scene) -> None:
+def _push_tripod(made: ProcedureScene) -> None:
     device: Any = made.cell.tracker
     x, y, z = device.base_tracker.position_m
     device.base_tracker = Pose((x + 0.001, y, z - 0.0005), device.base_tracker.quaternion)
 
 
-def _lose_zero(axis: int) -> Callable[[Scene], None]:
-    def lose(made: Scene) -> None:
+def _lose_zero(axis: int) -> Callable[[ProcedureScene], None]:
+    def shift_zero(made: ProcedureScene) -> None:
         zero = list(made.arm.true_zero)
         zero[axis] += 20_000
         made.arm.true_zero = tuple(zero)
 
-    return lose
+    return shift_zero
 
 
-def _warm_up(made: Scene) -> None:
+def _warm_up(made: ProcedureScene) -> None:
     grown = made.arm.model.placements.copy()
     grown[:, :3, 3] *= 1.00012  # ten degrees
 
@@ -81,11 +87,11 @@ def _warm_up(made: Scene) -> None:
     ],
 )
 async def test_what_happened_to_the_robot_is_named(
-    method: Any, happens: Callable[[Scene], None], cause: str
+    method: Any, happens: Callable[[ProcedureScene], None], cause: str
 ) -> None:
-    made = await drifting(method, rules=FULL)
+    made = await drift_scene(method, rules=FULL)
     happens(made)
-    result = await _check(made)
+    result = await _check_drift(made)
     assert result.look is not None
     assert result.look.decided
     assert result.look.finding.likeliest_cause.name == cause
@@ -95,7 +101,7 @@ async def test_what_happened_to_the_robot_is_named(
 
 @pytest.mark.parametrize("method", ["wire", "tracker"])
 async def test_a_robot_to_which_nothing_happened_passes_after_four_poses(method: Any) -> None:
-    result = await _check(await drifting(method))
+    result = await _check_drift(await drift_scene(method))
     assert result.look is not None
     assert not result.look.finding.has_changed
     assert len(result.measured) == 4
@@ -110,9 +116,9 @@ async def test_a_robot_to_which_nothing_happened_passes_after_four_poses(method:
 
 
 async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open() -> None:
-    made = await drifting(rules=FULL)
+    made = await drift_scene(rules=FULL)
     _lose_zero(5)(made)  # the hook is near the last axis: nearly what a knocked tool does
-    result = await _check(made)
+    result = await _check_drift(made)
     assert result.look is not None
     assert len(result.measured) == 6
     assert not result.look.decided
@@ -125,8 +131,8 @@ async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open(
 
 
 async def test_a_knocked_tool_fails_and_says_what_to_run_next() -> None:
-    made = await knocked()
-    result = await _check(made)
+    made = await knocked_tool_scene()
+    result = await _check_drift(made)
     assert DEFINITION.verdict is not None
     verdict = DEFINITION.verdict(made.spec, result)
     assert verdict.overall_decision == "fail"
@@ -134,40 +140,42 @@ async def test_a_knocked_tool_fails_and_says_what_to_run_next() -> None:
 
 
 async def test_the_first_run_takes_the_reference_twice_and_keeps_it() -> None:
-    made = scene(DriftCheck(rules=LITTLE))
-    result = await _check(made)
+    made = healthy_scene(DriftCheck(rules=LITTLE))
+    result = await _check_drift(made)
     assert result.taken_now
     assert len(result.reference.first_m) == len(result.reference.again_m) == LITTLE.poses
-    kept = DEFINITION.results_to_store(made.spec, result)
-    assert kept is not None
-    assert kept.what == "drift_reference"
+    stored_results = DEFINITION.results_to_store(made.spec, result)
+    assert stored_results is not None
+    assert stored_results.what == "drift_reference"
 
 
 async def test_a_reference_that_does_not_repeat_is_refused() -> None:
-    made = scene(DriftCheck(rules=LITTLE))
+    made = healthy_scene(DriftCheck(rules=LITTLE))
     made.wire.kink_m = {LITTLE.poses + 1: 0.01}
     with pytest.raises(Exception, match="two rounds differ at pose 2") as refused:
-        await _check(made)
+        await _check_drift(made)
     assert getattr(refused.value, "code", "") == "procedure.not_repeatable"
 
 
 async def test_a_reference_of_another_mastering_is_refused_and_renewed_on_demand() -> None:
-    made = await drifting()
+    made = await drift_scene()
     reference = replace(made.cell.drift_references[0], counts_at_zero=(1,) * 6)
     made.cell = replace(made.cell, drift_references=(reference,))
     with pytest.raises(Exception, match="another mastering") as refused:
-        await _check(made)
+        await _check_drift(made)
     assert getattr(refused.value, "code", "") == "procedure.reference_outdated"
     assert made.arm.moves == []
     made.spec = replace(made.spec, renew=True)
-    assert (await _check(made)).taken_now
+    assert (await _check_drift(made)).taken_now
 
 
 def test_a_dry_run_names_poses_and_minutes() -> None:
-    made = scene(DriftCheck(rules=LITTLE))
+    made = healthy_scene(DriftCheck(rules=LITTLE))
     assert DEFINITION.forecast is not None
-    known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
-    told = DEFINITION.forecast(made.spec, known)
-    assert len(told.poses) == LITTLE.poses
-    assert 0 < told.duration_s < 3600
-    assert DEFINITION.forecast(DriftCheck("tracker"), known).lacks
+    knowledge = Knowledge(
+        made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits
+    )
+    forecast = DEFINITION.forecast(made.spec, knowledge)
+    assert len(forecast.poses) == LITTLE.poses
+    assert 0 < forecast.duration_s < 3600
+    assert DEFINITION.forecast(DriftCheck("tracker"), knowledge).lacks

@@ -16,7 +16,7 @@ from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.runs.launch import resume_run_on, start_run_on
 from cellcal.service.runs.run_procedure import RunConditions
 from cellcal.service.runs.stale_run import agree_if_old
-from tests.procedures.cells import LOST, recording
+from tests.procedures.procedure_scenes import LOST, recording_scene
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def config(tmp_path: Path) -> CellConfig:
 
 
 async def test_resuming_a_run_that_has_passed_forgets_nothing_after_a_loss(config: CellConfig) -> None:
-    made, memory = recording(), LastHealthyCounts(config.cell.data_dir)
+    made, memory = recording_scene(), LastHealthyCounts(config.cell.data_dir)
     first = await start_run_on(config, made.cell, "mastering_record", made.spec, RunConditions())
     healthy = memory.load_counts(made.arm.name)
     assert healthy is not None
@@ -43,7 +43,7 @@ async def test_resuming_a_run_that_has_passed_forgets_nothing_after_a_loss(confi
 async def test_a_disk_that_takes_nothing_takes_nothing_from_a_run_that_has_passed(
     config: CellConfig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    made = recording()
+    made = recording_scene()
     config.cell.data_dir.mkdir(parents=True, exist_ok=True)
     (config.cell.data_dir / f"last_healthy_{made.arm.name}.json").mkdir()  # no file can take its place
     with caplog.at_level(logging.WARNING):
@@ -53,13 +53,13 @@ async def test_a_disk_that_takes_nothing_takes_nothing_from_a_run_that_has_passe
 
 
 @pytest.mark.parametrize(
-    ("hours", "asked"),
+    ("hours", "expected_question"),
     [(0.1, ""), (7.9, ""), (9.0, "stood still for 9.0 hours"), (-2.0, "stands 2.0 hours before")],
 )
 async def test_a_run_that_stood_still_for_a_shift_goes_on_only_if_a_person_agrees(
-    config: CellConfig, hours: float, asked: str
+    config: CellConfig, hours: float, expected_question: str
 ) -> None:
-    made = recording()
+    made = recording_scene()
     with open_journal(config) as journal:
         event = journal.append(
             "run-1",
@@ -67,10 +67,10 @@ async def test_a_run_that_stood_still_for_a_shift_goes_on_only_if_a_person_agree
             {"procedure": "mastering_record", "version": 1, "spec": {}, "cell": {}},
         )
         now = datetime.fromisoformat(event.wall_utc) + timedelta(hours=hours)
-        await agree_if_old(made.hands, journal, "run-1", now_utc=now)
-        assert made.hands.asked == (["run_is_old"] if asked else [])
-        assert asked in made.hands.read.get("run_is_old", "")
-        made.hands.refuses = {"run_is_old"}
-        if asked:
+        await agree_if_old(made.technician, journal, "run-1", now_utc=now)
+        assert made.technician.instructions == (["run_is_old"] if expected_question else [])
+        assert expected_question in made.technician.read.get("run_is_old", "")
+        made.technician.refuses = {"run_is_old"}
+        if expected_question:
             with pytest.raises(DeclinedError, match="was not continued"):
-                await agree_if_old(made.hands, journal, "run-1", now_utc=now)
+                await agree_if_old(made.technician, journal, "run-1", now_utc=now)

@@ -51,7 +51,7 @@ class StillRobot:
 
 
 @dataclass
-class Instrument:
+class ScriptedTracker:
     """Gives these places one after the other, then the last one for ever."""
 
     places_m: list[tuple[float, float, float]]
@@ -74,7 +74,7 @@ class Instrument:
         return Identity("ours", "tracker", "T1", "1")
 
 
-def cell(robot: StillRobot, tracker: Instrument | None) -> Cell:
+def cell_with_tracker(robot: StillRobot, tracker: ScriptedTracker | None) -> Cell:
     return Cell(
         name="c",
         robot=cast(Robot, robot),
@@ -88,8 +88,8 @@ HERE = (1.0, 2.0, 0.5)
 
 
 async def test_readings_are_averaged_and_kept_with_the_joints_they_belong_to() -> None:
-    instrument = Instrument([(1.0, 2.0, 0.5), (1.00006, 2.0, 0.5)])
-    found = await measure_point(cell(StillRobot(), instrument), "pose 1", 2)
+    instrument = ScriptedTracker([(1.0, 2.0, 0.5), (1.00006, 2.0, 0.5)])
+    found = await measure_point(cell_with_tracker(StillRobot(), instrument), "pose 1", 2)
     assert found.position_m == pytest.approx((1.00003, 2.0, 0.5))
     assert found.joints_rad == (0.1, 0.3)
     assert [reading.position_m[0] for reading in found.readings] == [1.0, 1.00006]
@@ -103,34 +103,34 @@ async def test_readings_are_averaged_and_kept_with_the_joints_they_belong_to() -
 
 
 async def test_a_capture_survives_the_journal() -> None:
-    found = await measure_point(cell(StillRobot(), Instrument([HERE])), "pose 1")
+    found = await measure_point(cell_with_tracker(StillRobot(), ScriptedTracker([HERE])), "pose 1")
     codec = TypeAdapter(PointCapture)
     assert codec.validate_json(codec.dump_json(found)) == found
 
 
 @pytest.mark.parametrize("robot", [StillRobot(creep_rad=2e-4), StillRobot(moving=True)])
 async def test_an_arm_that_moves_is_not_measured(robot: StillRobot) -> None:
-    instrument = Instrument([HERE])
+    instrument = ScriptedTracker([HERE])
     with pytest.raises(NotAtRestError, match="pose 1") as failure:
-        await measure_point(cell(robot, instrument), "pose 1")
+        await measure_point(cell_with_tracker(robot, instrument), "pose 1")
     assert instrument.taken == TRIES
     assert failure.value.remedy
     with pytest.raises(NotAtRestError):
-        await measure_pose(cell(robot, instrument), "pose 1")
+        await measure_pose(cell_with_tracker(robot, instrument), "pose 1")
 
 
 async def test_a_target_that_swings_is_measured_again_until_it_rests() -> None:
-    instrument = Instrument([HERE, (1.0, 2.001, 0.5), HERE])
-    found = await measure_point(cell(StillRobot(), instrument), "pose 1", 2)
+    instrument = ScriptedTracker([HERE, (1.0, 2.001, 0.5), HERE])
+    found = await measure_point(cell_with_tracker(StillRobot(), instrument), "pose 1", 2)
     assert instrument.taken == 4
     assert found.position_m == HERE
-    swinging = Instrument([(1.0 + 0.001 * (k % 2), 2.0, 0.5) for k in range(50)])
+    swinging = ScriptedTracker([(1.0 + 0.001 * (k % 2), 2.0, 0.5) for k in range(50)])
     with pytest.raises(NotAtRestError):
-        await measure_point(cell(StillRobot(), swinging), "pose 1", 2)
+        await measure_point(cell_with_tracker(StillRobot(), swinging), "pose 1", 2)
 
 
 async def test_another_station_is_refused() -> None:
-    moved = cell(StillRobot(), Instrument([HERE], station=2))
+    moved = cell_with_tracker(StillRobot(), ScriptedTracker([HERE], station=2))
     assert (await measure_point(moved, "pose 1", station=2)).station == 2
     with pytest.raises(StationMovedError, match="1, 2"):
         await measure_point(moved, "pose 1", station=1)
@@ -142,7 +142,7 @@ async def test_another_station_is_refused() -> None:
 
 
 async def test_a_tripod_that_was_pushed_shows_at_the_first_pose_measured_again() -> None:
-    first = await measure_point(cell(StillRobot(), Instrument([HERE])), "pose 1")
+    first = await measure_point(cell_with_tracker(StillRobot(), ScriptedTracker([HERE])), "pose 1")
     again = replace(first, label="pose 1 again", position_m=(1.0, 2.00006, 0.5))
     assert check_station(first, again, arm_sigma_m=2e-5) == pytest.approx(6e-5)
     with pytest.raises(StationMovedError, match=r"0\.400 mm"):
@@ -152,22 +152,22 @@ async def test_a_tripod_that_was_pushed_shows_at_the_first_pose_measured_again()
 
 
 async def test_a_pose_is_measured_where_the_instrument_can() -> None:
-    found = await measure_pose(cell(StillRobot(), Instrument([HERE])), "pose 1")
+    found = await measure_pose(cell_with_tracker(StillRobot(), ScriptedTracker([HERE])), "pose 1")
     assert found.station_probe == Pose((1.0, 2.0, 3.0))
-    points_only = Instrument([HERE], capabilities=TrackerCapabilities(False, 40.0, SIGMA_M))
+    points_only = ScriptedTracker([HERE], capabilities=TrackerCapabilities(False, 40.0, SIGMA_M))
     with pytest.raises(NeedsUnmetError, match="measures poses"):
-        await measure_pose(cell(StillRobot(), points_only), "pose 1")
+        await measure_pose(cell_with_tracker(StillRobot(), points_only), "pose 1")
 
 
 async def test_a_cell_without_a_tracker_says_what_it_lacks() -> None:
     measurements: Any = (measure_point, measure_pose)
     for measure in measurements:
         with pytest.raises(NeedsUnmetError, match="measures points"):
-            await measure(cell(StillRobot(), None), "pose 1")
+            await measure(cell_with_tracker(StillRobot(), None), "pose 1")
 
 
 async def test_the_tracker_is_part_of_what_must_be_the_same_on_resume() -> None:
-    found = await read_fingerprint(cell(StillRobot(), Instrument([HERE])))
+    found = await read_fingerprint(cell_with_tracker(StillRobot(), ScriptedTracker([HERE])))
     assert [(mark.role, mark.identity.serial) for mark in found.devices] == [
         ("robot", "R1"),
         ("tracker", "T1"),

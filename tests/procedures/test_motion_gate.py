@@ -35,10 +35,10 @@ from cellcal.procedures.steps.motion import IndexTurn, come_from_below, pass_ind
 from cellcal.procedures.surroundings import Surroundings
 from cellcal.service.record.robot_lock import LeaseLostError, acquire_lease
 from cellcal.service.runs.pendant_programs import PendantPrograms
-from tests.procedures.cells import Scene, recovering, scene
-from tests.procedures.ideal import IdealArm
-from tests.procedures.ledgers import MemoryLedger
-from tests.procedures.pendants import Pendant
+from tests.procedures.ideal_devices import IdealArm
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.pendant_technician import PendantTechnician
+from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene, recovery_scene
 
 HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
@@ -46,8 +46,8 @@ FLOOR = Surroundings(planes=(PlaneObstacle("floor", (0.0, 0.0, -0.9), (0.0, 0.0,
 ROOT = Path(__file__).parents[2]
 
 
-def standing(arm: IdealArm | None = None) -> Scene:
-    made = scene()
+def standing_scene(arm: IdealArm | None = None) -> ProcedureScene:
+    made = healthy_scene()
     if arm is not None:
         made.arm = arm
         made.cell = replace(made.cell, robot=arm, jogs=arm, mastering=arm)
@@ -56,7 +56,7 @@ def standing(arm: IdealArm | None = None) -> Scene:
     return made
 
 
-def commands(tree: ast.AST) -> set[str]:
+def motion_commands(tree: ast.AST) -> set[str]:
     """Names of the commands to move that a file calls, wherever the robot comes from."""
     return {
         node.func.attr
@@ -68,28 +68,28 @@ def commands(tree: ast.AST) -> set[str]:
     }
 
 
-def test_nobody_goes_around_the_gate() -> None:
+def test_no_code_commands_motion_past_the_gate() -> None:
     files = [file for folder in ("procedures", "service") for file in (ROOT / folder).rglob("*.py")]
     assert len(files) > 50
     callers = {
         file.relative_to(ROOT).as_posix(): found
         for file in files
-        if (found := commands(ast.parse(file.read_text(encoding="utf-8"))))
+        if (found := motion_commands(ast.parse(file.read_text(encoding="utf-8"))))
     }
     assert callers == {"procedures/motion/motion_gate.py": {"move_joints", "jog_axis"}}
 
 
 async def test_a_free_way_is_gone_corner_by_corner() -> None:
-    made = standing()
+    made = standing_scene()
     await move_along(made.cell, [THERE, HERE], 0.1)
     assert made.arm.moves == ["move", "move"]
     assert np.allclose(made.arm.true_joints, HERE, atol=1e-5)
-    assert made.hands.asked == []  # the shapes of the cell are known: a plan's approval is enough
+    assert made.technician.instructions == []  # the shapes of the cell are known: a plan's approval is enough
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
 async def test_what_is_no_number_moves_nothing(bad: float) -> None:
-    made = standing()
+    made = standing_scene()
     for way, speed in (([(*THERE[:5], bad)], 0.1), ([THERE], bad), ([THERE], -0.1), ([THERE], 0.0)):
         if speed == 1e300:
             continue  # too fast is slowed down to the caps
@@ -101,7 +101,7 @@ async def test_what_is_no_number_moves_nothing(bad: float) -> None:
 
 
 async def test_limits_obstacles_and_the_wire_stop_a_move_before_it_begins() -> None:
-    made = standing()
+    made = standing_scene()
     beyond = (*THERE[:3], 9.0, *THERE[4:])
     tip = made.arm.model.base_flange(np.array([THERE]))[0, :3, 3]
     x, y, z = (float(v) for v in tip)
@@ -117,7 +117,7 @@ async def test_limits_obstacles_and_the_wire_stop_a_move_before_it_begins() -> N
 
 
 @dataclass
-class Moody(IdealArm):
+class FaultyArm(IdealArm):
     """An arm whose state can be made bad."""
 
     readiness: Readiness = Readiness.READY
@@ -147,14 +147,14 @@ class Moody(IdealArm):
 async def test_a_robot_that_is_not_ready_fresh_and_still_is_not_moved(
     mood: dict[str, object], error: type[CellError]
 ) -> None:
-    made = standing(Moody(**mood))  # type: ignore[arg-type]
+    made = standing_scene(FaultyArm(**mood))  # type: ignore[arg-type]
     with pytest.raises(error):
         await move_along(made.cell, [THERE], 0.1)
     assert made.arm.moves == []
 
 
 async def test_a_lost_robot_jogs_one_axis_and_takes_no_target() -> None:
-    made = standing()
+    made = standing_scene()
     made.arm.data = replace(made.arm.data, mastered=False)
     await jog_axis(made.cell, JogMove(2, 0.05, 0.03, HERE))
     with pytest.raises(RefusedError):
@@ -163,7 +163,7 @@ async def test_a_lost_robot_jogs_one_axis_and_takes_no_target() -> None:
 
 
 async def test_encoders_that_changed_since_the_first_move_end_the_motion() -> None:
-    made = standing()
+    made = standing_scene()
     await move_along(made.cell, [THERE], 0.1)
     made.arm.epoch += 1
     with pytest.raises(PositionLostAgainError):
@@ -171,19 +171,19 @@ async def test_encoders_that_changed_since_the_first_move_end_the_motion() -> No
     assert made.arm.moves == ["move"]
 
 
-async def test_a_lease_that_went_to_somebody_else_stops_between_two_corners(tmp_path: Path) -> None:
-    made = standing()
-    with acquire_lease(tmp_path, "arm", "anna") as held:
-        made.cell = replace(made.cell, permit=held)
+async def test_a_lease_taken_over_by_another_process_stops_between_two_corners(tmp_path: Path) -> None:
+    made = standing_scene()
+    with acquire_lease(tmp_path, "arm", "anna") as lease:
+        made.cell = replace(made.cell, permit=lease)
         move = made.arm.move_joints
 
-        async def robbed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+        async def take_over_lease(target: tuple[float, ...], *, speed_rad_s: float) -> None:
             await move(target, speed_rad_s=speed_rad_s)
-            held.path.unlink()  # somebody tidied up, and another run takes the place
+            lease.path.unlink()  # somebody tidied up, and another run takes the place
             with acquire_lease(tmp_path, "arm", "ben") as other:
                 assert other.token >= 1
 
-        made.arm.move_joints = robbed  # type: ignore[assignment,method-assign]
+        made.arm.move_joints = take_over_lease  # type: ignore[assignment,method-assign]
         with pytest.raises(LeaseLostError):
             await move_along(made.cell, [THERE, HERE], 0.1)
     assert made.arm.moves == ["move"]
@@ -192,48 +192,48 @@ async def test_a_lease_that_went_to_somebody_else_stops_between_two_corners(tmp_
 def test_every_holder_of_a_lease_has_a_higher_token(tmp_path: Path) -> None:
     tokens = []
     for holder in ("anna", "ben", "anna"):
-        with acquire_lease(tmp_path, "arm", holder) as held:
-            held.check_held()
-            tokens.append(held.token)
+        with acquire_lease(tmp_path, "arm", holder) as lease:
+            lease.check_held()
+            tokens.append(lease.token)
     assert tokens == [1, 2, 3]
 
 
 async def test_without_known_obstacles_each_move_is_asked_for_until_a_plan_is_approved() -> None:
-    made = standing()
+    made = standing_scene()
     made.cell = replace(made.cell, surroundings=Surroundings())
     await move_along(made.cell, [THERE], 0.1)
-    assert made.hands.asked == ["approve_move"]
+    assert made.technician.instructions == ["approve_move"]
     made.cell.motion.approved = True
     await move_along(made.cell, [HERE], 0.1)
-    assert made.hands.asked == ["approve_move"]
+    assert made.technician.instructions == ["approve_move"]
     made.cell.motion.approved = False
-    made.hands.refuses.add("approve_move")
+    made.technician.refuses.add("approve_move")
     with pytest.raises(DeclinedError):
         await move_along(made.cell, [THERE], 0.1)
     assert made.arm.moves == ["move", "move"]
 
 
 async def test_what_was_agreed_to_a_shift_ago_is_asked_again_and_holds_for_another() -> None:
-    made = standing()
+    made = standing_scene()
     now_s = asyncio.get_running_loop().time()
     await move_along(made.cell, [THERE], 0.1)
     made.cell.motion.note_approval(now_s - 7.9 * 3600)
     await move_along(made.cell, [HERE], 0.1)
-    assert made.hands.asked == []
+    assert made.technician.instructions == []
     made.cell.motion.note_approval(now_s - 8.1 * 3600)
     await move_along(made.cell, [THERE], 0.1)
     await move_along(made.cell, [HERE], 0.1)
-    assert made.hands.asked == ["may_still_move"]
+    assert made.technician.instructions == ["may_still_move"]
     made.cell.motion.note_approval(now_s - 8.1 * 3600)
-    made.hands.refuses.add("may_still_move")
+    made.technician.refuses.add("may_still_move")
     with pytest.raises(DeclinedError):
         await move_along(made.cell, [THERE], 0.1)
     assert made.arm.moves == ["move"] * 4
 
 
-async def watched_at(override: float) -> Scene:
+async def watched_at(override: float) -> ProcedureScene:
     """Return a robot that tells its override and has moved once with it."""
-    made = standing()
+    made = standing_scene()
     made.cell = replace(made.cell, override=made.arm)
     made.arm.override = override
     await move_along(made.cell, [THERE], 0.1)
@@ -246,18 +246,18 @@ async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> N
     await move_along(made.cell, [HERE], 0.1)
     made.arm.override = 0.3
     await jog_axis(made.cell, JogMove(0, 0.1, 0.02))
-    assert made.hands.asked == []
+    assert made.technician.instructions == []
     made.arm.override = 1.0
     await move_along(made.cell, [THERE], 0.1)
     await move_along(made.cell, [HERE], 0.1)
-    assert made.hands.asked == ["may_move_faster"]
-    assert "stands at 100 %, and was 30 % at most" in made.hands.read["may_move_faster"]
+    assert made.technician.instructions == ["may_move_faster"]
+    assert "stands at 100 %, and was 30 % at most" in made.technician.read["may_move_faster"]
 
 
-async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back() -> None:
+async def test_a_declined_speed_override_blocks_motion_until_it_is_turned_back() -> None:
     made = await watched_at(0.1)
     made.arm.override = 0.5
-    made.hands.refuses.add("may_move_faster")
+    made.technician.refuses.add("may_move_faster")
     for _ in range(2):
         with pytest.raises(DeclinedError):
             await move_along(made.cell, [HERE], 0.1)
@@ -270,21 +270,21 @@ async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back
 async def test_speed_turned_up_while_it_is_asked_about_is_asked_about_again() -> None:
     made = await watched_at(0.1)
     made.arm.override = 0.5
-    made.hands.does["may_move_faster"] = lambda: setattr(made.arm, "override", 1.0)
+    made.technician.does["may_move_faster"] = lambda: setattr(made.arm, "override", 1.0)
     await move_along(made.cell, [HERE], 0.1)
-    assert made.hands.asked == ["may_move_faster"] * 2
+    assert made.technician.instructions == ["may_move_faster"] * 2
 
 
 async def test_no_part_of_the_arm_is_faster_than_its_cap() -> None:
-    made = standing()
+    made = standing_scene()
     speeds = []
     move = made.arm.move_joints
 
-    async def timed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+    async def move_timed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
         speeds.append(speed_rad_s)
         await move(target, speed_rad_s=speed_rad_s)
 
-    made.arm.move_joints = timed  # type: ignore[assignment,method-assign]
+    made.arm.move_joints = move_timed  # type: ignore[assignment,method-assign]
     turned = (HERE[0] + 0.4, *HERE[1:])
     await move_along(made.cell, [turned], 0.5)
     made.cell = replace(made.cell, surroundings=Surroundings())
@@ -295,39 +295,39 @@ async def test_no_part_of_the_arm_is_faster_than_its_cap() -> None:
     assert speeds[1] == pytest.approx(speeds[0] / 2, rel=0.01)
 
 
-def by_hand(level: MotionLevel = MotionLevel.OBSERVE, beside_rad: float = 0.0) -> Scene:
-    made = standing()
-    made.hands = Pendant(arm=made.arm, beside_rad=beside_rad)
-    made.cell = replace(made.cell, operator=made.hands, level=level)
+def hand_jog_scene(level: MotionLevel = MotionLevel.OBSERVE, beside_rad: float = 0.0) -> ProcedureScene:
+    made = standing_scene()
+    made.technician = PendantTechnician(arm=made.arm, beside_rad=beside_rad)
+    made.cell = replace(made.cell, operator=made.technician, level=level)
     return made
 
 
 async def test_at_l0_a_person_moves_and_the_software_looks() -> None:
-    made = by_hand(beside_rad=0.004)
+    made = hand_jog_scene(beside_rad=0.004)
     found = await come_from_below(made.cell, THERE, 0.1)
-    assert made.hands.asked == ["move_by_hand"]
+    assert made.technician.instructions == ["move_by_hand"]
     assert made.arm.moves == []
     assert np.allclose(found, np.array(THERE) + 0.004, atol=1e-4)  # where it really stands
 
 
 async def test_at_l0_a_wrong_place_is_asked_for_again_and_then_refused() -> None:
-    made = by_hand(beside_rad=0.03)
+    made = hand_jog_scene(beside_rad=0.03)
     with pytest.raises(NotThereError, match=r"is \+1.72 deg off"):
         await come_from_below(made.cell, THERE, 0.1)
-    assert made.hands.asked == ["move_by_hand"] * 4
+    assert made.technician.instructions == ["move_by_hand"] * 4
     assert made.arm.moves == []
 
 
-async def test_at_l0_nobody_is_sent_where_the_way_is_not_free() -> None:
-    made = by_hand()
+async def test_at_l0_no_technician_is_sent_where_the_way_is_not_free() -> None:
+    made = hand_jog_scene()
     with pytest.raises(MotionRefusedError):
         await come_from_below(made.cell, (*THERE[:3], 9.0, *THERE[4:]), 0.1)
-    assert made.hands.asked == []
+    assert made.technician.instructions == []
 
 
 @pytest.mark.parametrize("level", [MotionLevel.OBSERVE, MotionLevel.PROGRAM])
 async def test_a_record_is_taken_without_a_single_command(level: MotionLevel, tmp_path: Path) -> None:
-    made = by_hand(level)
+    made = hand_jog_scene(level)
     shelf = PendantPrograms(tmp_path / "programs", "arm", "F-1", PROGRAM_WRITERS["universal_robots"])
     made.cell = replace(made.cell, programs=shelf)
     spec = MasteringRecordSpec(poses=16, samples=2, room=MotionBounds(surroundings=FLOOR))
@@ -335,18 +335,18 @@ async def test_a_record_is_taken_without_a_single_command(level: MotionLevel, tm
     assert made.arm.moves == []
     assert result.record.wire.is_consistent()
     captures = len(result.record.captures)
-    assert made.hands.asked.count("move_by_hand") == captures >= 14
+    assert made.technician.instructions.count("move_by_hand") == captures >= 14
     programs = list((tmp_path / "programs").glob("*.script"))
     assert len(programs) == (captures if level is MotionLevel.PROGRAM else 0)
 
 
 async def test_at_l0_lost_motors_are_turned_by_hand() -> None:
-    made = await recovering()
-    pendant = Pendant(arm=made.arm)
+    made = await recovery_scene()
+    pendant = PendantTechnician(arm=made.arm)
     cell = replace(made.cell, operator=pendant, level=MotionLevel.OBSERVE)
     made.arm.battery_flat = False
     await jog_axis(cell, JogMove(3, 0.1, 0.03))
-    assert pendant.asked == ["jog_by_hand"]
+    assert pendant.instructions == ["jog_by_hand"]
     assert "turn J4 alone by +5.73 deg" in pendant.texts[0]
     assert made.arm.moves == []
 
@@ -374,7 +374,7 @@ def test_an_arrival_that_is_no_number_is_off_target() -> None:
 
 
 async def test_distances_grow_with_the_doubt_about_where_the_arm_stands() -> None:
-    made = standing()
+    made = standing_scene()
     model = made.arm.model
     elbow = float(model.base_flange(np.array([THERE]))[0, 0, 3])
     wall = PlaneObstacle("wall", (elbow + 0.3, 0.0, 0.0), (-1.0, 0.0, 0.0))
@@ -386,7 +386,7 @@ async def test_distances_grow_with_the_doubt_about_where_the_arm_stands() -> Non
 
 
 async def test_a_turn_past_an_index_keeps_away_from_what_is_solid() -> None:
-    made = await recovering()
+    made = await recovery_scene()
     made.arm.battery_flat = False
     likely = tuple(float(q) for q in made.arm.true_joints)
     model = made.arm.model

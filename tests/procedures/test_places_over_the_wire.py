@@ -27,10 +27,10 @@ from cellcal.service.runs.run_procedure import resume_procedure, run_procedure
 from cellcal.service.runs.settings import build_spec
 from cellcal.service.watching.mastering_comparison import MasteringComparison, journalled_mastering
 from tests.machine_speed import stretched_s
-from tests.procedures.certified import HOW
-from tests.procedures.fake_hands import FakeHands
-from tests.procedures.ledgers import MemoryLedger
-from tests.wire.fakes import running
+from tests.procedures.certified_runs import HOW
+from tests.procedures.fake_technician import FakeTechnician
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.wire.fake_devices_process import run_fakes
 
 TIP_MM = [45.0, 20.0, 150.0]
 _ROBOT = """
@@ -101,87 +101,89 @@ target_sigma_mm = 0.5
 @asynccontextmanager
 async def cell_with(folder: Path, instrument: str, kit: str, seed: int = 1) -> AsyncIterator[tuple[Any, ...]]:
     text = _ROBOT.format(instrument=instrument.format(), seed=seed)
-    with running(folder, text) as (path, door):
-        config, hands = read_cell_file(path), FakeHands(door, kit)
+    with run_fakes(folder, text) as (path, fake_client):
+        config, hands = read_cell_file(path), FakeTechnician(fake_client, kit)
         async with open_cell(config, hands) as cell:
-            yield config, cell, door, hands
+            yield config, cell, fake_client, hands
 
 
-async def do(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> Any:
+async def run_procedure_in(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> Any:
     spec = build_spec(config, "fanuc", procedure, settings)
     assert spec.evidence == "places"  # nobody had to say so
     return await CATALOGUE[procedure].procedure(Run(cell, MemoryLedger()), spec)
 
 
-async def lose(cell: Any, door: FakeCellClient, fault: str = "battery_loss", **given: Any) -> None:
-    await door.inject_fault(fault, **given)
+async def lose_position(
+    cell: Any, fake_client: FakeCellClient, fault: str = "battery_loss", **fault_settings: Any
+) -> None:
+    await fake_client.inject_fault(fault, **fault_settings)
     async with asyncio.timeout(stretched_s(90.0)):
         while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
             await asyncio.sleep(0.05)
     assert condition.alarms
 
 
-async def wrong_rad(cell: Any, door: FakeCellClient) -> np.ndarray:
-    truth = (await door.read_truth())["robots"]["fanuc"]
+async def wrong_rad(cell: Any, fake_client: FakeCellClient) -> np.ndarray:
+    truth = (await fake_client.read_truth())["robots"]["fanuc"]
     drive = await cell.mastering.drive_train()
     return drive.joints(np.array(truth["counts_at_zero"]), np.array(truth["true_counts_at_zero"]))
 
 
 @pytest.mark.parametrize(("kit", "instrument"), [("probe", PROBE), ("seat", PROBE), ("tracker", TRACKER)])
 async def test_a_record_by_places_brings_every_turn_back(tmp_path: Path, kit: str, instrument: str) -> None:
-    async with cell_with(tmp_path, instrument, kit) as (config, cell, door, hands):
+    async with cell_with(tmp_path, instrument, kit) as (config, cell, fake_client, hands):
         assert all_missing(CATALOGUE["mastering_record"], cell) == ()
-        recorded = await do(config, cell, "mastering_record")
+        recorded = await run_procedure_in(config, cell, "mastering_record")
         assert recorded.record.wire is None
         assert f"{kit}: " in hands.text["choose_kit"]
         last = await cell.mastering.encoder_counts()
-        await lose(cell, door)
+        await lose_position(cell, fake_client)
         if instrument is TRACKER:
-            await door.fault("set_up_again")  # nobody leaves a tracker standing for a year
-        known = replace(cell, record=recorded.record)
-        found = await do(config, known, "mastering_recovery", last_counts=list(last))
+            await fake_client.fault("set_up_again")  # nobody leaves a tracker standing for a year
+        cell_with_record = replace(cell, record=recorded.record)
+        found = await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
         assert (found.verdict, found.mode) == ("restored", "turns")
         assert any(joint.turns_restored for joint in found.joints)
-        assert np.abs(await wrong_rad(cell, door)).max() == 0.0
+        assert np.abs(await wrong_rad(cell, fake_client)).max() == 0.0
 
 
 async def test_a_crash_is_refused_and_an_exchanged_motor_lies_inside_its_uncertainty(tmp_path: Path) -> None:
-    async with cell_with(tmp_path, PROBE, "probe", seed=2) as (config, cell, door, _):
-        recorded = await do(config, cell, "mastering_record")
-        known = replace(cell, record=recorded.record)
+    async with cell_with(tmp_path, PROBE, "probe", seed=2) as (config, cell, fake_client, _):
+        recorded = await run_procedure_in(config, cell, "mastering_record")
+        cell_with_record = replace(cell, record=recorded.record)
         last = await cell.mastering.encoder_counts()
-        await lose(cell, door, "motor_exchange")
-        found = await do(config, known, "mastering_recovery", last_counts=list(last))
+        await lose_position(cell, fake_client, "motor_exchange")
+        found = await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
         assert [joint.exact for joint in found.joints] == [True, True, False, True, True, True]
-        wrong = np.abs(await wrong_rad(cell, door))
+        wrong = np.abs(await wrong_rad(cell, fake_client))
         assert wrong[2] <= found.joints[2].offset_u_rad
         assert wrong[[0, 1, 3, 4, 5]].max() == 0.0
-        known = replace(cell, record=found.record)
+        cell_with_record = replace(cell, record=found.record)
         last = await cell.mastering.encoder_counts()
         before = await cell.mastering.mastering()
-        await lose(cell, door, "crash")
+        await lose_position(cell, fake_client, "crash")
         with pytest.raises(RefusalError, match="nothing was written"):
-            await do(config, known, "mastering_recovery", last_counts=list(last))
+            await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
         assert (await cell.mastering.mastering()).counts_at_zero == before.counts_at_zero
 
 
-class CutsTheLink(FakeHands):
+class LinkCuttingTechnician(FakeTechnician):
     """Hands that pull the robot's cable when they come to a place after the mastering was written."""
 
     pulls = True
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        written = "accept_mastering" in self.asked
+        written = "accept_mastering" in self.instructions
         if written and self.pulls and instruction.key.startswith("visit_"):
-            await self.door.inject_fault("refuse", device="fanuc")
+            await self.fake_client.inject_fault("refuse", device="fanuc")
         if self.pulls and instruction.key == "retry":
             raise RefusedError("operator", "no")
         return await super().confirm(instruction)
 
 
-async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path: Path) -> None:
-    async with cell_with(tmp_path, PROBE, "probe") as (config, opened, door, _):
-        hands = CutsTheLink(door, "probe")
+async def test_a_link_cut_right_after_the_write_is_reported_unambiguously(tmp_path: Path) -> None:
+    async with cell_with(tmp_path, PROBE, "probe") as (config, opened, fake_client, _):
+        hands = LinkCuttingTechnician(fake_client, "probe")
         cell = replace(opened, operator=hands)
         with open_journal(config) as journal:
 
@@ -193,19 +195,19 @@ async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path:
 
             assert (await start("mastering_record")).verdict is RunVerdict.PASSED
             last = await cell.mastering.encoder_counts()
-            await lose(cell, door)
+            await lose_position(cell, fake_client)
             broken = await start("mastering_recovery", last_counts=list(last))
             assert broken.verdict is RunVerdict.CELL_FAILED
             assert "NOT confirmed" in broken.remedy
             hands.pulls = False
-            await door.ask("clear")
+            await fake_client.ask("clear")
             await _answers_again(cell)
             assert [one.of_run for one in RunStore(journal).list_unconfirmed("F-104711")] == [broken.run_id]
-            seen = await MasteringComparison(journalled_mastering(config, "F-104711")).find_trouble(
+            trouble = await MasteringComparison(journalled_mastering(config, "F-104711")).find_trouble(
                 cell.mastering
             )
-            assert seen is not None
-            assert seen[1].of_run == broken.run_id
+            assert trouble is not None
+            assert trouble[1].of_run == broken.run_id
             with pytest.raises(UnconfirmedMasteringError, match=broken.run_id):
                 await start("mastering_record")
             passed = await resume_procedure(
@@ -213,7 +215,7 @@ async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path:
             )
             assert passed.verdict is RunVerdict.PASSED
             assert RunStore(journal).list_unconfirmed("F-104711") == ()
-        assert np.abs(await wrong_rad(cell, door)).max() == 0.0
+        assert np.abs(await wrong_rad(cell, fake_client)).max() == 0.0
 
 
 async def _answers_again(cell: Any) -> None:
@@ -229,7 +231,9 @@ def test_the_list_and_the_dry_run_say_that_it_is_possible(tmp_path: Path) -> Non
     config = read_cell_file(path)
     listed = {row.name: row.lacks for row in list_procedures(config)}
     assert listed["mastering_record"] == ()
-    told = dry_run(config, "mastering_record", {})
-    assert told.lacks == ()
-    assert told.forecast is not None
-    assert {"probe", "seat"} == {prediction.name.split("'")[1] for prediction in told.forecast.predictions}
+    dry_run_text = dry_run(config, "mastering_record", {})
+    assert dry_run_text.lacks == ()
+    assert dry_run_text.forecast is not None
+    assert {"probe", "seat"} == {
+        prediction.name.split("'")[1] for prediction in dry_run_text.forecast.predictions
+    }

@@ -20,16 +20,16 @@ from cellcal.procedures.recovery.recovery_kit import KitSpec
 from cellcal.procedures.run import DeclinedError, NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.kit_bench import NoSuchKitError, read_kit_bench
 from cellcal.procedures.verdict import PASS
-from tests.procedures.cells import Scene, scene
-from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
-from tests.procedures.places import TIP, IdealTracker, Technician
+from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
+from tests.procedures.place_technician import TIP, PlaceTechnician, PlaceTracker
+from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene
 
 LOST = (2, -1, 3, 1, -2, 1)
 SPEC = MasteringRecordSpec(evidence="places")
 ENTRY = CATALOGUE["mastering_record"]
 
 
-class IdealProbe:
+class AlwaysTouchingProbe:
     """A probe that touches whenever it is asked: the technician has brought it there."""
 
     name, closed = "probe", True
@@ -38,38 +38,38 @@ class IdealProbe:
     async def identify(self) -> Identity:
         return Identity("ideal", "probe", "P-1", "1.0")
 
-    async def read_contact(self) -> "IdealProbe":
+    async def read_contact(self) -> "AlwaysTouchingProbe":
         return self
 
 
-def without_wire(*, probe: bool = False, tracker: bool = False, tool: bool = True) -> Scene:
+def without_wire(*, probe: bool = False, tracker: bool = False, tool: bool = True) -> ProcedureScene:
     """Return a healthy cell that never had a draw-wire, and a technician who makes marks where he is told to."""
-    made = scene(SPEC)
-    seen = IdealTracker(made.arm) if tracker else None
-    Technician(made, 20, "any", seen).follow_the_words()
+    made = healthy_scene(SPEC)
+    tracker_or_none = PlaceTracker(made.arm) if tracker else None
+    PlaceTechnician(made, 20, "any", tracker_or_none).follow_the_words()
     if tool:
         made.arm.tools[made.arm.active_tool] = Pose(TIP)
     made.cell = replace(
         made.cell,
         gauge=None,
         gauge_setup=None,
-        tracker=seen,
+        tracker=tracker_or_none,
         tracker_setup=replace(made.cell.tracker_setup, target_in_flange_m=TIP) if tracker else None,  # type: ignore[type-var]
-        probe=IdealProbe() if probe else None,
+        probe=AlwaysTouchingProbe() if probe else None,
         probe_setup=ProbeSetup(TIP) if probe else None,
     )
-    made.hands.knows["choose_kit"] = ""
+    made.technician.knows["choose_kit"] = ""
     return made
 
 
-async def recording_places(kit: str) -> Scene:
+async def recording_places(kit: str) -> ProcedureScene:
     """Return a healthy cell without a draw-wire that takes its record by this kit."""
     made = without_wire(tracker=True) if kit == "tracker" else without_wire(probe=True)
-    made.hands.knows["choose_kit"] = kit
+    made.technician.knows["choose_kit"] = kit
     return made
 
 
-async def recorded(made: Scene):  # type: ignore[no-untyped-def]
+async def record_places(made: ProcedureScene):  # type: ignore[no-untyped-def]
     return await mastering_record(Run(made.cell, MemoryLedger()), made.spec)
 
 
@@ -79,8 +79,8 @@ async def recorded(made: Scene):  # type: ignore[no-untyped-def]
 async def test_what_a_kit_recorded_gives_the_turns_back(kit: str, means: dict[str, bool]) -> None:
     made = without_wire(**means)
     assert all_missing(ENTRY, made.cell) == ()
-    made.hands.knows["choose_kit"] = kit
-    result = await recorded(made)
+    made.technician.knows["choose_kit"] = kit
+    result = await record_places(made)
     record = result.record
     assert record.wire is None
     assert record.sha256 == seal_of(record)
@@ -97,12 +97,12 @@ async def test_what_a_kit_recorded_gives_the_turns_back(kit: str, means: dict[st
 
 async def test_every_kit_is_shown_with_its_error_and_the_smallest_is_taken_by_default() -> None:
     made = without_wire(probe=True, tracker=True)
-    result = await recorded(made)
+    result = await record_places(made)
     offers = result.offers.offers
     assert {offer.name for offer in offers} == {"probe", "seat", "tracker"}
     worst = [offer.widest_u_rad for offer in offers]
     assert worst == sorted(worst)
-    text = made.hands.read["choose_kit"]
+    text = made.technician.read["choose_kit"]
     for offer in offers:
         assert offer.words in text
         assert f"{np.rad2deg(offer.outlook.offset_u_rad[5]):.3f}" in text
@@ -110,33 +110,33 @@ async def test_every_kit_is_shown_with_its_error_and_the_smallest_is_taken_by_de
     assert result.kit.outlook.offset_u_rad == pytest.approx(offers[0].outlook.offset_u_rad, rel=0.5)
 
 
-async def test_a_tip_that_nobody_knows_is_asked_for_and_nothing_is_recorded() -> None:
+async def test_an_unknown_tip_is_asked_for_and_nothing_is_recorded() -> None:
     made = without_wire(tool=False)
     with pytest.raises(RefusalError, match="where the tip is") as refused:
-        await recorded(made)
+        await record_places(made)
     assert refused.value.code == "procedure.no_kit"
 
 
 async def test_a_name_that_is_no_kit_is_asked_again_and_then_refused() -> None:
     made = without_wire(probe=True)
-    made.hands.knows["choose_kit"] = "draw-wire"
+    made.technician.knows["choose_kit"] = "draw-wire"
     with pytest.raises(NoSuchKitError, match="none of"):
-        await recorded(made)
-    assert made.hands.asked.count("choose_kit") == 3
+        await record_places(made)
+    assert made.technician.instructions.count("choose_kit") == 3
 
 
 async def test_an_own_kit_is_shown_and_may_be_declined() -> None:
     made = without_wire()
     made.spec = replace(SPEC, kit=KitSpec("point", TIP, places=8, sigma_m=1e-4))
-    made.hands.refuses.add("use_kit")
+    made.technician.refuses.add("use_kit")
     with pytest.raises(DeclinedError, match="8 marks"):
-        await recorded(made)
+        await record_places(made)
 
 
 async def test_a_weak_kit_gets_further_places_and_a_hopeless_one_is_refused_in_time() -> None:
     made = without_wire()
     made.spec = replace(SPEC, kit=KitSpec("point", TIP, places=4, sigma_m=2e-4))
-    result = await recorded(made)
+    result = await record_places(made)
     assert len(result.record.kit.places) > 4
     assert result.kit.is_strong
     made = without_wire()
@@ -144,17 +144,17 @@ async def test_a_weak_kit_gets_further_places_and_a_hopeless_one_is_refused_in_t
         SPEC, kit=KitSpec("point", (0.0, 0.0, 0.15), places=9)
     )  # on the last axis: J6 is unseen
     with pytest.raises(RefusalError, match="J6") as refused:
-        await recorded(made)
+        await record_places(made)
     assert refused.value.code == "procedure.weak_kit"
-    assert not any(key.startswith("visit") for key in made.hands.asked)
+    assert not any(key.startswith("visit") for key in made.technician.instructions)
 
 
 async def test_a_sick_robot_is_recorded_by_no_means() -> None:
     made = without_wire(probe=True)
     made.arm.lose_encoders(LOST)
     with pytest.raises(RefusalError, match="not ready or not mastered"):
-        await recorded(made)
-    assert not any(key.startswith("visit") for key in made.hands.asked)
+        await record_places(made)
+    assert not any(key.startswith("visit") for key in made.technician.instructions)
 
 
 async def test_a_crash_at_any_write_loses_no_place_and_asks_for_none_twice() -> None:
@@ -166,11 +166,13 @@ async def test_a_crash_at_any_write_loses_no_place_and_asks_for_none_twice() -> 
         again.spec = made.spec
         with pytest.raises(CrashError):
             await mastering_record(Run(again.cell, MortalLedger(facts, dies_at, stored=True)), again.spec)
-        kept = MemoryLedger(facts)
-        done = [finding.step for finding in kept.past().findings]
-        again.hands.asked.clear()
-        result = await mastering_record(Run(again.cell, kept, kept.past()), again.spec)
-        visits = sum(key.startswith("visit") for key in again.hands.asked)
+        remaining_ledger = MemoryLedger(facts)
+        done = [finding.step for finding in remaining_ledger.past().findings]
+        again.technician.instructions.clear()
+        result = await mastering_record(
+            Run(again.cell, remaining_ledger, remaining_ledger.past()), again.spec
+        )
+        visits = sum(key.startswith("visit") for key in again.technician.instructions)
         assert visits == 9 - sum(step.startswith("place ") for step in done)
         assert len(result.record.kit.places) == len(whole.record.kit.places)
 
@@ -182,11 +184,11 @@ async def test_the_outline_of_a_record_by_places_is_what_runs() -> None:
     assert ran <= {phase.name for phase in ENTRY.outline(made.spec)}
 
 
-async def test_the_dry_run_tells_each_kit_and_agrees_with_the_run() -> None:
+async def test_the_dry_run_lists_each_kit_and_agrees_with_the_run() -> None:
     made = without_wire(probe=True, tracker=True)
     bench = await read_kit_bench(made.cell)
-    known = Knowledge(model=made.cell.model, instruments=instruments_of(made.cell))
-    foretold = ENTRY.forecast(SPEC, known)  # type: ignore[misc]
+    knowledge = Knowledge(model=made.cell.model, instruments=instruments_of(made.cell))
+    foretold = ENTRY.forecast(SPEC, knowledge)  # type: ignore[misc]
     names = [prediction.name for prediction in foretold.predictions]
     assert len(names) == 3
     assert all("by kit" in name for name in names)
@@ -199,7 +201,7 @@ async def test_a_wire_that_is_not_there_is_named() -> None:
     made = without_wire()
     made.spec = MasteringRecordSpec()
     with pytest.raises(NeedsUnmetError, match="length gauge"):
-        await recorded(made)
+        await record_places(made)
 
 
 def test_the_probes_own_figures_are_known_on_paper_too() -> None:

@@ -20,6 +20,6 @@ def test_a_record_is_planned_from_where_the_last_one_ended(tmp_path, stood_rad, 
     config = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=3, time_factor=1.0))
     cell = offline_cell_with_history(config, None)
     spec = build_spec(config, cell.robot.name, "mastering_record", {})
-    known = Knowledge(cell.model, cell.gauge_setup, cell.gauge.capabilities, limits=cell.limits)
-    state = replace(state_of(known), joints_rad=stood_rad)
+    knowledge = Knowledge(cell.model, cell.gauge_setup, cell.gauge.capabilities, limits=cell.limits)
+    state = replace(state_of(knowledge), joints_rad=stood_rad)
     assert len(plan_kit(state, spec.room, spec.poses, seed).poses_rad) >= 24

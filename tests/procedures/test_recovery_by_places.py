@@ -18,27 +18,29 @@ from cellcal.procedures.recovery.record_seal import seal_of, seal_record
 from cellcal.procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import RefusalError, Run
-from tests.procedures.cells import Scene, recording, scene
-from tests.procedures.ideal import ZERO
-from tests.procedures.ledgers import MemoryLedger
-from tests.procedures.places import TIP, IdealTracker, Technician, record_at_once
+from tests.procedures.ideal_devices import ZERO
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.place_technician import TIP, PlaceTechnician, PlaceTracker, record_at_once
+from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene, recording_scene
 
 LOST = (3, -2, 1, 0, 4, -1)
 Kind = Literal["point", "seat", "target"]
 
 
-async def lost_places(kind: Kind) -> Scene:
+async def lost_places(kind: Kind) -> ProcedureScene:
     """Return a cell without a draw-wire whose record has a kit, after its encoders were lost."""
-    return (await _lost(kind))[0]
+    return (await _lost_scene(kind))[0]
 
 
-async def _lost(kind: Kind, lost: tuple[int, ...] = LOST, **more: int) -> tuple[Scene, Technician]:
+async def _lost_scene(
+    kind: Kind, lost: tuple[int, ...] = LOST, **more: int
+) -> tuple[ProcedureScene, PlaceTechnician]:
     """Return the same with its technician; ``more`` are the kit's."""
-    made = scene()
-    tracker = IdealTracker(made.arm) if kind == "target" else None
-    technician = Technician(made, 12, kind, tracker)
+    made = healthy_scene()
+    tracker = PlaceTracker(made.arm) if kind == "target" else None
+    technician = PlaceTechnician(made, 12, kind, tracker)
     made.cell = replace(made.cell, gauge=None, gauge_setup=None, tracker=tracker)
-    record = await record_at_once(scene())
+    record = await record_at_once(healthy_scene())
     kit = await recorded_kit(Run(made.cell, MemoryLedger()), KitSpec(kind, TIP, **more))
     made.cell = replace(made.cell, record=seal_record(replace(record, kit=kit)))
     made.arm.write_program(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
@@ -50,15 +52,15 @@ async def _lost(kind: Kind, lost: tuple[int, ...] = LOST, **more: int) -> tuple[
     return made, technician
 
 
-async def _recover(made: Scene) -> RecoveryResult:
+async def _run_recovery(made: ProcedureScene) -> RecoveryResult:
     return await mastering_recovery(Run(made.cell, MemoryLedger()), made.spec)
 
 
 @pytest.mark.parametrize("kind", ["point", "seat", "target"])
 async def test_turns_come_back_exactly(kind: Kind) -> None:
-    made, _ = await _lost(kind)
+    made, _ = await _lost_scene(kind)
     assert missing_needs(DEFINITION, made.cell) == ()
-    result = await _recover(made)
+    result = await _run_recovery(made)
     assert (result.verdict, result.mode) == ("restored", "turns")
     assert tuple(joint.turns_restored for joint in result.joints) == LOST
     assert made.arm.data.mastered
@@ -71,12 +73,12 @@ async def test_turns_come_back_exactly(kind: Kind) -> None:
     made.arm.lose_encoders((1, 0, -1, 2, 0, 1))  # the renewed record serves the next loss
     made.cell = replace(made.cell, record=record)
     made.spec = replace(made.spec, last_counts=None)
-    again = await _recover(made)
+    again = await _run_recovery(made)
     assert (again.mode, again.verdict) == ("turns", "restored")
 
 
 async def test_joints_stay_where_their_motors_passed_the_index_and_the_counts_are_known_there() -> None:
-    made, _ = await _lost("point")
+    made, _ = await _lost_scene("point")
     record, last = made.cell.record, made.spec.last_counts
     assert record is not None
     before = made.arm.true_joints
@@ -92,13 +94,13 @@ async def test_joints_stay_where_their_motors_passed_the_index_and_the_counts_ar
 
 
 async def test_an_exchanged_motor_is_found_by_touching() -> None:
-    made, _ = await _lost("point")
+    made, _ = await _lost_scene("point")
     part = round(0.37 * 2**19)
     zero = tuple(z - part * (j == 2) for j, z in enumerate(made.arm.true_zero))
     joints = made.arm.true_joints
     made.arm.true_zero = zero
     made.arm.write_program(joints)
-    result = await _recover(made)
+    result = await _run_recovery(made)
     assert result.mode == "motor"
     assert [joint.exact for joint in result.joints] == [True, True, False, True, True, True]
     wrong = np.array(made.arm.data.counts_at_zero) - np.array(zero)
@@ -108,41 +110,41 @@ async def test_an_exchanged_motor_is_found_by_touching() -> None:
 
 
 async def test_one_point_touched_beside_is_named_and_touched_again() -> None:
-    made, technician = await _lost("point")
-    good, slips = technician.visit, [True]
+    made, technician = await _lost_scene("point")
+    good, slips = technician.visit_place, [True]
 
-    def slipping(what: str, number: int) -> None:
+    def visit_beside(what: str, number: int) -> None:
         technician.tip = np.array(TIP) + (0.012 if number == 3 and slips and slips.pop() else 0.0)
         good(what, number)
 
-    technician.visit = slipping  # type: ignore[method-assign]
-    result = await _recover(made)
+    technician.visit_place = visit_beside  # type: ignore[method-assign]
+    result = await _run_recovery(made)
     assert (result.mode, result.measured_again) == ("turns", 1)
     assert len(result.set_aside) == 1
 
 
 async def test_a_bent_tip_writes_nothing() -> None:
-    made, technician = await _lost("point")
+    made, technician = await _lost_scene("point")
     technician.tip = np.array(TIP) + np.array([0.008, -0.006, 0.005])
     with pytest.raises(RefusalError):
-        await _recover(made)
+        await _run_recovery(made)
     assert made.arm.writes == 0
 
 
-async def test_a_record_without_places_is_said() -> None:
-    made, _ = await _lost("point")
+async def test_a_record_without_places_is_reported() -> None:
+    made, _ = await _lost_scene("point")
     assert made.cell.record is not None
     made.cell = replace(made.cell, record=seal_record(replace(made.cell.record, kit=None)))
     assert missing_needs(DEFINITION, made.cell) == (
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
     )
     with pytest.raises(RefusalError, match="no recovery kit") as refused:
-        await _recover(made)
+        await _run_recovery(made)
     assert refused.value.code == "procedure.no_kit"
 
 
 async def test_a_kit_that_would_not_tell_all_motors_is_refused_while_the_robot_is_healthy() -> None:
-    made, _ = await _lost("point", places=3)
+    made, _ = await _lost_scene("point", places=3)
     assert made.cell.record is not None
     with pytest.raises(RefusalError, match="would leave the motor of") as refused:
         predict_kit(made.cell.record)
@@ -150,25 +152,25 @@ async def test_a_kit_that_would_not_tell_all_motors_is_refused_while_the_robot_i
 
 
 async def test_a_mastering_that_does_not_take_is_rolled_back() -> None:
-    made, _ = await _lost("point")
+    made, _ = await _lost_scene("point")
     before = made.arm.data.counts_at_zero
     arm = made.arm
     real = arm.read_joints
 
-    async def stubborn():  # type: ignore[no-untyped-def]
+    async def ignore_write():  # type: ignore[no-untyped-def]
         reading = await real()
         off = 0.01 if arm.data.mastered else 0.0
         return replace(reading, joints_rad=tuple(q + off for q in reading.joints_rad))
 
-    arm.read_joints = stubborn  # type: ignore[method-assign]
+    arm.read_joints = ignore_write  # type: ignore[method-assign]
     with pytest.raises(RefusalError, match="put back"):
-        await _recover(made)
+        await _run_recovery(made)
     assert arm.data == MasteringData(before, mastered=False)
 
 
 async def test_the_record_takes_places_and_says_what_they_promise() -> None:
-    made = recording()
-    Technician(made, 12, "point")
+    made = recording_scene()
+    PlaceTechnician(made, 12, "point")
     made.spec = MasteringRecordSpec(poses=20, samples=1, kit=KitSpec("point", TIP))
     result = await mastering_record(Run(made.cell, MemoryLedger()), made.spec)
     assert result.kit is not None
@@ -179,7 +181,7 @@ async def test_the_record_takes_places_and_says_what_they_promise() -> None:
 
 
 async def test_a_record_older_than_kits_keeps_its_seal() -> None:
-    record = await record_at_once(scene())
+    record = await record_at_once(healthy_scene())
     assert record.kit is None
     assert record.counts_at_zero == ZERO
     assert seal_of(record) == record.sha256

@@ -14,59 +14,59 @@ from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
 from cellcal.procedures.run_history import EventKind, RunHistory
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.runs.run_procedure import JournalLedger
-from tests.procedures.ideal import Hands, IdealArm
-from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
+from tests.procedures.ideal_devices import IdealArm, ScriptedTechnician
+from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
 
 
 @dataclass(frozen=True)
-class Sum:
+class SumResult:
     """A result with an awkward float."""
 
     total: float
     parts: tuple[float, ...]
 
 
-class World:
+class CountingWorld:
     """Counts what really happened."""
 
     def __init__(self) -> None:
-        self.arm, self.hands = IdealArm(), Hands()
-        self.cell = Cell("test", self.arm, self.hands)
+        self.arm, self.technician = IdealArm(), ScriptedTechnician()
+        self.cell = Cell("test", self.arm, self.technician)
         self.done: list[str] = []
 
 
-world_of: dict[int, World] = {}
+world_of: dict[int, CountingWorld] = {}
 
 
-async def read(cell: Cell, value: float) -> float:
+async def read_value(cell: Cell, value: float) -> float:
     world_of[id(cell.robot)].done.append(f"read {value}")
     return value / 3.0
 
 
-async def turn(cell: Cell, axis: int) -> tuple[float, ...]:
+async def turn_axis(cell: Cell, axis: int) -> tuple[float, ...]:
     await cell.robot.move_joints(tuple(0.1 * (k == axis) for k in range(6)), speed_rad_s=0.1)
     world_of[id(cell.robot)].done.append(f"turn {axis}")
     return (await cell.robot.read_joints()).joints_rad
 
 
-async def write(cell: Cell, value: float) -> float:
+async def write_value(cell: Cell, value: float) -> float:
     world_of[id(cell.robot)].done.append(f"write {value}")
     return value
 
 
-def add(values: tuple[float, ...]) -> Sum:
-    return Sum(sum(values), values)
+def add_values(values: tuple[float, ...]) -> SumResult:
+    return SumResult(sum(values), values)
 
 
-async def toy(run: Run, values: tuple[float, ...]) -> Sum:
+async def toy_procedure(run: Run, values: tuple[float, ...]) -> SumResult:
     """Read, move, calculate, write."""
     await run.ensure("somebody is there", ask_confirmation, Instruction("there", "Are you there?"))
-    read_values = [await run.step(f"read {k}", read, value) for k, value in enumerate(values, 1)]
-    await run.move("turn", turn, 2)
-    total = await run.solve("add", add, tuple(read_values))
+    read_values = [await run.step(f"read {k}", read_value, value) for k, value in enumerate(values, 1)]
+    await run.move("turn", turn_axis, 2)
+    total = await run.solve("add", add_values, tuple(read_values))
     inner = run.with_prefix("inside")
-    await inner.step("read 1", read, 9.0)
-    await run.write("write", write, total.total)
+    await inner.step("read 1", read_value, 9.0)
+    await run.write("write", write_value, total.total)
     return total
 
 
@@ -75,114 +75,118 @@ VALUES = (0.1, 0.7, 1e-17)
 
 @pytest.fixture
 def world():
-    made = World()
+    made = CountingWorld()
     world_of[id(made.arm)] = made
     yield made
     del world_of[id(made.arm)]
 
 
-async def test_a_run_returns_what_its_steps_found(world: World) -> None:
+async def test_a_run_returns_what_its_steps_found(world: CountingWorld) -> None:
     ledger = MemoryLedger()
-    result = await toy(Run(world.cell, ledger), VALUES)
-    assert result == add(tuple(v / 3.0 for v in VALUES))
+    result = await toy_procedure(Run(world.cell, ledger), VALUES)
+    assert result == add_values(tuple(v / 3.0 for v in VALUES))
     assert [step.step for step in ledger.past().findings] == [
         *("read 1", "read 2", "read 3", "turn", "add", "inside: read 1", "write")
     ]
-    assert ledger.kinds("turn") == ["intent", "finding"]
-    assert ledger.kinds("read 1") == ["step_entered", "finding"]
-    assert ledger.kinds("somebody is there") == ["step_entered", "condition"]
+    assert ledger.event_kinds("turn") == ["intent", "finding"]
+    assert ledger.event_kinds("read 1") == ["step_entered", "finding"]
+    assert ledger.event_kinds("somebody is there") == ["step_entered", "condition"]
 
 
 async def test_a_finished_run_replays_identically_and_touches_nothing_but_its_conditions(
-    world: World,
+    world: CountingWorld,
 ) -> None:
     ledger = MemoryLedger()
-    first = await toy(Run(world.cell, ledger), VALUES)
-    done, moves, asked = list(world.done), list(world.arm.moves), len(world.hands.asked)
-    again = await toy(Run(world.cell, MemoryLedger(ledger.facts), ledger.past()), VALUES)
+    first = await toy_procedure(Run(world.cell, ledger), VALUES)
+    done, moves, instruction_count = (
+        list(world.done),
+        list(world.arm.moves),
+        len(world.technician.instructions),
+    )
+    again = await toy_procedure(Run(world.cell, MemoryLedger(ledger.facts), ledger.past()), VALUES)
     assert again == first
     assert (world.done, world.arm.moves) == (done, moves)
-    assert world.hands.asked[asked:] == ["there"]
+    assert world.technician.instructions[instruction_count:] == ["there"]
 
 
 @pytest.mark.parametrize("stored", [False, True])
 @pytest.mark.parametrize("dies_at", range(16))
 async def test_a_crash_at_any_write_is_resumed_to_the_same_result(
-    world: World, dies_at: int, stored: bool
+    world: CountingWorld, dies_at: int, stored: bool
 ) -> None:
     facts: list = []
     with pytest.raises(CrashError):
-        await toy(Run(world.cell, MortalLedger(facts, dies_at, stored=stored)), VALUES)
-    known = len(MemoryLedger(list(facts)).past().findings)
+        await toy_procedure(Run(world.cell, MortalLedger(facts, dies_at, stored=stored)), VALUES)
+    finding_count = len(MemoryLedger(list(facts)).past().findings)
     done = len(world.done)
     ledger = MemoryLedger(facts)
-    result = await toy(Run(world.cell, ledger, ledger.past()), VALUES)
-    assert result == add(tuple(v / 3.0 for v in VALUES))
+    result = await toy_procedure(Run(world.cell, ledger, ledger.past()), VALUES)
+    assert result == add_values(tuple(v / 3.0 for v in VALUES))
     assert len(ledger.past().findings) == 7
-    assert len(world.done) - done == 7 - known - (known <= 4)  # "add" touches nothing
+    assert len(world.done) - done == 7 - finding_count - (finding_count <= 4)  # "add" touches nothing
 
 
-async def test_a_run_that_died_between_intent_and_outcome_asks_before_it_moves(world: World) -> None:
+async def test_a_run_that_died_between_intent_and_outcome_asks_before_it_moves(world: CountingWorld) -> None:
     facts: list = []
     with pytest.raises(CrashError):
-        await toy(Run(world.cell, MortalLedger(facts, 8, stored=True)), VALUES)
+        await toy_procedure(Run(world.cell, MortalLedger(facts, 8, stored=True)), VALUES)
     ledger = MemoryLedger(facts)
     assert ledger.past().in_doubt == "turn"
-    world.hands.refuses = {"may_move"}
+    world.technician.refuses = {"may_move"}
     moves = list(world.arm.moves)
     with pytest.raises(DeclinedError):
-        await toy(Run(world.cell, ledger, ledger.past()), VALUES)
+        await toy_procedure(Run(world.cell, ledger, ledger.past()), VALUES)
     assert world.arm.moves == moves
-    world.hands.refuses = set()
+    world.technician.refuses = set()
     ledger = MemoryLedger(facts)
-    await toy(Run(world.cell, ledger, ledger.past()), VALUES)
-    assert world.hands.asked.count("may_move") == 2
+    await toy_procedure(Run(world.cell, ledger, ledger.past()), VALUES)
+    assert world.technician.instructions.count("may_move") == 2
     approvals = [body for kind, body in ledger.facts if kind == EventKind.APPROVAL]
     assert [(body["key"], body["before"], body["who"]) for body in approvals] == [
         ("may_move", "somebody is there", "anna")
     ]
 
 
-async def test_a_failed_step_stops_the_robot_and_says_why_in_the_journal(world: World) -> None:
+async def test_a_failed_step_stops_the_robot_and_says_why_in_the_journal(world: CountingWorld) -> None:
     ledger = MemoryLedger()
 
-    async def fails(cell: Cell) -> None:
+    async def failing_step(cell: Cell) -> None:
         raise MotionStoppedError("arm", "protective stop", remedy="Clear it on the pendant.")
 
     with pytest.raises(MotionStoppedError):
-        await Run(world.cell, ledger).move("go", fails)
+        await Run(world.cell, ledger).move("go", failing_step)
     assert world.arm.stops == 1
     kind, body = ledger.facts[-1]
     assert (kind, body["code"], body["stopped"]) == ("failed", "device.stopped", True)
     assert ledger.past().in_doubt is None
 
 
-async def test_a_robot_that_cannot_be_stopped_leaves_the_step_in_doubt(world: World) -> None:
+async def test_a_robot_that_cannot_be_stopped_leaves_the_step_in_doubt(world: CountingWorld) -> None:
     ledger = MemoryLedger()
 
-    class Deaf(IdealArm):
+    class UnstoppableArm(IdealArm):
         async def stop(self) -> None:
             raise DeviceTimeoutError("arm", "no answer")
 
-    async def fails(cell: Cell) -> None:
+    async def failing_step(cell: Cell) -> None:
         raise MotionStoppedError("arm", "cable")
 
     with pytest.raises(MotionStoppedError):
-        await Run(Cell("test", Deaf(), world.hands), ledger).move("go", fails)
+        await Run(Cell("test", UnstoppableArm(), world.technician), ledger).move("go", failing_step)
     assert ledger.past().in_doubt == "go"
 
 
 async def test_a_cancelled_step_stops_the_robot_once_and_re_raises_even_if_cancelled_again(
-    world: World,
+    world: CountingWorld,
 ) -> None:
     ledger = MemoryLedger()
     entered = asyncio.Event()
 
-    async def waits(cell: Cell) -> None:
+    async def waiting_step(cell: Cell) -> None:
         entered.set()
         await asyncio.Event().wait()
 
-    task = asyncio.create_task(Run(world.cell, ledger).move("wait", waits))
+    task = asyncio.create_task(Run(world.cell, ledger).move("wait", waiting_step))
     await entered.wait()
     task.cancel()
     await asyncio.sleep(0)
@@ -190,85 +194,87 @@ async def test_a_cancelled_step_stops_the_robot_once_and_re_raises_even_if_cance
     with pytest.raises(asyncio.CancelledError):
         await task
     assert world.arm.stops == 1
-    assert ledger.kinds("wait") == ["intent", "failed"]
+    assert ledger.event_kinds("wait") == ["intent", "failed"]
 
 
-async def test_an_unreachable_device_is_tried_again_only_after_a_person_said_so(world: World) -> None:
+async def test_an_unreachable_device_is_retried_only_after_confirmation(world: CountingWorld) -> None:
     ledger = MemoryLedger()
     tries: list[int] = []
 
-    async def flaky(cell: Cell) -> int:
+    async def flaky_step(cell: Cell) -> int:
         tries.append(1)
         if len(tries) < 3:
             raise DeviceTimeoutError("arm", "no answer")
         return len(tries)
 
-    assert await Run(world.cell, ledger).step("read", flaky) == 3
-    assert world.hands.asked == ["retry", "retry"]
-    world.hands.refuses = {"retry"}
+    assert await Run(world.cell, ledger).step("read", flaky_step) == 3
+    assert world.technician.instructions == ["retry", "retry"]
+    world.technician.refuses = {"retry"}
     tries.clear()
     with pytest.raises(DeviceTimeoutError):
-        await Run(world.cell, MemoryLedger()).step("read", flaky)
+        await Run(world.cell, MemoryLedger()).step("read", flaky_step)
     assert len(tries) == 1
 
 
-async def test_an_unreachable_device_is_given_up_after_three_attempts(world: World) -> None:
-    async def dead(cell: Cell) -> None:
+async def test_an_unreachable_device_is_given_up_after_three_attempts(world: CountingWorld) -> None:
+    async def dead_step(cell: Cell) -> None:
         raise DeviceTimeoutError("arm", "no answer")
 
     with pytest.raises(DeviceTimeoutError):
-        await Run(world.cell, MemoryLedger()).step("read", dead)
-    assert world.hands.asked == ["retry", "retry"]
+        await Run(world.cell, MemoryLedger()).step("read", dead_step)
+    assert world.technician.instructions == ["retry", "retry"]
 
 
-async def test_other_inputs_or_other_steps_than_journalled_are_refused(world: World) -> None:
+async def test_other_inputs_or_other_steps_than_journalled_are_refused(world: CountingWorld) -> None:
     ledger = MemoryLedger()
-    await toy(Run(world.cell, ledger), VALUES)
+    await toy_procedure(Run(world.cell, ledger), VALUES)
     with pytest.raises(ReplayMismatchError, match="other inputs"):
-        await toy(Run(world.cell, MemoryLedger(), ledger.past()), (0.1, 0.8, 1e-17))
+        await toy_procedure(Run(world.cell, MemoryLedger(), ledger.past()), (0.1, 0.8, 1e-17))
     with pytest.raises(ReplayMismatchError, match="where the procedure asks"):
-        await toy(Run(world.cell, MemoryLedger(), ledger.past()), (0.1, 0.7, 1e-17, 4.0))
+        await toy_procedure(Run(world.cell, MemoryLedger(), ledger.past()), (0.1, 0.7, 1e-17, 4.0))
 
 
-async def test_the_last_bits_of_a_float_do_not_stop_a_replay(world: World) -> None:
+async def test_the_last_bits_of_a_float_do_not_stop_a_replay(world: CountingWorld) -> None:
     ledger = MemoryLedger()
-    await Run(world.cell, ledger).step("read", read, 0.3)
+    await Run(world.cell, ledger).step("read", read_value, 0.3)
     past = ledger.past()
-    assert await Run(world.cell, MemoryLedger(), past).step("read", read, 0.3 * (1 + 1e-12)) == 0.3 / 3.0
+    assert (
+        await Run(world.cell, MemoryLedger(), past).step("read", read_value, 0.3 * (1 + 1e-12)) == 0.3 / 3.0
+    )
     with pytest.raises(ReplayMismatchError):
-        await Run(world.cell, MemoryLedger(), past).step("read", read, 0.3 * (1 + 1e-8))
+        await Run(world.cell, MemoryLedger(), past).step("read", read_value, 0.3 * (1 + 1e-8))
 
 
-async def test_findings_after_a_redo_are_made_anew(world: World) -> None:
+async def test_findings_after_a_redo_are_made_anew(world: CountingWorld) -> None:
     ledger = MemoryLedger()
-    await toy(Run(world.cell, ledger), VALUES)
+    await toy_procedure(Run(world.cell, ledger), VALUES)
     ledger.record(EventKind.FORGOTTEN, {"keep": 1, "step": "read 2"})
     world.done.clear()
     again = MemoryLedger(ledger.facts)
-    result = await toy(Run(world.cell, again, again.past()), (VALUES[0], 5.0, 6.0))
+    result = await toy_procedure(Run(world.cell, again, again.past()), (VALUES[0], 5.0, 6.0))
     assert result.parts == (VALUES[0] / 3.0, 5.0 / 3.0, 2.0)
     assert world.done[:2] == ["read 5.0", "read 6.0"]
     assert len(again.past().findings) == 7
 
 
-async def test_two_steps_may_not_share_a_name(world: World) -> None:
+async def test_two_steps_may_not_share_a_name(world: CountingWorld) -> None:
     run = Run(world.cell, MemoryLedger())
-    await run.step("read", read, 1.0)
+    await run.step("read", read_value, 1.0)
     with pytest.raises(ReplayMismatchError):
-        await run.step("read", read, 2.0)
-    await run.with_prefix("second time").step("read", read, 2.0)
+        await run.step("read", read_value, 2.0)
+    await run.with_prefix("second time").step("read", read_value, 2.0)
 
 
-async def test_a_paused_run_waits_at_the_next_border(world: World) -> None:
+async def test_a_paused_run_waits_at_the_next_border(world: CountingWorld) -> None:
     gate, ledger = PauseGate(), MemoryLedger()
-    seen: list[StepProgress] = []
-    run = Run(world.cell, ledger, gate=gate, announce=seen.append)
-    await run.step("one", read, 1.0)
+    progress_events: list[StepProgress] = []
+    run = Run(world.cell, ledger, gate=gate, announce=progress_events.append)
+    await run.step("one", read_value, 1.0)
     gate.pause()
-    task = asyncio.create_task(run.step("two", read, 2.0))
+    task = asyncio.create_task(run.step("two", read_value, 2.0))
     for _ in range(3):
         await asyncio.sleep(0)
-    assert seen[-1].kind == "paused"
+    assert progress_events[-1].kind == "paused"
     assert world.done == ["read 1.0"]
     gate.resume()
     await task
@@ -276,24 +282,24 @@ async def test_a_paused_run_waits_at_the_next_border(world: World) -> None:
     assert [kind for kind, _ in ledger.facts if kind in ("paused", "continued")] == ["paused", "continued"]
 
 
-async def test_progress_counts_steps_towards_what_was_expected(world: World) -> None:
-    seen: list[StepProgress] = []
-    await toy(Run(world.cell, MemoryLedger(), expected=7, announce=seen.append), VALUES)
-    assert [(p.step, p.index, p.expected) for p in seen if p.kind == "finding"] == [
+async def test_progress_counts_steps_towards_what_was_expected(world: CountingWorld) -> None:
+    progress_events: list[StepProgress] = []
+    await toy_procedure(Run(world.cell, MemoryLedger(), expected=7, announce=progress_events.append), VALUES)
+    assert [(p.step, p.index, p.expected) for p in progress_events if p.kind == "finding"] == [
         *(("read 1", 1, 7), ("read 2", 2, 7), ("read 3", 3, 7), ("turn", 4, 7), ("add", 5, 7)),
         *(("inside: read 1", 6, 7), ("write", 7, 7)),
     ]
 
 
-async def test_what_is_not_a_number_never_becomes_a_finding(world: World, tmp_path) -> None:
+async def test_what_is_not_a_number_never_becomes_a_finding(world: CountingWorld, tmp_path) -> None:
     with Journal.open_file(tmp_path / "journal.db") as journal:
         ledger = JournalLedger(journal, "run", "anna")
         with pytest.raises(StoreError):
-            await Run(world.cell, ledger).step("read", read, float("nan"))
+            await Run(world.cell, ledger).step("read", read_value, float("nan"))
         assert [event.kind for event in journal.list_events()] == []
 
 
-async def test_the_answer_says_who(world: World) -> None:
+async def test_the_answer_names_the_person(world: CountingWorld) -> None:
     answer = await Run(world.cell, MemoryLedger(), RunHistory()).step(
         "ask", ask_confirmation, Instruction("go", "Go?")
     )

@@ -29,15 +29,15 @@ from cellcal.procedures.steps.pages import (
 )
 from cellcal.procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
 from cellcal.service.cell_process.recording_check import SettleDetector
-from tests.procedures.cells import recovering, scene_for
-from tests.procedures.ideal import Hands, IdealArm
-from tests.procedures.ledgers import MemoryLedger
+from tests.procedures.ideal_devices import IdealArm, ScriptedTechnician
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.procedure_scenes import recovery_scene, scene_for
 
 RULES = SixPointTcp(tool_number=1).touch_rules
 WORDS = Instruction("go", "Go?")
 
 
-def turned(axis: np.ndarray, degrees: float) -> Pose:
+def pose_turned_by(axis: np.ndarray, degrees: float) -> Pose:
     unit = np.array(axis) / np.linalg.norm(axis)
     w, x, y, z = quaternion_from_rotation(exp_rotation(unit * math.radians(degrees)))
     return Pose((0.8, 0.1, 0.6), (float(w), float(x), float(y), float(z)))
@@ -64,16 +64,16 @@ def test_a_page_is_json_and_grows_without_losing_what_it_had() -> None:
 
 def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
     tour = PlanTour(stops=9, paced=TimedMotion(travel_rad=6.0, moving_s=300.0, fastest_rad_s=0.02))
-    asked = Instruction("accept_plan", plan_words("the robot", tour, ()))
+    instruction = Instruction("accept_plan", plan_words("the robot", tour, ()))
     moves = PlannedMoves(straight_ways([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
-    told = plan_page(asked, tour, moves).page.data["plan"]
-    assert told["duration_s"] == 300.0 + 9 * PER_POSE_S
-    assert f"about {told['duration_s'] / 60.0:.0f} min" in asked.text
-    assert [pose["joints_rad"] for pose in told["poses"]] == [[0.1, 0.2], [0.3, 0.4]]
+    plan_data = plan_page(instruction, tour, moves).page.data["plan"]
+    assert plan_data["duration_s"] == 300.0 + 9 * PER_POSE_S
+    assert f"about {plan_data['duration_s'] / 60.0:.0f} min" in instruction.text
+    assert [pose["joints_rad"] for pose in plan_data["poses"]] == [[0.1, 0.2], [0.3, 0.4]]
 
 
 async def test_a_page_is_no_input_of_a_step_and_an_older_run_goes_on_with_it() -> None:
-    cell, plain, drawn = Cell("test", IdealArm(), Hands()), MemoryLedger(), MemoryLedger()
+    cell, plain, drawn = Cell("test", IdealArm(), ScriptedTechnician()), MemoryLedger(), MemoryLedger()
     await Run(cell, plain).step("ask", ask_confirmation, WORDS)
     await Run(cell, drawn).step("ask", ask_confirmation, with_page(WORDS, "approve", plan={"poses": []}))
     assert drawn.facts == plain.facts
@@ -82,19 +82,19 @@ async def test_a_page_is_no_input_of_a_step_and_an_older_run_goes_on_with_it() -
 
 
 async def test_a_recovery_first_asks_for_newer_counts_and_tells_what_a_mark_by_eye_is_worth() -> None:
-    made, heard = await recovering(), list[Instruction]()
-    made.hands.refuses = {"saved_counts"}
+    made, instructions = await recovery_scene(), list[Instruction]()
+    made.technician.refuses = {"saved_counts"}
     answered, moves = made.cell.operator.confirm, list(made.arm.moves)
 
-    async def noted(instruction: Instruction) -> Answer:
-        heard.append(instruction)
+    async def note_instruction(instruction: Instruction) -> Answer:
+        instructions.append(instruction)
         return await answered(instruction)
 
-    made.cell.operator.confirm = noted  # type: ignore[method-assign]
+    made.cell.operator.confirm = note_instruction  # type: ignore[method-assign]
     with pytest.raises(DeclinedError, match="newer counts"):
         await definition_named("mastering_recovery").procedure(Run(made.cell, MemoryLedger()), made.spec)
-    assert [each.key for each in heard] == ["saved_counts"]
-    levers = page_of(heard[0]).data["axes"]
+    assert [each.key for each in instructions] == ["saved_counts"]
+    levers = page_of(instructions[0]).data["axes"]
     assert [lever["name"] for lever in levers] == [f"J{k}" for k in range(1, 7)]
     assert max(lever["tenth_degree_m"] for lever in levers) > 1e-3
     assert made.arm.moves == moves
@@ -111,16 +111,16 @@ async def test_a_recovery_first_asks_for_newer_counts_and_tells_what_a_mark_by_e
 )
 async def test_a_procedure_shows_kinds_of_pages_with_their_data(name: str, kinds: list[StepKind]) -> None:
     made = await scene_for(name)
-    heard: list[Instruction] = []
+    instructions: list[Instruction] = []
     answered = made.cell.operator.confirm
 
-    async def noted(instruction: Instruction) -> Answer:
-        heard.append(instruction)
+    async def note_instruction(instruction: Instruction) -> Answer:
+        instructions.append(instruction)
         return await answered(instruction)
 
-    made.cell.operator.confirm = noted  # type: ignore[method-assign]
+    made.cell.operator.confirm = note_instruction  # type: ignore[method-assign]
     await definition_named(name).procedure(Run(made.cell, MemoryLedger()), made.spec)
-    pages = [page_of(instruction) for instruction in heard]
+    pages = [page_of(instruction) for instruction in instructions]
     assert list(dict.fromkeys(page.kind for page in pages)) == list(dict.fromkeys(kinds))
     review = pages[-1].data["review"]
     assert review["characteristics"]
@@ -131,40 +131,45 @@ async def test_a_procedure_shows_kinds_of_pages_with_their_data(name: str, kinds
 
 
 def test_the_meter_of_a_tip_refuses_exactly_what_the_procedure_would_have_taught_again() -> None:
-    dice = np.random.default_rng(5)
-    seen = set()
+    rng = np.random.default_rng(5)
+    outcomes = set()
     for _ in range(120):
         touches = [
-            turned(dice.normal(size=3), float(dice.choice([4.0, 15.0, 30.0, 60.0])))
-            for _ in range(int(dice.integers(1, 5)))
+            pose_turned_by(rng.normal(size=3), float(rng.choice([4.0, 15.0, 30.0, 60.0])))
+            for _ in range(int(rng.integers(1, 5)))
         ]
-        here = turned(dice.normal(size=3), float(dice.choice([4.0, 15.0, 30.0, 60.0])))
+        here = pose_turned_by(rng.normal(size=3), float(rng.choice([4.0, 15.0, 30.0, 60.0])))
         reading = read_meter(to_jsonable_python(meter_of(touches)), here)
         judged = judge_touches(RULES, (*touches, here), ())
         of_attitude = judged.do == "anew" and "contradict" not in judged.why
         assert bool(reading.refusal) == of_attitude
-        seen.add(reading.refusal)
-    assert seen == {"", "tcp.spread_low", "tcp.one_axis"}
+        outcomes.add(reading.refusal)
+    assert outcomes == {"", "tcp.spread_low", "tcp.one_axis"}
 
 
 @pytest.mark.parametrize(
     ("degrees", "refusal"), [(5.0, "tcp.spread_low"), (25.0, ""), (45.0, ""), (90.0, "")]
 )
 def test_five_degrees_are_no_attitude_of_their_own(degrees: float, refusal: str) -> None:
-    first = turned(np.array([0.0, 0.0, 1.0]), 0.0)
-    reading = read_meter(to_jsonable_python(meter_of([first])), turned(np.array([1.0, 0.0, 0.0]), degrees))
+    first = pose_turned_by(np.array([0.0, 0.0, 1.0]), 0.0)
+    reading = read_meter(
+        to_jsonable_python(meter_of([first])), pose_turned_by(np.array([1.0, 0.0, 0.0]), degrees)
+    )
     assert reading.refusal == refusal
     assert reading.figures[0].value == pytest.approx(math.radians(degrees), abs=1e-9)
 
 
 def test_rolls_of_the_wrist_alone_never_pass() -> None:
     up = np.array([0.0, 0.0, 1.0])
-    rolls = [turned(up, angle) for angle in (0.0, 60.0)]
+    rolls = [pose_turned_by(up, angle) for angle in (0.0, 60.0)]
     for angle in (-60.0, 120.0, 180.0):
-        assert read_meter(to_jsonable_python(meter_of(rolls)), turned(up, angle)).refusal == "tcp.one_axis"
+        assert (
+            read_meter(to_jsonable_python(meter_of(rolls)), pose_turned_by(up, angle)).refusal
+            == "tcp.one_axis"
+        )
 
 
-def test_a_move_that_turns_or_is_short_is_told_apart() -> None:
+def test_a_move_that_turns_or_is_short_is_distinguished() -> None:
     start = Pose((0.5, 0.0, 0.5))
     meter = to_jsonable_python(move_meter(start, 0.3))
     assert read_meter(meter, Pose((0.6, 0.0, 0.5))).refusal == "tool.move_short"
@@ -201,8 +206,8 @@ def test_points_of_a_frame_are_refused_before_they_are_recorded(
 
 @pytest.mark.parametrize(("beside_m", "warning"), [(0.001, ""), (0.02, "frame.points_disagree")])
 def test_another_point_than_is_asked_for_is_warned_of(beside_m: float, warning: str) -> None:
-    known = [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0)]
-    meter = known_points_meter(1, known, [(1.0, 0.2, 0.3)], (0.0, 0.0, 0.0))
+    taught_points = [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0)]
+    meter = known_points_meter(1, taught_points, [(1.0, 0.2, 0.3)], (0.0, 0.0, 0.0))
     reading = read_meter(to_jsonable_python(meter), Pose((1.4 + beside_m, 0.2, 0.3)))
     assert (reading.refusal, reading.warning) == ("", warning)
     (gap,) = reading.figures
@@ -219,13 +224,15 @@ def test_a_tenth_of_a_degree_is_its_lever() -> None:
     assert all_of_one["most_m"] == pytest.approx(levers[0]["tenth_degree_m"], rel=1e-6)
 
 
-def test_a_frame_displaces_no_point_by_more_than_is_told() -> None:
-    dice = np.random.default_rng(2)
+def test_a_frame_displaces_no_point_by_more_than_stated() -> None:
+    rng = np.random.default_rng(2)
     for _ in range(50):
-        before = turned(dice.normal(size=3), float(dice.uniform(0, 170)))
-        after = before @ Pose(tuple(dice.normal(size=3) * 0.01), turned(dice.normal(size=3), 3.0).quaternion)
+        before = pose_turned_by(rng.normal(size=3), float(rng.uniform(0, 170)))
+        after = before @ Pose(
+            tuple(rng.normal(size=3) * 0.01), pose_turned_by(rng.normal(size=3), 3.0).quaternion
+        )
         most = float(frame_displacement(before, after)["most_m"])
-        points = dice.normal(size=(200, 3))
+        points = rng.normal(size=(200, 3))
         points *= 0.5 / np.linalg.norm(points, axis=1, keepdims=True)
         moved = [
             pose.rotation_matrix() @ points.T + np.array(pose.position_m)[:, None] for pose in (before, after)
@@ -247,11 +254,11 @@ def test_points_are_counted_from_what_is_asked_for() -> None:
     ],
 )
 def test_a_wire_rests_only_after_a_second_of_quiet(length_m: object, settles: bool) -> None:
-    settle, dice = SettleDetector(4e-4), np.random.default_rng(1)
+    settle, rng = SettleDetector(4e-4), np.random.default_rng(1)
     rested = []
     for k in range(60):
         now = 0.1 * k
-        settle.add_reading(now, length_m(now) + float(dice.normal()) * 1e-4)  # type: ignore[operator]
+        settle.add_reading(now, length_m(now) + float(rng.normal()) * 1e-4)  # type: ignore[operator]
         rested.append(settle.is_settled(now))
     assert not any(rested[:10])
     assert rested[-1] is settles

@@ -26,7 +26,8 @@ from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
 from cellcal.procedures.survey.survey_choice import SurveyProgress, choose_pose
 from cellcal.procedures.survey.wire_survey import read_survey_state
 from cellcal.procedures.three_point_frame import three_point_frame
-from tests.procedures.cells import (
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.procedure_scenes import (
     BASE_FIXTURE,
     FIXTURE_POINTS,
     FLANGE_TOOL,
@@ -35,41 +36,40 @@ from tests.procedures.cells import (
     OTHER_BASE_FIXTURE,
     QUICK,
     TARGETS,
-    Scene,
-    aligning,
+    ProcedureScene,
     alignment_of,
-    at,
-    hanging,
-    moved_workpiece,
-    pointing,
+    alignment_scene,
+    base_to_base_scene,
+    healthy_scene,
+    hook_scene,
+    moved_workpiece_scene,
     record_of,
-    scene,
-    through_a_fixture,
+    to_outer_frame,
+    user_frame_scene,
 )
-from tests.procedures.ledgers import MemoryLedger
 
 CAREFUL = SurveyRules(samples=2)
 FINE = FrameLimits(0.0002, math.radians(0.02))
 
 
-async def _with_record(made: Scene) -> Scene:
-    made.cell = replace(made.cell, record=await record_of(scene()))
+async def _with_record(made: ProcedureScene) -> ProcedureScene:
+    made.cell = replace(made.cell, record=await record_of(healthy_scene()))
     return made
 
 
-async def _align(made: Scene) -> AlignmentResult:
+async def _run_alignment(made: ProcedureScene) -> AlignmentResult:
     return await fixture_alignment(Run(made.cell, MemoryLedger()), made.spec)
 
 
-async def _tool(made: Scene) -> MeasuredTool:
+async def _run_tool_measurement(made: ProcedureScene) -> MeasuredTool:
     return await end_effector_points(Run(made.cell, MemoryLedger()), made.spec)
 
 
-async def _offset(made: Scene) -> OffsetResult:
+async def _run_frame_offset(made: ProcedureScene) -> OffsetResult:
     return await frame_offset(Run(made.cell, MemoryLedger()), made.spec)
 
 
-async def _chain(made: Scene) -> BasesResult:
+async def _run_base_to_base(made: ProcedureScene) -> BasesResult:
     return await base_to_base(Run(made.cell, MemoryLedger()), made.spec)
 
 
@@ -78,47 +78,49 @@ def _apart_m(one: Pose, other: Pose) -> float:
 
 
 async def test_a_fixture_is_found_within_its_limits_with_fewer_captures_than_a_fixed_plan() -> None:
-    made = await _with_record(aligning(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
-    result = await _align(made)
+    made = await _with_record(alignment_scene(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
+    result = await _run_alignment(made)
     assert result.placed.origin_u_m <= FINE.origin_m
     assert result.placed.angle_u_rad <= FINE.angle_rad
     assert _apart_m(result.alignment.base_fixture, BASE_FIXTURE) <= 1.5 * result.placed.origin_u_m
     assert result.fixed_plan_captures is not None
     assert result.captures <= 0.85 * result.fixed_plan_captures
     assert "saved" in result.saving_text
-    assert made.hands.asked.count("mount_wire_4") == 1
+    assert made.technician.instructions.count("mount_wire_4") == 1
     verdict = CATALOGUE["fixture_alignment"].verdict
     assert verdict is not None
     assert verdict(made.spec, result).overall_decision == "pass"
 
 
 async def test_a_dry_run_foretells_captures_and_uncertainty_without_a_device() -> None:
-    made = await _with_record(aligning(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
+    made = await _with_record(alignment_scene(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
     forecast = CATALOGUE["fixture_alignment"].forecast
     assert forecast is not None
-    known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, made.cell.record)
-    told = forecast(made.spec, known)
-    assert told.predictions[0].expanded <= FINE.origin_m
-    assert 24 <= len(told.poses) <= 160
-    phases = with_planned_counts(CATALOGUE["fixture_alignment"].outline(made.spec), told.planned)
+    knowledge = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, made.cell.record)
+    forecasts = forecast(made.spec, knowledge)
+    assert forecasts.predictions[0].expanded <= FINE.origin_m
+    assert 24 <= len(forecasts.poses) <= 160
+    phases = with_planned_counts(CATALOGUE["fixture_alignment"].outline(made.spec), forecasts.planned)
     counts = {phase.name: len(phase.step_names) for phase in phases if phase.name in EACH_CAPTURE}
-    assert counts == dict.fromkeys(EACH_CAPTURE, len(told.poses))
-    assert any("obstacles" in words for words in told.not_checked)
+    assert counts == dict.fromkeys(EACH_CAPTURE, len(forecasts.poses))
+    assert any("obstacles" in words for words in forecasts.not_checked)
     assert forecast(made.spec, Knowledge()).lacks
     assert made.arm.moves == []
 
 
-def _knocked(made: Scene, *captures: int) -> Scene:
+def _spoil_lengths(made: ProcedureScene, *captures: int) -> ProcedureScene:
     """Let lengths be 20 mm wrong, counted from one as the run takes them."""
     first = made.wire.readings - 1
     made.wire.kink_m = {first + capture: 0.02 for capture in captures}
     return made
 
 
-async def test_a_length_that_stays_wrong_when_taken_again_is_left_out_and_told() -> None:
+async def test_a_length_that_stays_wrong_when_taken_again_is_left_out_and_reported() -> None:
     rules = SurveyRules(min_captures=7, max_captures=8, candidates=24, samples=1)
-    made = _knocked(aligning(rules=rules), 4, 8, 9)  # the fourth, and both times that it is taken again
-    result = await _align(made)
+    made = _spoil_lengths(
+        alignment_scene(rules=rules), 4, 8, 9
+    )  # the fourth, and both times that it is taken again
+    result = await _run_alignment(made)
     assert [(aside.step, aside.reason) for aside in result.set_aside] == [
         ("capture 4", MEASURED_AGAIN),
         ("capture 8", MEASURED_AGAIN),
@@ -133,19 +135,19 @@ async def test_a_length_that_stays_wrong_when_taken_again_is_left_out_and_told()
 async def test_more_than_one_wrong_length_at_a_spot_is_refused() -> None:
     rules = SurveyRules(min_captures=7, max_captures=8, candidates=24, samples=1, retakes=0)
     with pytest.raises(RefusalError, match="contradict each other"):
-        await _align(_knocked(aligning(rules=rules), 2, 5))
+        await _run_alignment(_spoil_lengths(alignment_scene(rules=rules), 2, 5))
 
 
 async def test_alignment_points_on_one_line_are_refused_before_anything_moves() -> None:
-    made = aligning(((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.01, 0.0)))
+    made = alignment_scene(((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.01, 0.0)))
     with pytest.raises(DegenerateDataError, match="one line") as refused:
-        await _align(made)
+        await _run_alignment(made)
     assert "beside the line" in refused.value.remedy
     assert made.arm.moves == []
 
 
-def _level(
-    made: Scene, pose: tuple[float, ...], hook_m: tuple[float, float, float]
+def _level_hook(
+    made: ProcedureScene, pose: tuple[float, ...], hook_m: tuple[float, float, float]
 ) -> tuple[float, ...] | None:
     """Turn J2 until the hook is at one height; None where it cannot be."""
     turns = np.linspace(-1.2, 2.0, 4001)
@@ -157,11 +159,11 @@ def _level(
 
 
 async def test_poses_in_one_plane_are_refused_with_the_other_place_named() -> None:
-    made = aligning()
+    made = alignment_scene()
     state = await read_survey_state(made.cell)
     plan = plan_alignment(state, replace(made.spec, rules=replace(QUICK, candidates=40)))
     hook_m = plan.hooks[0].at_m
-    level = tuple(q for pose in plan.pools[0] if (q := _level(made, pose, hook_m)) is not None)
+    level = tuple(q for pose in plan.pools[0] if (q := _level_hook(made, pose, hook_m)) is not None)
     survey = Survey(state, replace(plan, pools=(level, *plan.pools[1:])), made.spec.rules)
     assert len(level) > 10
     taken = tuple(LengthCapture("", pose, 1.0, 1e-4, (1.0,), (1,)) for pose in level[:8])
@@ -177,18 +179,18 @@ async def test_poses_in_one_plane_are_refused_with_the_other_place_named() -> No
 
 
 async def test_an_adaptor_on_the_wrong_point_is_refused_and_nothing_is_kept() -> None:
-    made = await _with_record(aligning(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
-    wrong = at(BASE_FIXTURE, (0.355, -0.44, 0.0))
-    made.hands.does["mount_wire_2"] = lambda: setattr(made.wire, "anchor_in_base_m", wrong)
+    made = await _with_record(alignment_scene(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
+    wrong = to_outer_frame(BASE_FIXTURE, (0.355, -0.44, 0.0))
+    made.technician.does["mount_wire_2"] = lambda: setattr(made.wire, "anchor_in_base_m", wrong)
     with pytest.raises(RefusalError) as refused:
-        await _align(made)
+        await _run_alignment(made)
     assert refused.value.code == "procedure.wrong_shape"
     assert "2" in refused.value.message
     assert isinstance(refused.value.evidence, AlignmentResult)
 
 
 async def test_a_caught_wire_is_measured_again() -> None:
-    made = await _with_record(aligning(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
+    made = await _with_record(alignment_scene(FIXTURE_POINTS, limits=FINE, rules=CAREFUL))
     made.wire.kink_m = {4: 0.02, 5: 0.02}  # both samples of the third capture
     ledger = MemoryLedger()
     result = await fixture_alignment(Run(made.cell, ledger), made.spec)
@@ -197,26 +199,26 @@ async def test_a_caught_wire_is_measured_again() -> None:
 
 
 async def test_what_cannot_be_reached_ends_undecided_with_the_figures() -> None:
-    made = aligning(limits=FrameLimits(1e-5, 1e-5))
+    made = alignment_scene(limits=FrameLimits(1e-5, 1e-5))
     with pytest.raises(RefusalError) as refused:
-        await _align(made)
+        await _run_alignment(made)
     assert refused.value.code == "procedure.undecided"
     assert isinstance(refused.value.evidence, AlignmentResult)
     assert refused.value.evidence.captures == 3 * QUICK.max_captures
 
 
 async def test_a_robot_that_is_not_mastered_is_not_surveyed() -> None:
-    made = aligning()
+    made = alignment_scene()
     made.arm.data = MasteringData(made.arm.data.counts_at_zero, mastered=False)
     with pytest.raises(RefusalError) as refused:
-        await _align(made)
+        await _run_alignment(made)
     assert refused.value.code == "procedure.not_healthy"
     assert made.arm.moves == []
 
 
 async def test_three_points_of_the_end_effector_give_the_tool_frame() -> None:
-    made = await _with_record(hanging(rules=CAREFUL, tip_u_m=0.0003, angle_u_rad=math.radians(0.2)))
-    result = await _tool(made)
+    made = await _with_record(hook_scene(rules=CAREFUL, tip_u_m=0.0003, angle_u_rad=math.radians(0.2)))
+    result = await _run_tool_measurement(made)
     assert not result.position_only
     assert result.tip_u_m <= 0.0003
     assert _apart_m(result.flange_tool, FLANGE_TOOL) <= 1.5 * result.tip_u_m
@@ -224,8 +226,8 @@ async def test_three_points_of_the_end_effector_give_the_tool_frame() -> None:
 
 
 async def test_one_point_gives_the_place_only_and_says_so() -> None:
-    made = await _with_record(hanging(TARGETS[:1], rules=CAREFUL, tip_u_m=0.0005))
-    result = await _tool(made)
+    made = await _with_record(hook_scene(TARGETS[:1], rules=CAREFUL, tip_u_m=0.0005))
+    result = await _run_tool_measurement(made)
     assert result.position_only
     assert result.flange_tool.quaternion == made.spec.rough_flange_tool.quaternion
     assert _apart_m(result.flange_tool, FLANGE_TOOL) <= 1.5 * result.tip_u_m
@@ -236,24 +238,24 @@ async def test_one_point_gives_the_place_only_and_says_so() -> None:
 
 @pytest.mark.parametrize("points", [TARGETS[:2], ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.001, 0.0))])
 async def test_points_that_leave_a_turn_open_are_refused(points: tuple) -> None:
-    made = hanging(points)
+    made = hook_scene(points)
     with pytest.raises(CalibrationError, match="line"):
-        await _tool(made)
+        await _run_tool_measurement(made)
     assert (made.arm.moves, made.arm.writes) == ([], 0)
 
 
 async def test_a_declined_tool_is_not_written() -> None:
-    made = hanging(TARGETS[:1])
-    made.hands.refuses = {"accept_tool"}
+    made = hook_scene(TARGETS[:1])
+    made.technician.refuses = {"accept_tool"}
     with pytest.raises(DeclinedError):
-        await _tool(made)
+        await _run_tool_measurement(made)
     assert made.arm.writes == 0
 
 
 async def test_a_moved_workpiece_takes_its_frame_along() -> None:
     old_new = Pose.from_matrix(homogeneous_matrix(FRAME.rotation_matrix(), np.array([0.03, -0.02, 0.004])))
-    made = moved_workpiece(FRAME, old_new)
-    result = await _offset(made)
+    made = moved_workpiece_scene(FRAME, old_new)
+    result = await _run_frame_offset(made)
     assert is_same_pose(result.found.old_new, old_new)
     assert is_same_pose(made.arm.frames[2], FRAME @ old_new)
     assert result.found.shift_m == pytest.approx(math.hypot(0.03, 0.02, 0.004))
@@ -263,49 +265,49 @@ async def test_a_moved_workpiece_takes_its_frame_along() -> None:
 
 
 async def test_points_touched_before_the_move_serve_as_well_as_a_drawing() -> None:
-    made = moved_workpiece()
-    want = (await _offset(moved_workpiece())).found.old_new
-    before = tuple(at(FRAME, point) for point in OFFSET_POINTS)
+    made = moved_workpiece_scene()
+    want = (await _run_frame_offset(moved_workpiece_scene())).found.old_new
+    before = tuple(to_outer_frame(FRAME, point) for point in OFFSET_POINTS)
     made.spec = replace(made.spec, points_in_frame_m=(), old_points_in_base_m=before, old_frame=FRAME)
-    assert is_same_pose((await _offset(made)).found.old_new, want)
+    assert is_same_pose((await _run_frame_offset(made)).found.old_new, want)
 
 
 async def test_points_of_another_shape_are_refused_and_the_frame_stays() -> None:
-    made = moved_workpiece()
-    third = made.hands.does["touch_point_3"]
+    made = moved_workpiece_scene()
+    third = made.technician.does["touch_point_3"]
 
-    def beside() -> None:
+    def touch_beside() -> None:
         third()
         taught = made.arm.taught
         assert taught is not None
         x, y, z = taught.position_m
         made.arm.taught = Pose((x + 0.008, y + 0.008, z), taught.quaternion)
 
-    made.hands.does["touch_point_3"] = beside
+    made.technician.does["touch_point_3"] = touch_beside
     with pytest.raises(RefusalError) as refused:
-        await _offset(made)
+        await _run_frame_offset(made)
     assert refused.value.code == "procedure.wrong_shape"
     assert made.arm.frames[2] == FRAME
 
 
 async def test_a_check_point_below_the_plane_is_refused() -> None:
-    made = moved_workpiece()
-    made.hands.does["touch_above"] = lambda: setattr(made.arm, "taught", Pose((0.5, 0.0, -0.9)))
+    made = moved_workpiece_scene()
+    made.technician.does["touch_above"] = lambda: setattr(made.arm, "taught", Pose((0.5, 0.0, -0.9)))
     with pytest.raises(CalibrationError, match="below"):
-        await _offset(made)
+        await _run_frame_offset(made)
     assert made.arm.writes == 0
 
 
 async def test_both_kinds_of_points_or_none_are_refused() -> None:
-    made = moved_workpiece()
+    made = moved_workpiece_scene()
     made.spec = replace(made.spec, old_points_in_base_m=OFFSET_POINTS)
     with pytest.raises(CalibrationError, match="either"):
-        await _offset(made)
+        await _run_frame_offset(made)
 
 
 async def test_two_bases_are_chained_through_the_fixture() -> None:
-    made = through_a_fixture()
-    result = await _chain(made)
+    made = base_to_base_scene()
+    result = await _run_base_to_base(made)
     assert [base.robot_serial for base in result.bases] == ["F-2"]
     assert is_same_pose(
         result.bases[0].pose.other_base_base, chained_frames(OTHER_BASE_FIXTURE, BASE_FIXTURE)
@@ -316,10 +318,10 @@ async def test_two_bases_are_chained_through_the_fixture() -> None:
 
 
 async def test_the_newest_alignment_of_a_robot_counts() -> None:
-    made = through_a_fixture()
+    made = base_to_base_scene()
     newer = alignment_of("F-2", BASE_FIXTURE)
     made.cell = replace(made.cell, alignments=(*made.cell.alignments, newer))
-    result = await _chain(made)
+    result = await _run_base_to_base(made)
     assert is_same_pose(result.bases[0].pose.other_base_base, Pose((0.0, 0.0, 0.0)))
 
 
@@ -332,39 +334,39 @@ async def test_the_newest_alignment_of_a_robot_counts() -> None:
     ],
 )
 async def test_bases_without_enough_are_refused(spec: BaseToBaseSpec, code: str) -> None:
-    made = through_a_fixture()
+    made = base_to_base_scene()
     made.spec = spec
     with pytest.raises(RefusalError) as refused:
-        await _chain(made)
+        await _run_base_to_base(made)
     assert refused.value.code == code
 
 
 async def test_an_alignment_of_an_earlier_mastering_or_of_other_points_is_refused() -> None:
-    made = through_a_fixture()
+    made = base_to_base_scene()
     mine, other = made.cell.alignments
     made.cell = replace(made.cell, alignments=(replace(mine, counts_at_zero=(1,) * 6), other))
     with pytest.raises(RefusalError, match="mastered anew"):
-        await _chain(made)
+        await _run_base_to_base(made)
     made.cell = replace(made.cell, alignments=(mine, replace(other, points_in_fixture_m=TARGETS)))
     with pytest.raises(RefusalError, match="two fixtures"):
-        await _chain(made)
+        await _run_base_to_base(made)
 
 
 async def test_more_points_make_a_taught_frame_surer_and_a_stray_one_is_named() -> None:
-    made, plain = pointing(), pointing()
+    made, plain = user_frame_scene(), user_frame_scene()
     made.spec = replace(made.spec, more_on_x=2, more_in_plane=3)
     tip = np.array(made.spec.tip_in_flange_m)
     attitude = np.diag([1.0, -1.0, -1.0])
 
-    def touching(places: list[tuple[float, float, float]]) -> None:
-        point = np.array(at(FRAME, places.pop(0)))
+    def touch_places(places: list[tuple[float, float, float]]) -> None:
+        point = np.array(to_outer_frame(FRAME, places.pop(0)))
         made.arm.taught = Pose.from_matrix(homogeneous_matrix(attitude, point - attitude @ tip))
 
     on_x = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)]
     in_plane = [(0.3, -0.3, 0.0), (0.4, 0.2, 0.0), (0.0, 0.4, 0.0)]
-    made.hands.does |= {
-        "touch_more_on_x": lambda: touching(on_x),
-        "touch_more_on_xy": lambda: touching(in_plane),
+    made.technician.does |= {
+        "touch_more_on_x": lambda: touch_places(on_x),
+        "touch_more_on_xy": lambda: touch_places(in_plane),
     }
     setup = await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)
     three = await three_point_frame(Run(plain.cell, MemoryLedger()), plain.spec)

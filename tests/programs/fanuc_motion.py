@@ -21,7 +21,7 @@ CAMERA = (12.0, -7.0, 0.0, 0.0, 0.0, 4.0)
 
 
 @dataclass
-class Event:
+class MotionEvent:
     """One motion: where the tip ends, and the positions that this depends on."""
 
     line: str
@@ -30,7 +30,7 @@ class Event:
 
 
 @dataclass
-class Controller:
+class FanucControllerState:
     """What the controller holds beside the program."""
 
     frames: dict[int, Matrix]
@@ -38,7 +38,7 @@ class Controller:
     numbers: dict[int, int] = field(default_factory=dict)
 
 
-def pose(values: tuple[float, ...]) -> Matrix:
+def pose_from_xyzwpr(values: tuple[float, ...]) -> Matrix:
     """Return the pose of X Y Z W P R in mm and degrees."""
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler("xyz", values[3:], degrees=True).as_matrix()
@@ -52,10 +52,10 @@ def values_of(matrix: Matrix) -> tuple[float, ...]:
     return (*(matrix[:3, 3] * 1e3).tolist(), *angles.tolist())
 
 
-class Interpreter:
+class FanucInterpreter:
     """Executes one listing."""
 
-    def __init__(self, text: str, controller: Controller) -> None:
+    def __init__(self, text: str, controller: FanucControllerState) -> None:
         text = text.replace("\r\n", "\n")
         main, records = text.split("/MN\n")[1].split("/POS\n")
         self.lines = [
@@ -77,9 +77,9 @@ class Interpreter:
         self.tool_condition = 0
         self.tip = np.eye(4)
         self.last: tuple[str, ...] = ()
-        self.events: list[Event] = []
+        self.events: list[MotionEvent] = []
 
-    def run(self) -> list[Event]:
+    def run(self) -> list[MotionEvent]:
         """Return the motions of the program."""
         labels = {line: at for at, line in enumerate(self.lines) if line.startswith("LBL[")}
         at, steps = 0, 0
@@ -90,10 +90,10 @@ class Interpreter:
             if jump:
                 at = labels[jump[3]] if self.numbers.get(int(jump[1]), 0) < int(jump[2]) else at
             elif not line.startswith("!"):
-                self._execute(line)
+                self._execute_line(line)
         return self.events
 
-    def _execute(self, line: str) -> None:
+    def _execute_line(self, line: str) -> None:
         if count := re.match(r"R\[(\d+)\]=(?:R\[\d+\]\+)?(\d+)$", line):
             before = self.numbers.get(int(count[1]), 0) if "+" in line else 0
             self.numbers[int(count[1])] = before + int(count[2])
@@ -105,11 +105,11 @@ class Interpreter:
             else:
                 self.condition = int(condition[2])
         elif assigned := _SET.match(line):
-            self._assign(int(assigned[1]), assigned[2], assigned[3].strip())
+            self._assign_register(int(assigned[1]), assigned[2], assigned[3].strip())
         elif move := _MOVE.match(line):
-            self._move(line, move)
+            self._execute_move(line, move)
 
-    def _value(self, text: str) -> tuple[list[float], tuple[str, ...]]:
+    def _read_value(self, text: str) -> tuple[list[float], tuple[str, ...]]:
         if text == "LPOS":
             in_frame = np.linalg.inv(self.controller.frames[self.frame]) @ self.tip
             return list(values_of(in_frame)), self.last
@@ -118,7 +118,7 @@ class Interpreter:
             return list(self.records[int(number)][1]), (f"P[{number}]",)
         return list(self.registers[int(number)][0]), self.registers[int(number)][1]
 
-    def _assign(self, number: int, element: str | None, text: str) -> None:
+    def _assign_register(self, number: int, element: str | None, text: str) -> None:
         if element is not None:
             values, names = self.registers.get(number, ([0.0] * 6, ()))
             plus = re.match(r"PR\[\d+,\d\]([+-])([\d.]+)$", text)
@@ -127,14 +127,14 @@ class Interpreter:
             self.registers[number] = (values, names)
             return
         parts = re.split(r"(?<=[\]S])([+-])", text)
-        values, names = self._value(parts[0])
+        values, names = self._read_value(parts[0])
         for sign, other in zip(parts[1::2], parts[2::2], strict=True):
-            added, more = self._value(other)
+            added, more = self._read_value(other)
             values = [a + float(sign + "1") * b for a, b in zip(values, added, strict=True)]
             names = (*names, *more)
         self.registers[number] = (values, names)
 
-    def _move(self, line: str, move: re.Match[str]) -> None:
+    def _execute_move(self, line: str, move: re.Match[str]) -> None:
         number = int(move[2]) if move[2] else self.numbers[int(move[3])]
         targets = [number, *map(int, _VIA.findall(move[4]))]
         for each in targets:
@@ -146,27 +146,31 @@ class Interpreter:
                 names: tuple[str, ...] = (f"P[{each}]",)
             else:
                 (values, names), frame = self.registers[each], self.frame
-            self._go(line, self.controller.frames[frame], tuple(values), names)
+            self._move_to(line, self.controller.frames[frame], tuple(values), names)
 
-    def _go(self, line: str, base_frame: Matrix, values: tuple[float, ...], names: tuple[str, ...]) -> None:
-        target = pose(values)
+    def _move_to(
+        self, line: str, base_frame: Matrix, values: tuple[float, ...], names: tuple[str, ...]
+    ) -> None:
+        target = pose_from_xyzwpr(values)
         if re.search(r"\bINC\b", line):
             before = values_of(np.linalg.inv(base_frame) @ self.tip)
-            target = pose(tuple(a + b for a, b in zip(before, values, strict=True)))
+            target = pose_from_xyzwpr(tuple(a + b for a, b in zip(before, values, strict=True)))
         if offset := re.search(r"(?<![_A-Za-z])Offset(?:,PR\[(\d+))?", line):
             shift, more = self.registers[int(offset[1] or self.condition)]
             names = (*names, *more)
-            turned = pose((0.0, 0.0, 0.0, *shift[3:])) @ target
+            turned = pose_from_xyzwpr((0.0, 0.0, 0.0, *shift[3:])) @ target
             turned[:3, 3] = target[:3, 3] + np.array(shift[:3]) * 1e-3
             target = turned
         if offset := re.search(r"Tool_Offset(?:,PR\[(\d+))?", line):
-            target = target @ pose(tuple(self.registers[int(offset[1] or self.tool_condition)][0]))
+            target = target @ pose_from_xyzwpr(
+                tuple(self.registers[int(offset[1] or self.tool_condition)][0])
+            )
         if "VOFFSET" in line:
-            target = pose(CAMERA) @ target
+            target = pose_from_xyzwpr(CAMERA) @ target
         base_tip = base_frame @ target
         if re.search(r"\bCOORD\b", line):
             base_tip = LEADER @ target
         if re.search(r"\bRTCP\b", line):
             base_tip = LEADER @ np.linalg.inv(target)
         self.tip, self.last = base_tip, names
-        self.events.append(Event(line, base_tip, names))
+        self.events.append(MotionEvent(line, base_tip, names))

@@ -35,7 +35,7 @@ from cellcal.drivers.programs.positions import (
     Positions,
     ProgramFile,
 )
-from tests.programs.damage import mutate
+from tests.programs.file_damage import mutate_file
 
 # With the blanks before it, which a wider number takes; never from amid blanks: a line of them would cost its square.
 _NUMBER = re.compile(rb"((?<![ \t])[ \t]*+[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+)")
@@ -43,7 +43,7 @@ _FLOOR_RAD = 3e-8  # what a rotation matrix of doubles can tell of an angle
 
 
 @dataclass
-class Tally:
+class FuzzTally:
     """What a campaign saw."""
 
     files: int = 0
@@ -55,35 +55,35 @@ class Tally:
     slowest_seed: int = -1
     failures: list[str] = field(default_factory=list)
 
-    def took(self, seconds: float, seed: int) -> None:
+    def note_duration(self, seconds: float, seed: int) -> None:
         if seconds > self.slowest_s:
             self.slowest_s, self.slowest_seed = seconds, seed
 
 
-def same(data: bytes) -> bytes:
+def unchanged_bytes(data: bytes) -> bytes:
     return data
 
 
-def as_asked(_: ProgramFile, change: PositionChange) -> PositionChange:
+def unchanged_change(_: ProgramFile, change: PositionChange) -> PositionChange:
     return change
 
 
 @dataclass(frozen=True)
-class Source:
+class GeneratorSource:
     """One generator of one brand's files."""
 
     brand: ProgramBrand
     name: str
     generate: Callable[[int], bytes]
     suffix: str
-    unpacked: Callable[[bytes], bytes] = same
-    packed: Callable[[bytes], bytes] = same
+    unpacked: Callable[[bytes], bytes] = unchanged_bytes
+    packed: Callable[[bytes], bytes] = unchanged_bytes
     consistent: Callable[[ProgramFile, PositionChange], PositionChange] = (
-        as_asked  # where one coordinate follows from others
+        unchanged_change  # where one coordinate follows from others
     )
 
 
-def sources() -> list[Source]:
+def generator_sources() -> list[GeneratorSource]:
     """Return every generator of every registered brand; a brand without one is an error."""
     modules = [name for _, name, _ in pkgutil.iter_modules(tests.programs.__path__)]
     found = []
@@ -95,29 +95,29 @@ def sources() -> list[Source]:
             raise LookupError(
                 f"{brand.brand} is registered, but tests/programs/generate_{brand.brand}.py is not there"
             )
-        found += [_source(brand, importlib.import_module(f"tests.programs.{name}")) for name in own]
+        found += [_source_of_module(brand, importlib.import_module(f"tests.programs.{name}")) for name in own]
     return found
 
 
-def _source(brand: ProgramBrand, module: ModuleType) -> Source:
+def _source_of_module(brand: ProgramBrand, module: ModuleType) -> GeneratorSource:
     parts = vars(module)
-    return Source(
+    return GeneratorSource(
         brand,
         module.__name__.rpartition("generate_")[2],
         parts["generate"],
         parts["SUFFIX"],
-        parts.get("unpacked", same),
-        parts.get("packed", same),
-        parts.get("consistent", as_asked),
+        parts.get("unpacked", unchanged_bytes),
+        parts.get("packed", unchanged_bytes),
+        parts.get("consistent", unchanged_change),
     )
 
 
-def roundtrip(
+def check_roundtrip(
     brand: ProgramBrand, generate: Callable[[int], bytes], seeds: Iterable[int], *, suffix: str = ""
-) -> Tally:
+) -> FuzzTally:
     """Parse and print; the bytes and what the positions declare are checked."""
-    tally = Tally()
-    name = _name(brand, suffix)
+    tally = FuzzTally()
+    name = _file_name(brand, suffix)
     for seed in seeds:
         data = generate(seed)
         start = time.process_time()
@@ -129,7 +129,7 @@ def roundtrip(
             tally.positions += len(file.positions)
         except Exception as error:
             tally.failures.append(f"seed {seed}: {type(error).__name__}: {error}")
-        tally.took(time.process_time() - start, seed)
+        tally.note_duration(time.process_time() - start, seed)
         tally.files += 1
     return tally
 
@@ -165,8 +165,8 @@ def token_invariant(
     seed: int,
     *,
     suffix: str = "",
-    unpacked: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
+    unpacked: Callable[[bytes], bytes] = unchanged_bytes,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = unchanged_change,
 ) -> bool:
     """Change some positions and prove that nothing else changed; False where there is nothing to change.
 
@@ -177,7 +177,7 @@ def token_invariant(
     ProgramFileError
         The reader refused the file or the change.
     """
-    file = brand.read(_name(brand, suffix), data)
+    file = brand.read(_file_name(brand, suffix), data)
     return changes_alone(brand, file, data, seed, suffix=suffix, unpacked=unpacked, consistent=consistent)
 
 
@@ -188,8 +188,8 @@ def changes_alone(
     seed: int,
     *,
     suffix: str = "",
-    unpacked: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
+    unpacked: Callable[[bytes], bytes] = unchanged_bytes,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = unchanged_change,
     took: Callable[[float], None] = lambda _: None,
 ) -> bool:
     """Change some positions of a file that was read from ``data``; the rest is `token_invariant`'s."""
@@ -202,11 +202,11 @@ def changes_alone(
     took(time.process_time() - start)
     assert file.to_bytes() == data, "changing a file changed the original"
     only_coordinates_differ(unpacked(data), unpacked(printed), file.positions, change)
-    says_what_was_asked(file, brand.read(_name(brand, suffix), printed), change)
+    check_declared_change(file, brand.read(_file_name(brand, suffix), printed), change)
     return True
 
 
-def _name(brand: ProgramBrand, suffix: str) -> str:
+def _file_name(brand: ProgramBrand, suffix: str) -> str:
     return f"generated{suffix or brand.suffixes[0]}"
 
 
@@ -259,7 +259,7 @@ def _lines_of_differing_numbers(before: bytes, old: list[bytes], new: list[bytes
     return (np.searchsorted(breaks, ends[differing]) + 1).tolist()
 
 
-def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: PositionChange) -> None:
+def check_declared_change(before: ProgramFile, after: ProgramFile, change: PositionChange) -> None:
     """Assert that changed positions read as asked, within the resolution, and all others as before."""
     old, new = before.positions, after.positions
     for this, that in (
@@ -290,43 +290,47 @@ def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: Positio
         assert not (far > 0.5 * step * (1 + 1e-6) + slack).any(), "joints are not what was asked"
 
 
-def _poses_agree(said: Array, asked: Array, old: Positions, change: PositionChange) -> None:
-    assert np.array_equal(np.isnan(said), np.isnan(asked))
-    off = np.abs(said[:, :3, 3] - asked[:, :3, 3])
-    size = np.maximum(1.0, np.linalg.norm(asked[:, :3, 3], axis=1))
+def _poses_agree(
+    declared_poses: Array, requested_poses: Array, old: Positions, change: PositionChange
+) -> None:
+    assert np.array_equal(np.isnan(declared_poses), np.isnan(requested_poses))
+    off = np.abs(declared_poses[:, :3, 3] - requested_poses[:, :3, 3])
+    size = np.maximum(1.0, np.linalg.norm(requested_poses[:, :3, 3], axis=1))
     allowed = 0.5 * old.resolution_m[change.rows] * (1 + 1e-6) + 1e-12 * size
     assert not (off > allowed[:, None]).any(), "a position is not where it was asked to be"
-    chord = np.linalg.norm((said - asked)[:, :3, :3].reshape(-1, 9), axis=1) / np.sqrt(2.0)
+    chord = np.linalg.norm((declared_poses - requested_poses)[:, :3, :3].reshape(-1, 9), axis=1) / np.sqrt(
+        2.0
+    )
     assert not (chord > 1.5 * old.resolution_rad[change.rows] + _FLOOR_RAD).any(), (
         "an orientation is not as asked"
     )
 
 
-def mutated(
+def check_mutants(
     brand: ProgramBrand,
     generate: Callable[[int], bytes],
     seeds: Iterable[int],
     *,
     suffix: str = "",
-    unpacked: Callable[[bytes], bytes] = same,
-    packed: Callable[[bytes], bytes] = same,
-    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = as_asked,
-) -> Tally:
+    unpacked: Callable[[bytes], bytes] = unchanged_bytes,
+    packed: Callable[[bytes], bytes] = unchanged_bytes,
+    consistent: Callable[[ProgramFile, PositionChange], PositionChange] = unchanged_change,
+) -> FuzzTally:
     """Damage files: each is refused with a sentence, or read with every byte and every point kept."""
-    tally = Tally()
-    name = _name(brand, suffix)
+    tally = FuzzTally()
+    name = _file_name(brand, suffix)
     base, whole = -1, b""
     for seed in seeds:
-        inside = unpacked is not same and seed % 2 == 0
+        inside = unpacked is not unchanged_bytes and seed % 2 == 0
         if seed // 4 != base:
             base, whole = seed // 4, generate(seed // 4)
-        data = packed(mutate(unpacked(whole), seed)) if inside else mutate(whole, seed)
+        data = packed(mutate_file(unpacked(whole), seed)) if inside else mutate_file(whole, seed)
         start = time.process_time()
         try:
             try:
                 file = brand.read(name, data)
             finally:
-                tally.took(time.process_time() - start, seed)
+                tally.note_duration(time.process_time() - start, seed)
             assert file.to_bytes() == data, "printed is not what was read"
             check_positions(file.positions)
             tally.positions += len(file.positions)
@@ -338,7 +342,7 @@ def mutated(
                 suffix=suffix,
                 unpacked=unpacked,
                 consistent=consistent,
-                took=partial(tally.took, seed=seed),
+                took=partial(tally.note_duration, seed=seed),
             )
         except ProgramFileError as error:
             tally.refused += 1
@@ -351,7 +355,7 @@ def mutated(
     return tally
 
 
-def blocks(count: int, size: int) -> Iterator[range]:
+def split_range(count: int, size: int) -> Iterator[range]:
     """Yield ``range(count)`` in pieces, for progress."""
     edges = [*range(0, count, size), count]
     yield from (range(first, last) for first, last in pairwise(edges))

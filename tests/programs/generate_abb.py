@@ -67,14 +67,14 @@ def generate(seed: int) -> bytes:
     targets: list[str] = []
     axes: list[str] = []
     for number in range(1, int(rng.integers(2, 12))):
-        lines += _declared(rng, number, targets, axes)
+        lines += _declarations(rng, number, targets, axes)
         odd = _OTHERS[int(rng.integers(len(_OTHERS)))]
         if not odd.strip() or odd not in lines:
             lines.append(odd)
     lines.append("    PROC main()")
     for _ in range(int(rng.integers(2, 20))):
         if rng.random() < 0.65:
-            lines.append(_move(rng, targets, axes))
+            lines.append(_move_instruction(rng, targets, axes))
         else:
             lines.append(_STATEMENTS[int(rng.integers(len(_STATEMENTS)))])
     lines += ["    ENDPROC", *_second_routine(rng), "ENDMODULE"]
@@ -87,7 +87,7 @@ def _second_routine(rng: np.random.Generator) -> list[str]:
         return []
     return [
         "    LOCAL PROC rOwn(num nWhich)",
-        f"        CONST robtarget p1:={_target(rng)};",
+        f"        CONST robtarget p1:={_robtarget_text(rng)};",
         "        MoveL p1,v100,fine,tool0;",
         "    ERROR",
         "        RETRY;",
@@ -95,57 +95,57 @@ def _second_routine(rng: np.random.Generator) -> list[str]:
     ]
 
 
-def _declared(rng: np.random.Generator, number: int, targets: list[str], axes: list[str]) -> list[str]:
+def _declarations(rng: np.random.Generator, number: int, targets: list[str], axes: list[str]) -> list[str]:
     storage = ("CONST", "PERS", "VAR", "LOCAL CONST", "TASK PERS", "const")[int(rng.integers(6))]
     kind = int(rng.integers(8))
     if kind == 0:
         axes.append(f"jp{number}")
-        return [f"    {storage} jointtarget jp{number}:={_axes(rng)};"]
+        return [f"    {storage} jointtarget jp{number}:={_external_axes_text(rng)};"]
     if kind == 1:
         size = int(rng.integers(1, 4))
         targets.append(f"ar{number}{{{int(rng.integers(1, size + 1))}}}")
-        body = ",\n        ".join(_target(rng) for _ in range(size))
+        body = ",\n        ".join(_robtarget_text(rng) for _ in range(size))
         return [f"    {storage} robtarget ar{number}{{{size}}}:=[{body}];"]
     if kind == 2:
-        rows = ",".join("[" + ",".join(_target(rng) for _ in range(2)) + "]" for _ in range(2))
+        rows = ",".join("[" + ",".join(_robtarget_text(rng) for _ in range(2)) + "]" for _ in range(2))
         return [f"    CONST robtarget mx{number}{{2,2}}:=[{rows}];"]
     if kind == 3:
         targets.append(f"P{number}")
-        return [f"    {storage} RobTarget p{number} := ! taught\n      {_target(rng, broken=True)} ;"]
+        return [f"    {storage} RobTarget p{number} := ! taught\n      {_robtarget_text(rng, broken=True)} ;"]
     targets.append(f"p{number}")
-    return [f"    {storage} robtarget p{number}:={_target(rng)};"]
+    return [f"    {storage} robtarget p{number}:={_robtarget_text(rng)};"]
 
 
-def _move(rng: np.random.Generator, targets: list[str], axes: list[str]) -> str:
+def _move_instruction(rng: np.random.Generator, targets: list[str], axes: list[str]) -> str:
     kind = int(rng.integers(10))
     tool = ("tGrip", "tool0", "TGRIP", "tFixed")[int(rng.choice(4, p=[0.5, 0.25, 0.2, 0.05]))]
     frame = ("", "\\WObj:=wTable", " \\WObj := wobj0", "\\wobj:=wHeld")[
         int(rng.choice(4, p=[0.3, 0.4, 0.25, 0.05]))
     ]
-    to = targets[int(rng.integers(len(targets)))] if targets and kind < 5 else _target(rng)
-    target = _target(rng)
+    to = targets[int(rng.integers(len(targets)))] if targets and kind < 5 else _robtarget_text(rng)
+    target = _robtarget_text(rng)
     moves = (
-        f"MoveAbsJ {axes[0] if axes else _axes(rng)}\\NoEOffs,v1000,fine,{tool};",
+        f"MoveAbsJ {axes[0] if axes else _external_axes_text(rng)}\\NoEOffs,v1000,fine,{tool};",
         f"MoveC {to}, {target},\n          v500,z10,{tool}{frame};",
         f"MoveLDO {to},v500,z10,{tool}{frame},doGun,1;",
         f"ArcL {to},v100,seam1,weld1\\Weave:=weave1,fine,{tool}{frame};",
         f"MoveL\\Conc,{to},[200,500,5000,1000],z10,{tool}{frame};",
         *[f"Move{'LJ'[kind % 2]} {to},v1000\\T:=2,fine\\Inpos:=inpos50,{tool}{frame};"] * 4,
-        f"MoveAbsJ {_axes(rng)},v1000,z50,tool0;",
+        f"MoveAbsJ {_external_axes_text(rng)},v1000,z50,tool0;",
     )
     return "        " + moves[kind]
 
 
-def _target(rng: np.random.Generator, *, broken: bool = False) -> str:
-    place = ",".join(_number(rng, value) for value in rng.uniform(-2000, 2000, 3))
+def _robtarget_text(rng: np.random.Generator, *, broken: bool = False) -> str:
+    place = ",".join(_format_number(rng, value) for value in rng.uniform(-2000, 2000, 3))
     flags = ",".join(str(int(value)) for value in [*rng.integers(-3, 3, 3), rng.integers(0, 8)])
     external = _EXTERNAL[int(rng.integers(len(_EXTERNAL)))]
     comma = (",\n     ! orientation [ follows\n     " if broken else ",") if rng.random() < 0.9 else " , "
-    body = comma.join([f"[{place}]", f"[{_quaternion(rng)}]", f"[{flags}]", external])
+    body = comma.join([f"[{place}]", f"[{_quaternion_text(rng)}]", f"[{flags}]", external])
     return f"[{body}]" if rng.random() < 0.9 else f"[ {body} ]"
 
 
-def _quaternion(rng: np.random.Generator) -> str:
+def _quaternion_text(rng: np.random.Generator) -> str:
     kind = int(rng.integers(5))
     if kind == 0:
         return ("1,0,0,0", "0,0,1,0", "0,-1,0,0", "0.7071,0,0.7071,0")[int(rng.integers(4))]
@@ -158,14 +158,14 @@ def _quaternion(rng: np.random.Generator) -> str:
     return ",".join(texts)
 
 
-def _axes(rng: np.random.Generator) -> str:
-    texts = [_number(rng, value) for value in rng.uniform(-170, 170, 6)]
+def _external_axes_text(rng: np.random.Generator) -> str:
+    texts = [_format_number(rng, value) for value in rng.uniform(-170, 170, 6)]
     if rng.random() < 0.15:
         texts[4:] = ["9E9", "9E+09"]
     return f"[[{','.join(texts)}],{_EXTERNAL[int(rng.integers(len(_EXTERNAL)))]}]"
 
 
-def _number(rng: np.random.Generator, value: float) -> str:
+def _format_number(rng: np.random.Generator, value: float) -> str:
     texts = (
         "0",
         str(round(value)),

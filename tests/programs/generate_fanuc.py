@@ -74,22 +74,22 @@ def generate(seed: int) -> bytes:
     numbers = np.sort(rng.choice(np.arange(1, 4 * count + 1), size=count, replace=False)).tolist()
     if rng.random() < 0.2:
         rng.shuffle(numbers)
-    writer = _Positions(rng, german)
-    records = [writer.record(number) for number in numbers]
-    body = _statements(rng, numbers)
+    writer = _PositionWriter(rng, german)
+    records = [writer.position_record(number) for number in numbers]
+    body = _statement_lines(rng, numbers)
     attributes = (_GERMAN if german else _ENGLISH).format(
-        comment=_pick(rng, ["", "Tomar en ST1540", "Führung öffnen", "A;B /POS"]),
+        comment=_pick_one(rng, ["", "Tomar en ST1540", "Führung öffnen", "A;B /POS"]),
         size=int(rng.integers(300, 9000)),
         day=int(rng.integers(1, 28)),
         lines=body.count("\n"),
     )
-    kind = _pick(rng, ["", "\t  Macro", "\t  Cond", "  Process"])
-    head = f"/PROG  TEST{seed}{kind}\n{attributes}{_pick(rng, _APPLICATIONS)}/MN\n{body}"
+    kind = _pick_one(rng, ["", "\t  Macro", "\t  Cond", "  Process"])
+    head = f"/PROG  TEST{seed}{kind}\n{attributes}{_pick_one(rng, _APPLICATIONS)}/MN\n{body}"
     text = f"{head}/POS\n{''.join(records)}/END\n"
-    return _encoded(rng, text)
+    return _encode_text(rng, text)
 
 
-def _encoded(rng: np.random.Generator, text: str) -> bytes:
+def _encode_text(rng: np.random.Generator, text: str) -> bytes:
     data = text.encode("cp850" if rng.random() < 0.5 else "cp437", errors="replace")
     ending = int(rng.integers(5))
     if ending == 0:
@@ -104,86 +104,88 @@ def _encoded(rng: np.random.Generator, text: str) -> bytes:
     return data
 
 
-def _statements(rng: np.random.Generator, numbers: list[int]) -> str:
+def _statement_lines(rng: np.random.Generator, numbers: list[int]) -> str:
     lines = []
     for number in numbers:
         if rng.random() < 0.9:
-            lines.append(_pick(rng, _MOVES).format(n=number))
+            lines.append(_pick_one(rng, _MOVES).format(n=number))
         if rng.random() < 0.5:
-            lines.append(_pick(rng, _STATEMENTS))
+            lines.append(_pick_one(rng, _STATEMENTS))
     return "".join(f"{i:4d}:{line}\n" for i, line in enumerate(lines, start=1))
 
 
-class _Positions:
+class _PositionWriter:
     """Writes records the way one controller, or one generator of programs, does."""
 
     def __init__(self, rng: np.random.Generator, german: bool) -> None:
         self.rng = rng
         self.keyword = "KONFIG" if german else "CONFIG"
         self.digits = int(rng.choice([3, 3, 3, 3, 0, 1, 2, 4, 6, 8]))
-        self.style = _pick(rng, ["controller"] * 6 + ["plain", "tight"])
+        self.style = _pick_one(rng, ["controller"] * 6 + ["plain", "tight"])
         self.groups = int(rng.choice([1, 1, 1, 2, 4]))
-        self.extended = _pick(rng, [[], [], [], ["mm"], ["deg", "mm"], ["mm", "mm", "deg"]])
+        self.extended = _pick_one(rng, [[], [], [], ["mm"], ["deg", "mm"], ["mm", "mm", "deg"]])
         self.scara = bool(rng.random() < 0.08)
         self.prefix = "R" if rng.random() < 0.05 else ""  # of a tool that stands in the cell
 
-    def record(self, number: int) -> str:
-        name = _pick(self.rng, ["", "", "", ':"Safe pos"', ':""', ':"übÄr {}; P[1]"'])
-        blocks = [self._group(group) for group in range(1, self.groups + 1)]
+    def position_record(self, number: int) -> str:
+        name = _pick_one(self.rng, ["", "", "", ':"Safe pos"', ':""', ':"übÄr {}; P[1]"'])
+        blocks = [self._group_text(group) for group in range(1, self.groups + 1)]
         gap = "\n" if self.style == "plain" else ""
         return f"P[{number}{name}]{{\n{''.join(blocks)}{gap}}};\n"
 
-    def _group(self, group: int) -> str:
+    def _group_text(self, group: int) -> str:
         if group > 1:
-            return self._joint_form(group, [_pick(self.rng, ["mm", "deg"])] * int(self.rng.integers(1, 3)))
+            return self._joint_form(
+                group, [_pick_one(self.rng, ["mm", "deg"])] * int(self.rng.integers(1, 3))
+            )
         chance = self.rng.random()
         if chance < 0.12:
             return self._joint_form(1, ["deg"] * 6)
-        return self._cartesian(taught=chance < 0.9)
+        return self._cartesian_text(taught=chance < 0.9)
 
-    def _cartesian(self, *, taught: bool) -> str:
+    def _cartesian_text(self, *, taught: bool) -> str:
         rng = self.rng
-        frames = f"UF : {_frame(rng)}, UT : {_frame(rng)}" if taught else "UF : F, UT : F"
-        config = self._configuration() if taught else _pick(rng, ["", "N D B, 0, 0, 0"])
-        place = rng.normal(size=3) * _pick(rng, [1500.0, 1500.0, 0.3, 1e-4])
+        frames = f"UF : {_frame_text(rng)}, UT : {_frame_text(rng)}" if taught else "UF : F, UT : F"
+        config = self._configuration_text() if taught else _pick_one(rng, ["", "N D B, 0, 0, 0"])
+        place = rng.normal(size=3) * _pick_one(rng, [1500.0, 1500.0, 0.3, 1e-4])
         angles = rng.uniform([-180, -90, -180], [180, 90, 180])
-        angles = np.where(rng.random(3) < 0.2, _pick(rng, [0.0, 180.0, -180.0, 90.0, -90.0]), angles)
+        angles = np.where(rng.random(3) < 0.2, _pick_one(rng, [0.0, 180.0, -180.0, 90.0, -90.0]), angles)
         if rng.random() < 0.1:
-            angles[1] = _pick(rng, [90.0, -90.0, 89.9999, -89.999])
-        texts = [self._number(v) if taught else " ********" for v in (*place, *angles)]
+            angles[1] = _pick_one(rng, [90.0, -90.0, 89.9999, -89.999])
+        texts = [self._format_number(v) if taught else " ********" for v in (*place, *angles)]
         units = [" mm"] * 3 + ["deg"] * 3
         names = [self.prefix + name for name in "XYZWPR"]
         words = [f"{n} ={t} {u}" for n, t, u in zip(names, texts, units, strict=True)]
         words += self._extended_axes(taught=taught)
         lines = [words[i : i + 3] for i in range(0, len(words), 3)]
         text = ",\n".join("\t" + ",\t".join(line) for line in lines)
-        return self._tightened(f"   GP1:\n\t{frames},\t\t{self.keyword} : '{config}',\n{text}\n")
+        return self._tighten_spacing(f"   GP1:\n\t{frames},\t\t{self.keyword} : '{config}',\n{text}\n")
 
     def _extended_axes(self, *, taught: bool) -> list[str]:
         return [
-            f"E{i}={self._number(self.rng.normal() * 900) if taught else ' ********'} {unit:>3}"
+            f"E{i}={self._format_number(self.rng.normal() * 900) if taught else ' ********'} {unit:>3}"
             for i, unit in enumerate(self.extended, start=1)
         ]
 
     def _joint_form(self, group: int, units: list[str]) -> str:
-        values = [self._number(v) for v in self.rng.uniform(-175, 175, len(units))]
+        values = [self._format_number(v) for v in self.rng.uniform(-175, 175, len(units))]
         if self.rng.random() < 0.08:
             values = [" ********"] * len(units)
         words = [f"J{i}={v} {u:>3}" for i, (v, u) in enumerate(zip(values, units, strict=True), start=1)]
         words += self._extended_axes(taught=True) if group == 1 else []
         lines = [words[i : i + 3] for i in range(0, len(words), 3)]
         text = ",\n".join("\t" + ",\t".join(line) for line in lines)
-        return self._tightened(f"   GP{group}:\n\tUF : 0, UT : {_frame(self.rng)},\t\n{text}\n")
+        return self._tighten_spacing(f"   GP{group}:\n\tUF : 0, UT : {_frame_text(self.rng)},\t\n{text}\n")
 
-    def _configuration(self) -> str:
+    def _configuration_text(self) -> str:
         rng = self.rng
         if self.scara:
-            return _pick(rng, ["R, 0, 0, 0", "L, 0, 0, 0"])
-        letters = " ".join(_pick(rng, pair) for pair in ("NF", "UD", "TB"))
+            return _pick_one(rng, ["R, 0, 0, 0", "L, 0, 0, 0"])
+        letters = " ".join(_pick_one(rng, pair) for pair in ("NF", "UD", "TB"))
         turns = ", ".join(str(int(turn)) for turn in rng.choice([0, 0, 0, 1, -1, 2], size=3))
         return f"{letters}, {turns}"
 
-    def _number(self, value: float) -> str:
+    def _format_number(self, value: float) -> str:
         """Return the blanks after "=" and the number."""
         text = f"{value:.{self.digits}f}"
         if self.style != "controller":
@@ -193,13 +195,13 @@ class _Positions:
             text = sign + (digits[1:] if digits.startswith("0.") else digits)
         return " " + text.rjust(6 + self.digits)
 
-    def _tightened(self, text: str) -> str:
+    def _tighten_spacing(self, text: str) -> str:
         return text.replace(" : ", ":").replace("\t", "") if self.style == "tight" else text
 
 
-def _frame(rng: np.random.Generator) -> str:
-    return _pick(rng, ["0", "1", "1", "2", "9", "10", "F"])
+def _frame_text(rng: np.random.Generator) -> str:
+    return _pick_one(rng, ["0", "1", "1", "2", "9", "10", "F"])
 
 
-def _pick(rng, choices):
+def _pick_one(rng, choices):
     return choices[int(rng.integers_of(len(choices)))]

@@ -52,47 +52,47 @@ def generate(seed: int) -> bytes:
         lines = [*_HEADER[: int(rng.integers(1, len(_HEADER) + 1))], *lines]
     used: set[str] = set()
     for number in range(1, int(rng.integers(2, 14))):
-        lines += _point(rng, number)
+        lines += _point_lines(rng, number)
         odd = _OTHERS[int(rng.integers(len(_OTHERS)))]
         if odd not in used or not odd.startswith(("DECL", "decl")):
             lines.append(odd)
             used.add(odd)
     if "DECL E6POS XLATER" in used and rng.random() < 0.5:
-        lines.append("XLATER=" + pose(rng))
+        lines.append("XLATER=" + pose_text(rng))
     if rng.random() < 0.4:
-        lines += _array(rng)
+        lines += _array_lines(rng)
     lines.append("ENDDAT")
     end = "\n" if rng.random() < 0.2 else "\r\n"
     text = end.join(lines) + (end if rng.random() < 0.8 else "")
     return text.encode("latin-1")
 
 
-def _point(rng: np.random.Generator, number: int) -> list[str]:
+def _point_lines(rng: np.random.Generator, number: int) -> list[str]:
     kind = int(rng.integers(12))
     name = f"P{number}"
     if kind == 0:
-        lines = [f"DECL E6AXIS X{name}={axes(rng)}"]
+        lines = [f"DECL E6AXIS X{name}={axes_text(rng)}"]
     elif kind == 1:
-        lines = [f"DECL AXIS X{name}={axes(rng, external=False)}"]
+        lines = [f"DECL AXIS X{name}={axes_text(rng, external=False)}"]
     elif kind == 2:
-        lines = [f"DECL GLOBAL E6POS X{name} = {pose(rng)}  ; global"]
+        lines = [f"DECL GLOBAL E6POS X{name} = {pose_text(rng)}  ; global"]
     elif kind == 3:
-        lines = [f"GLOBAL POS  X{name}={pose(rng, external=False)}"]
+        lines = [f"GLOBAL POS  X{name}={pose_text(rng, external=False)}"]
     elif kind == 4:
-        lines = [f"decl frame x{name.lower()}={pose(rng, state=False, external=False)}"]
+        lines = [f"decl frame x{name.lower()}={pose_text(rng, state=False, external=False)}"]
     elif kind == 5:
-        lines = [f"DECL E6POS X{name}={pose(rng)},XQ{number}={pose(rng)}"]
+        lines = [f"DECL E6POS X{name}={pose_text(rng)},XQ{number}={pose_text(rng)}"]
     elif kind == 6:
         lines = [f"DECL E6POS X{name}={{X 1.0,Y 2.0,Z 3.0}}"]
     elif kind == 7:
-        lines = [f"DECL E6POS X{name}", f"X{name}={pose(rng)}"]
+        lines = [f"DECL E6POS X{name}", f"X{name}={pose_text(rng)}"]
     elif kind in (8, 9):
         lines = [
             f"DECL E6POS X{name}={pose_as_printed(rng)}",
             f"DECL LDAT LC{name}={{VEL 2.0,ACC 100.0,ORI_TYP #VAR}}",
         ]
     else:
-        lines = [f"DECL E6POS X{name}={pose(rng)}"]
+        lines = [f"DECL E6POS X{name}={pose_text(rng)}"]
     if rng.random() < 0.75:
         lines.append(_frame_data(rng, name))
     return lines
@@ -108,24 +108,26 @@ def _frame_data(rng: np.random.Generator, name: str) -> str:
     return f"DECL FDAT F{name}={{{middle}{tail}}}"
 
 
-def _array(rng: np.random.Generator) -> list[str]:
+def _array_lines(rng: np.random.Generator) -> list[str]:
     size = int(rng.integers(1, 5))
-    return [f"DECL E6POS XARR[{size}]", *(f"XARR[{i + 1}]={pose(rng)}" for i in range(size))]
+    return [f"DECL E6POS XARR[{size}]", *(f"XARR[{i + 1}]={pose_text(rng)}" for i in range(size))]
 
 
-def pose(rng: np.random.Generator, *, state: bool = True, external: bool = True) -> str:
+def pose_text(rng: np.random.Generator, *, state: bool = True, external: bool = True) -> str:
     kind = "E6POS" if external else "POS" if state else "FRAME"
     values = [*rng.uniform(-2500, 2500, 3), *rng.uniform(-180, 180, 3)]
     names = [*"XYZABC"]
-    texts = [_number(rng, value) for value in values]
+    texts = [_format_number(rng, value) for value in values]
     if state and rng.random() < 0.85:
         names += ["S", "T"]
-        texts += [_flags(rng, 3), _flags(rng, 6)]
+        texts += [_flags_text(rng, 3), _flags_text(rng, 6)]
     if external and rng.random() < 0.8:
         count = int(rng.choice([6, 6, 6, 1, 2]))
         names += [f"E{i + 1}" for i in range(count)]
-        texts += ["0.0" if rng.random() < 0.7 else _number(rng, rng.uniform(-900, 900)) for _ in range(count)]
-    return _struct(rng, kind, names, texts)
+        texts += [
+            "0.0" if rng.random() < 0.7 else _format_number(rng, rng.uniform(-900, 900)) for _ in range(count)
+        ]
+    return _struct_text(rng, kind, names, texts)
 
 
 def pose_as_printed(rng: np.random.Generator) -> str:
@@ -138,16 +140,16 @@ def pose_as_printed(rng: np.random.Generator) -> str:
     return f"{{{struct},S {rng.integers(8)},T {rng.integers(64)}{axes}}}"
 
 
-def axes(rng: np.random.Generator, *, external: bool = True) -> str:
+def axes_text(rng: np.random.Generator, *, external: bool = True) -> str:
     names = [f"A{i + 1}" for i in range(6)]
-    texts = [_number(rng, value) for value in rng.uniform(-170, 170, 6)]
+    texts = [_format_number(rng, value) for value in rng.uniform(-170, 170, 6)]
     if external and rng.random() < 0.7:
         names += [f"E{i + 1}" for i in range(6)]
         texts += ["0.0"] * 6
-    return _struct(rng, "E6AXIS" if external else "AXIS", names, texts)
+    return _struct_text(rng, "E6AXIS" if external else "AXIS", names, texts)
 
 
-def _struct(rng: np.random.Generator, kind: str, names: list[str], texts: list[str]) -> str:
+def _struct_text(rng: np.random.Generator, kind: str, names: list[str], texts: list[str]) -> str:
     order = rng.permutation(len(names)) if rng.random() < 0.15 else np.arange(len(names))
     comma = (",", ",", ",", ", ", " , ")[int(rng.integers(5))]
     gap = " " if rng.random() < 0.9 else "  "
@@ -157,7 +159,7 @@ def _struct(rng: np.random.Generator, kind: str, names: list[str], texts: list[s
     return "{" + prefix + body + ("}" if rng.random() < 0.9 else " }")
 
 
-def _flags(rng: np.random.Generator, bits: int) -> str:
+def _flags_text(rng: np.random.Generator, bits: int) -> str:
     value = int(rng.integers(1 << bits))
     kind = int(rng.integers(8))
     if kind == 0:
@@ -165,7 +167,7 @@ def _flags(rng: np.random.Generator, bits: int) -> str:
     return f"'H{value:X}'" if kind == 1 else str(value)
 
 
-def _number(rng: np.random.Generator, value: float) -> str:
+def _format_number(rng: np.random.Generator, value: float) -> str:
     exact = f"{value:.9g}"
     exact = exact if "." in exact else f"{value:.1f}"
     texts = (

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.programs.generate_kuka import axes, pose
+from tests.programs.generate_kuka import axes_text, pose_text
 
 SUFFIX = ".src"
 
@@ -56,12 +56,14 @@ def generate(seed: int) -> bytes:
     rng = np.random.default_rng([seed, 12])
     lines = ["&ACCESS RVP", "&REL 3"] if rng.random() < 0.6 else []
     lines += [f"DEF  Teil_{seed} ( )", ";FOLD INI;%{PE}", "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)"]
-    lines += _frames(rng)
+    lines += _frame_lines(rng)
     for _ in range(int(rng.integers(3, 30))):
-        lines.append(_move(rng) if rng.random() < 0.55 else _FIXED[int(rng.integers(len(_FIXED)))])
+        lines.append(
+            _move_instruction(rng) if rng.random() < 0.55 else _FIXED[int(rng.integers(len(_FIXED)))]
+        )
         lines += _taught_move(rng) if rng.random() < 0.1 else []
     if rng.random() < 0.3:
-        lines += ["END", "", "GLOBAL DEF UP()", *_frames(rng), _move(rng)]
+        lines += ["END", "", "GLOBAL DEF UP()", *_frame_lines(rng), _move_instruction(rng)]
     lines.append("END")
     end = "\n" if rng.random() < 0.2 else "\r\n"
     return (end.join(lines) + end).encode("latin-1")
@@ -81,7 +83,7 @@ def _taught_move(rng: np.random.Generator) -> list[str]:
     ]
 
 
-def _frames(rng: np.random.Generator) -> list[str]:
+def _frame_lines(rng: np.random.Generator) -> list[str]:
     kind = int(rng.integers(7))
     base, tool = int(rng.integers(0, 9)), int(rng.integers(0, 9))
     choices: list[list[str]] = [
@@ -99,14 +101,14 @@ def _frames(rng: np.random.Generator) -> list[str]:
     return choices[kind]
 
 
-def _move(rng: np.random.Generator) -> str:
+def _move_instruction(rng: np.random.Generator) -> str:
     moves: tuple[Callable[[], str], ...] = (
-        lambda: f"PTP {axes(rng)}",
-        lambda: f"CIRC {pose(rng)},{pose(rng)},CA 90.0 C_DIS",
-        lambda: f"circ XP1, {pose(rng)}",
-        lambda: f"SLIN {pose(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]",
-        lambda: f"XP{int(rng.integers(90))}={pose(rng)}",
-        lambda: f"ptp  {pose(rng)} c_ptp ; Vorposition",
-        *[lambda: f"LIN {pose(rng)} C_DIS"] * 3,
+        lambda: f"PTP {axes_text(rng)}",
+        lambda: f"CIRC {pose_text(rng)},{pose_text(rng)},CA 90.0 C_DIS",
+        lambda: f"circ XP1, {pose_text(rng)}",
+        lambda: f"SLIN {pose_text(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]",
+        lambda: f"XP{int(rng.integers(90))}={pose_text(rng)}",
+        lambda: f"ptp  {pose_text(rng)} c_ptp ; Vorposition",
+        *[lambda: f"LIN {pose_text(rng)} C_DIS"] * 3,
     )
     return ("  " if rng.random() < 0.5 else "") + moves[int(rng.integers(len(moves)))]()

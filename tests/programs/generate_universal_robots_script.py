@@ -28,16 +28,18 @@ def generate(seed: int) -> bytes:
     lines = ["def cell_program():"]
     lines += rng.choice(_OPENERS, size=int(rng.integers(1, 6)), replace=False).tolist()
     if rng.random() < 0.8:
-        lines.append(f"  set_tcp({_pose(rng, _twelve)})")
+        lines.append(f"  set_tcp({_pose_text(rng, _twelve_digits)})")
     if rng.random() < 0.5:
-        lines.append(f"  Plane_1 = {_pose(rng, _twelve)}")
-        lines.append(f"  movel(pose_trans(Plane_1, {_pose(rng, _typed)}), a=1.2, v=0.25, t=0, r=0.002)")
+        lines.append(f"  Plane_1 = {_pose_text(rng, _twelve_digits)}")
+        lines.append(
+            f"  movel(pose_trans(Plane_1, {_pose_text(rng, _typed_digits)}), a=1.2, v=0.25, t=0, r=0.002)"
+        )
     count = int(rng.integers(1, 9))
     for i in range(1, count + 1):
-        lines += _waypoint(rng, i)
+        lines += _waypoint_lines(rng, i)
     for i in range(1, count + 1):
         lines.append(f'  $ {i} "MoveJ"\n  $ {i + 1} "Waypoint_{i}" "breakAfter"')
-        lines.append(_move(rng, i))
+        lines.append(_move_instruction(rng, i))
     lines += [_free_move(rng) for _ in range(int(rng.integers(0, 5)))]
     lines += ["end", "cell_program()"][: int(rng.integers(1, 3))]
     ending = "\r\n" if rng.random() < 0.3 else "\n"
@@ -45,16 +47,16 @@ def generate(seed: int) -> bytes:
     return text.encode("utf-8")
 
 
-def _waypoint(rng: np.random.Generator, i: int) -> list[str]:
+def _waypoint_lines(rng: np.random.Generator, i: int) -> list[str]:
     word = ("global ", "local ", "")[int(rng.integers(3))]
     blank = ("", " ", "  ")[int(rng.integers(3))]
     return [
-        f"  {word}Waypoint_{i}_p{blank}={blank}{_pose(rng, _twelve)}",
-        f"  {word}Waypoint_{i}_q{blank}={blank}{_joints(rng, _double)}",
+        f"  {word}Waypoint_{i}_p{blank}={blank}{_pose_text(rng, _twelve_digits)}",
+        f"  {word}Waypoint_{i}_q{blank}={blank}{_joints_text(rng, _double_digits)}",
     ]
 
 
-def _move(rng: np.random.Generator, i: int) -> str:
+def _move_instruction(rng: np.random.Generator, i: int) -> str:
     kind = int(rng.integers(5))
     if kind == 0:
         return f"  movel(Waypoint_{i}_p, a=1.2, v=0.25)"
@@ -67,8 +69,8 @@ def _move(rng: np.random.Generator, i: int) -> str:
 
 
 def _free_move(rng: np.random.Generator) -> str:
-    style = (_typed, _twelve, _double)[int(rng.integers(3))]
-    pose, other, joints = _pose(rng, style), _pose(rng, style), _joints(rng, style)
+    style = (_typed_digits, _twelve_digits, _double_digits)[int(rng.integers(3))]
+    pose, other, joints = _pose_text(rng, style), _pose_text(rng, style), _joints_text(rng, style)
     lines = (
         f"\tmovel({pose}, a=1.2, v=0.25)  # typed",
         f"  movej({joints}, a=1.4, v=1.05, r=0)",
@@ -81,34 +83,34 @@ def _free_move(rng: np.random.Generator) -> str:
     return lines[int(rng.integers(len(lines)))]
 
 
-def _pose(rng: np.random.Generator, style: object) -> str:
+def _pose_text(rng: np.random.Generator, style: object) -> str:
     length = rng.normal(size=3) * 0.5
     axis = rng.normal(size=3)
     kind = int(rng.integers(6))
     angle = (0.0, np.pi, 2 * np.pi - 1e-9, rng.uniform(0, np.pi), rng.uniform(np.pi, 2 * np.pi), 1e-7)[kind]
-    return "p" + _list(rng, [*length, *(axis / np.linalg.norm(axis) * angle)], style)
+    return "p" + _list_text(rng, [*length, *(axis / np.linalg.norm(axis) * angle)], style)
 
 
-def _joints(rng: np.random.Generator, style: object) -> str:
-    return _list(rng, list(rng.uniform(-6.2, 6.2, size=6)), style)
+def _joints_text(rng: np.random.Generator, style: object) -> str:
+    return _list_text(rng, list(rng.uniform(-6.2, 6.2, size=6)), style)
 
 
-def _list(rng: np.random.Generator, values: list[float], style: object) -> str:
+def _list_text(rng: np.random.Generator, values: list[float], style: object) -> str:
     comma = (",", ", ", " ,  ")[int(rng.integers(3))]
     return "[" + comma.join(style(float(value), rng) for value in values) + "]"  # type: ignore[operator]
 
 
-def _twelve(value: float, _: np.random.Generator) -> str:
+def _twelve_digits(value: float, _: np.random.Generator) -> str:
     return f"{value:.12f}".replace("0.", ".", 1) if abs(value) < 1 else f"{value:.12f}"
 
 
-def _double(value: float, rng: np.random.Generator) -> str:
+def _double_digits(value: float, rng: np.random.Generator) -> str:
     value = (value, value * 1e-5, round(value, 3), 0.0)[int(rng.integers(4))]
     text = repr(value)
     return text.replace("e-0", "E-").replace("e-", "E-") if "e" in text else text
 
 
-def _typed(value: float, rng: np.random.Generator) -> str:
+def _typed_digits(value: float, rng: np.random.Generator) -> str:
     kind = int(rng.integers(5))
     if kind == 0:
         return f"{round(value)}"

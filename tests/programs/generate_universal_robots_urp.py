@@ -31,7 +31,7 @@ ARMS = (
 def generate(seed: int) -> bytes:
     """Return a program; the same seed gives the same bytes."""
     rng = np.random.default_rng([seed, 13])
-    text = _program(rng)
+    text = _program_xml(rng)
     if rng.random() < 0.15:
         text = "".join(line.strip() for line in text.split("\n"))
     if rng.random() < 0.1:
@@ -60,7 +60,7 @@ def consistent(file: ProgramFile, change: PositionChange) -> PositionChange:
     )
 
 
-def _program(rng: np.random.Generator) -> str:
+def _program_xml(rng: np.random.Generator) -> str:
     lines = ['<?xml version="1.0" encoding="UTF-8" standalone="no"?>'] if rng.random() < 0.7 else []
     lines.append(
         '<URProgram name="cell &amp; lid" installation="default" installationRelativePath="default" '
@@ -68,20 +68,20 @@ def _program(rng: np.random.Generator) -> str:
         'robotSerialNumber="20195599999" crcValue="3747380250">'
     )
     arm = int(rng.integers(len(ARMS)))
-    lines += _kinematics(rng, "kinematics", arm, "  ", "LINEARIZED")
+    lines += _kinematics_node(rng, "kinematics", arm, "  ", "LINEARIZED")
     lines += ["  <children>", "    <!-- <Waypoint type='Fixed'/> is no waypoint here -->"]
-    lines += _extras(rng)
+    lines += _extra_nodes(rng)
     lines += ['    <MainProgram runOnlyOnce="true" InitVariablesNode="false">', "      <children>"]
     number = 1
     for move in range(int(rng.integers(1, 4))):
         count = int(rng.integers(1, 5))
-        lines += _move(rng, move, number, count, arm)
+        lines += _move_node(rng, move, number, count, arm)
         number += count
     lines += ["      </children>", "    </MainProgram>", "  </children>", "</URProgram>", ""]
     return "\n".join(lines)
 
 
-def _extras(rng: np.random.Generator) -> list[str]:
+def _extra_nodes(rng: np.random.Generator) -> list[str]:
     extras = (
         '    <Script type="File"><cachedContents>movel(p[0.1, 0.2, 0.3, 0, 3.14, 0], a=1 &lt; 2)</cachedContents></Script>',
         "    <Script><cachedContents><![CDATA[ x = [1, 2] <Waypoint> ]]></cachedContents></Script>",
@@ -97,7 +97,7 @@ def _extras(rng: np.random.Generator) -> list[str]:
     return [str(extra) for extra in rng.choice(extras, size=int(rng.integers(0, 6)))]
 
 
-def _move(rng: np.random.Generator, move: int, first: int, count: int, arm: int) -> list[str]:
+def _move_node(rng: np.random.Generator, move: int, first: int, count: int, arm: int) -> list[str]:
     kind = ("MoveJ", "MoveL", "MoveP")[int(rng.integers(3))]
     feature = '<feature class="GeomFeatureReference" referencedName="Joint_0_name"/>'
     base_feature = "0.0, 0.0, 0.0, 0.0, 0.0, 0.0"
@@ -105,19 +105,21 @@ def _move(rng: np.random.Generator, move: int, first: int, count: int, arm: int)
         feature = '<feature class="GeomFeatureReference" reference="../../Move/feature"/>'
     elif rng.random() < 0.4:
         feature = '<feature class="GeomFeatureReference" referencedName="Plane_1"/>'
-        base_feature = _six([*rng.normal(size=3) * 0.4, *rng.normal(size=3)])
-    tool = _six([*rng.normal(size=3) * 0.1, *(rng.normal(size=3) if rng.random() < 0.5 else (0.0, 0.0, 0.0))])
+        base_feature = _join_six([*rng.normal(size=3) * 0.4, *rng.normal(size=3)])
+    tool = _join_six(
+        [*rng.normal(size=3) * 0.1, *(rng.normal(size=3) if rng.random() < 0.5 else (0.0, 0.0, 0.0))]
+    )
     lines = [
         f'        <Move motionType="{kind}" speed="1.0471975511965976" acceleration="1.3962634015954636" useActiveTCP="false">',
         f"          {feature}",
         "          <children>",
     ]
     for i in range(first, first + count):
-        lines += _waypoint(rng, i, arm, tool, base_feature)
+        lines += _waypoint_node(rng, i, arm, tool, base_feature)
     return [*lines, "          </children>", "        </Move>"]
 
 
-def _waypoint(rng: np.random.Generator, i: int, arm: int, tool: str, base_feature: str) -> list[str]:
+def _waypoint_node(rng: np.random.Generator, i: int, arm: int, tool: str, base_feature: str) -> list[str]:
     name = (f"Waypoint_{i}", f"点 {i}", f'over "lid" {i}', f"a&b {i}")[int(rng.integers(4))]
     joints = rng.uniform(-3.1, 3.1, size=6)
     head = f'            <Waypoint type="Fixed" name={quoteattr(name)} kinematicsFlags="4">'
@@ -130,16 +132,16 @@ def _waypoint(rng: np.random.Generator, i: int, arm: int, tool: str, base_featur
         head,
         '              <motionParameters blendRadius="0.012"/>',
         "              <position>",
-        f"                <JointAngles angles={quote}{_six(list(joints))}{quote}/>",
+        f"                <JointAngles angles={quote}{_join_six(list(joints))}{quote}/>",
         f'                <TCPOffset pose = "{tool}"/>',
-        *_kinematics(rng, "Kinematics", own, "                ", status),
+        *_kinematics_node(rng, "Kinematics", own, "                ", status),
         "              </position>",
         f'              <BaseToFeature pose="{base_feature}"/>',
         "            </Waypoint>",
     ]
 
 
-def _kinematics(rng: np.random.Generator, tag: str, arm: int, indent: str, status: str) -> list[str]:
+def _kinematics_node(rng: np.random.Generator, tag: str, arm: int, indent: str, status: str) -> list[str]:
     checks = ", ".join(str(int(value)) for value in rng.integers(-(2**31), 2**31, size=6))
     names = ("deltaTheta", "a", "d", "alpha")
     values = [f'{indent}  <{name} value="{text}"/>' for name, text in zip(names, ARMS[arm], strict=True)]
@@ -151,10 +153,10 @@ def _kinematics(rng: np.random.Generator, tag: str, arm: int, indent: str, statu
     ]
 
 
-def _six(values: list[float]) -> str:
-    return ", ".join(_double(float(value)) for value in values)
+def _join_six(values: list[float]) -> str:
+    return ", ".join(_format_double(float(value)) for value in values)
 
 
-def _double(value: float) -> str:
+def _format_double(value: float) -> str:
     text = repr(value)
     return text.replace("e-0", "E-").replace("e-", "E-") if "e" in text else text

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.programs.yaskawa_motion import pose, rows_of, values_of
+from tests.programs.yaskawa_motion import pose_from_xyzrxryrz, rows_of, values_of
 
 PROJECT = """format = 1
 name = "moved"
@@ -23,12 +23,15 @@ yaskawa_rpy_deg = [0, 0, 30]
 position_mm = [1250, -50, 0]
 yaskawa_rpy_deg = [0, 10, -20]
 """
-FRAMES = {2: pose((1200, 100, -100, 0, 0, 30)), 3: pose((1250, -50, 0, 0, 10, -20))}
+FRAMES = {
+    2: pose_from_xyzrxryrz((1200, 100, -100, 0, 0, 30)),
+    3: pose_from_xyzrxryrz((1250, -50, 0, 0, 10, -20)),
+}
 DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass
-class Case:
+class JobCase:
     """A job, variables that it does not state, how the work moves, and the positions that must go along."""
 
     text: str
@@ -37,7 +40,7 @@ class Case:
     plain: set[str] = field(default_factory=set)
 
 
-class _Writer:
+class _MovedJobWriter:
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
         self.lines: list[str] = []
@@ -48,7 +51,7 @@ class _Writer:
         self.variables: dict[int, tuple[float, ...]] = {}
         self.every_frame_holds = True
 
-    def row(self, kind: str, frame: str, values: tuple[float, ...]) -> str:
+    def write_row(self, kind: str, frame: str, values: tuple[float, ...]) -> str:
         """Write a row; return its name in instructions."""
         number = self.counts[kind]
         self.counts[kind] += 1
@@ -61,36 +64,36 @@ class _Writer:
         self.rows[kind].append(f"{kind}{number:05d}={','.join(texts)}")
         return f"C{number:05d}" if kind == "C" else f"P{number:03d}"
 
-    def place(self, kind: str = "", *, plain: bool = True, frame: str = "") -> str:
+    def write_position(self, kind: str = "", *, plain: bool = True, frame: str = "") -> str:
         """Write a position over the work with the tool down."""
         kind = kind or ("C" if self.rng.random() < 0.7 else "P")
-        frame = frame or _pick(self, ["BASE", "ROBOT", "2", "2", "3"])
+        frame = frame or _pick_one(self, ["BASE", "ROBOT", "2", "2", "3"])
         base = np.eye(4)
         base[:3, :3] = Rotation.from_rotvec(self.rng.uniform(-0.25, 0.25, 3)).as_matrix() @ DOWN
         base[:3, 3] = np.array([1.25, 0.0, 0.1]) + self.rng.uniform(-0.2, 0.2, 3)
         local = np.linalg.inv(FRAMES[int(frame)]) @ base if frame.isdigit() else base
-        name = self.row(kind, frame, values_of(local))
+        name = self.write_row(kind, frame, values_of(local))
         if plain:
             self.plain.add(row_name(name))
         return name
 
-    def amount(self, *, stated: bool = True) -> str:
+    def write_amount(self, *, stated: bool = True) -> str:
         """Write an amount, as a row or as a variable that only the controller holds."""
         turn = self.rng.uniform(-15, 15, 3) if self.rng.random() < 0.2 else np.zeros(3)
         values = tuple(np.round([*self.rng.uniform(-60, 60, 3), *turn], 3).tolist())
         if stated:
-            return self.row("P", _pick(self, ["ROBOT", "BASE", "2"]), values)
+            return self.write_row("P", _pick_one(self, ["ROBOT", "BASE", "2"]), values)
         number = 60 + len(self.variables)
         self.variables[number] = values
         return f"P{number:03d}"
 
-    def say(self, *lines: str) -> None:
+    def add_lines(self, *lines: str) -> None:
         self.lines += lines
 
-    def move(self, target: str, word: str = "") -> None:
-        word = word or _pick(self, ["MOVJ", "MOVL", "MOVL", "MOVC", "MOVS"])
+    def add_move(self, target: str, word: str = "") -> None:
+        word = word or _pick_one(self, ["MOVJ", "MOVL", "MOVL", "MOVC", "MOVS"])
         speed = "VJ=25.00" if word == "MOVJ" else "V=375.0"
-        self.say(f"{word} {target} {speed}{_pick(self, ['', ' PL=0', ' ACC=50'])}")
+        self.add_lines(f"{word} {target} {speed}{_pick_one(self, ['', ' PL=0', ' ACC=50'])}")
 
 
 def row_name(name: str) -> str:
@@ -98,95 +101,104 @@ def row_name(name: str) -> str:
     return f"{name[0]}{int(name[1:]):05d}"
 
 
-def _axes(make: _Writer) -> str:
-    return _pick(make, ["BF", "RF", "TF", "UF#(2)", "UF#(3)"])
+def _external_axes_text(make: _MovedJobWriter) -> str:
+    return _pick_one(make, ["BF", "RF", "TF", "UF#(2)", "UF#(3)"])
 
 
-def _absolute(make: _Writer) -> None:
-    make.move(make.place())
+def _add_absolute_moves(make: _MovedJobWriter) -> None:
+    make.add_move(make.write_position())
 
 
-def _increment(make: _Writer) -> None:
-    make.say(f"IMOV {make.amount(stated=bool(make.rng.random() < 0.6))} V=50.0 {_axes(make)}")
+def _add_increment(make: _MovedJobWriter) -> None:
+    make.add_lines(
+        f"IMOV {make.write_amount(stated=bool(make.rng.random() < 0.6))} V=50.0 {_external_axes_text(make)}"
+    )
 
 
-def _shifted(make: _Writer) -> None:
-    make.say(f"SFTON {make.amount(stated=bool(make.rng.random() < 0.6))} {_axes(make)}")
+def _add_shift(make: _MovedJobWriter) -> None:
+    make.add_lines(
+        f"SFTON {make.write_amount(stated=bool(make.rng.random() < 0.6))} {_external_axes_text(make)}"
+    )
     for _ in range(int(make.rng.integers(1, 4))):
-        _pick(make, [_absolute, _absolute, _increment])(make)
-    make.say("SFTOF")
+        _pick_one(make, [_add_absolute_moves, _add_absolute_moves, _add_increment])(make)
+    make.add_lines("SFTOF")
 
 
-def _led(make: _Writer) -> None:
-    make.move(make.place("C", plain=False), _pick(make, ["SMOVL", "SMOVC", "SYMOVL", "EMOVL"]))
+def _add_led_motion(make: _MovedJobWriter) -> None:
+    make.add_move(
+        make.write_position("C", plain=False), _pick_one(make, ["SMOVL", "SMOVC", "SYMOVL", "EMOVL"])
+    )
 
 
-def _variable_computed(make: _Writer) -> None:
-    name = make.place("P", plain=False)
-    make.say(f"SETE {name} ({make.rng.integers(1, 4)}) {make.rng.integers(-90000, 90000)}")
-    make.move(name)
+def _variable_computed(make: _MovedJobWriter) -> None:
+    name = make.write_position("P", plain=False)
+    make.add_lines(f"SETE {name} ({make.rng.integers(1, 4)}) {make.rng.integers(-90000, 90000)}")
+    make.add_move(name)
 
 
-def _variable_summed(make: _Writer) -> None:
-    name = make.place("P", plain=False)
-    make.say(f"ADD {name} {make.amount()}")
-    make.move(name)
+def _variable_summed(make: _MovedJobWriter) -> None:
+    name = make.write_position("P", plain=False)
+    make.add_lines(f"ADD {name} {make.write_amount()}")
+    make.add_move(name)
 
 
-def _raised_from_here(make: _Writer) -> None:
-    make.move(make.place())
+def _raised_from_here(make: _MovedJobWriter) -> None:
+    make.add_move(make.write_position())
     number = 90 + int(make.rng.integers(5))
-    make.say(f"GETS PX{number:03d} $PX001", f"ADD P{number:03d} {make.amount()}")
-    make.move(f"P{number:03d}", "MOVL")
+    make.add_lines(f"GETS PX{number:03d} $PX001", f"ADD P{number:03d} {make.write_amount()}")
+    make.add_move(f"P{number:03d}", "MOVL")
 
 
-def _frame_made(make: _Writer) -> None:
+def _frame_made(make: _MovedJobWriter) -> None:
     if make.counts["P"] > 40:
         return
-    points = [make.place("P", plain=False, frame="BASE") for _ in range(3)]
-    make.say("MFRAME UF#(3) " + " ".join(f"PX{point[1:]}" for point in points))
-    make.move(make.place("C", plain=False, frame="3"))
+    points = [make.write_position("P", plain=False, frame="BASE") for _ in range(3)]
+    make.add_lines("MFRAME UF#(3) " + " ".join(f"PX{point[1:]}" for point in points))
+    make.add_move(make.write_position("C", plain=False, frame="3"))
     make.every_frame_holds = False
 
 
-def _looped(make: _Writer) -> None:
+def _add_loop(make: _MovedJobWriter) -> None:
     label = len(make.lines)
-    make.say(f"CLEAR B{label:03d}", f"*L{label}")
+    make.add_lines(f"CLEAR B{label:03d}", f"*L{label}")
     for _ in range(int(make.rng.integers(1, 3))):
-        _pick(make, [_absolute, _shifted, _increment])(make)
+        _pick_one(make, [_add_absolute_moves, _add_shift, _add_increment])(make)
     if make.rng.random() < 0.3:
-        make.say(f"SFTON {make.amount()} {_axes(make)}")
-    make.say(f"INC B{label:03d}", f"JUMP *L{label} IF B{label:03d}<2", "SFTOF")
+        make.add_lines(f"SFTON {make.write_amount()} {_external_axes_text(make)}")
+    make.add_lines(f"INC B{label:03d}", f"JUMP *L{label} IF B{label:03d}<2", "SFTOF")
 
 
-def _silent(make: _Writer) -> None:
-    make.say(_pick(make, ["'IMOV P000 V=1.0 RF", "COMM SFTON P000 BF", "TIMER T=1.00", "DOUT OT#(5) ON"]))
+def _add_silent_change(make: _MovedJobWriter) -> None:
+    make.add_lines(
+        _pick_one(make, ["'IMOV P000 V=1.0 RF", "COMM SFTON P000 BF", "TIMER T=1.00", "DOUT OT#(5) ON"])
+    )
 
 
-def _pick(make: _Writer, choices):
+def _pick_one(make: _MovedJobWriter, choices):
     return choices[int(make.rng.integers(len(choices)))]
 
 
-BLOCKS: list[Callable[[_Writer], None]] = [
-    _absolute, _absolute, _absolute, _increment, _shifted, _led, _variable_computed, _variable_summed,
-    _raised_from_here, _frame_made, _looped, _silent,
+BLOCKS: list[Callable[[_MovedJobWriter], None]] = [
+    _add_absolute_moves, _add_absolute_moves, _add_absolute_moves, _add_increment, _add_shift,
+    _add_led_motion, _variable_computed, _variable_summed,
+    _raised_from_here, _frame_made, _add_loop, _add_silent_change,
 ]  # fmt: skip
 
 
-def generate(seed: int) -> Case:
+def generate_job(seed: int) -> JobCase:
     """Return one job with the move of its work: a third of the moves do not turn."""
     rng = np.random.default_rng([seed, 232])
-    make = _Writer(rng)
-    _absolute(make)
+    make = _MovedJobWriter(rng)
+    _add_absolute_moves(make)
     for _ in range(int(rng.integers(2, 7))):
-        _pick(make, BLOCKS)(make)
+        _pick_one(make, BLOCKS)(make)
     rows = "\n".join([*make.rows["C"], *make.rows["P"]])
     text = (
         f"/JOB\n//NAME M{seed}\n//POS\n///NPOS {make.counts['C']},0,0,{make.counts['P']},0,0\n///TOOL 0\n{rows}\n"
         "//INST\n///DATE 2020/04/25 14:11\n///ATTR SC,RW\n///GROUP1 RB1\nNOP\n"
     ) + "\n".join([*make.lines, "END", ""])
     made = set() if make.every_frame_holds else {row_name(name) for name in _in_frame_3(text)}
-    return Case(text, make.variables, _work_moves(rng), make.plain - made)
+    return JobCase(text, make.variables, _work_moves(rng), make.plain - made)
 
 
 def _in_frame_3(text: str) -> set[str]:

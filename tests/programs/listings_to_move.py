@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.programs.fanuc_motion import Controller, pose
+from tests.programs.fanuc_motion import FanucControllerState, pose_from_xyzwpr
 
 PROJECT = """format = 1
 name = "moved"
@@ -24,23 +24,23 @@ position_mm = [1450, 100, 750]
 fanuc_wpr_deg = [180, 0, 30]
 """
 FRAMES = {
-    1: pose((1500.0, 0.0, 700.0, 0.0, 0.0, 0.0)),
-    2: pose((1450.0, 100.0, 750.0, 180.0, 0.0, 30.0)),
+    1: pose_from_xyzwpr((1500.0, 0.0, 700.0, 0.0, 0.0, 0.0)),
+    2: pose_from_xyzwpr((1450.0, 100.0, 750.0, 180.0, 0.0, 30.0)),
 }
 DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass
-class Case:
+class ListingCase:
     """A listing, what the controller holds, how the work moves, and the positions that must go along."""
 
     text: str
-    controller: Controller
+    controller: FanucControllerState
     change: np.ndarray
     plain: set[str] = field(default_factory=set)
 
 
-class _Writer:
+class _ListingWriter:
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
         self.lines: list[str] = []
@@ -49,14 +49,14 @@ class _Writer:
         self.frame = 1
         self.any_increment = False  # any position of the program may be one
         self.numbers: dict[int, int] = {}
-        self.registers = {k: self._amount() for k in range(1, 13)}
+        self.registers = {k: self._draw_amount() for k in range(1, 13)}
 
-    def _amount(self) -> tuple[float, ...]:
+    def _draw_amount(self) -> tuple[float, ...]:
         turn = self.rng.uniform(-20, 20, 3) if self.rng.random() < 0.3 else np.zeros(3)
         place = self.rng.uniform(-90, 90, 3) * (self.rng.random(3) < 0.7)
         return tuple(np.round([*place, *turn], 3).tolist())
 
-    def record(self, values: tuple[float, ...], *, open_frame: bool = False) -> int:
+    def write_record(self, values: tuple[float, ...], *, open_frame: bool = False) -> int:
         number = len(self.records) + 1
         frame = "F" if open_frame else str(self.frame)
         x, y, z, w, p, r = (f"{value:9.3f}" for value in values)
@@ -67,208 +67,222 @@ class _Writer:
         )
         return number
 
-    def place(self, *, plain: bool = True, open_frame: bool = False) -> int:
+    def write_position(self, *, plain: bool = True, open_frame: bool = False) -> int:
         """Write a position over the work with the tool down."""
         base = np.eye(4)
         base[:3, :3] = Rotation.from_rotvec(self.rng.uniform(-0.3, 0.3, 3)).as_matrix() @ DOWN
         base[:3, 3] = np.array([1.5, 0.0, 0.7]) + self.rng.uniform(-0.25, 0.25, 3)
         matrix = np.linalg.inv(FRAMES[self.frame]) @ base
         angles = Rotation.from_matrix(matrix[:3, :3]).as_euler("xyz", degrees=True)
-        number = self.record((*(matrix[:3, 3] * 1e3).tolist(), *angles.tolist()), open_frame=open_frame)
+        number = self.write_record((*(matrix[:3, 3] * 1e3).tolist(), *angles.tolist()), open_frame=open_frame)
         if plain and not open_frame:  # which frame holds is not certain in a program that chooses several
             self.plain.add(f"P[{number}]")
         return number
 
-    def amount(self) -> int:
+    def write_amount(self) -> int:
         """Write a position that holds an amount."""
-        return self.record((*self.rng.uniform(-60, 60, 3).tolist(), 0.0, 0.0, 0.0))
+        return self.write_record((*self.rng.uniform(-60, 60, 3).tolist(), 0.0, 0.0, 0.0))
 
-    def register(self) -> int:
+    def next_register(self) -> int:
         return int(self.rng.integers(1, 13))
 
-    def say(self, *lines: str) -> None:
+    def add_lines(self, *lines: str) -> None:
         self.lines += lines
 
-    def move(self, target: str, options: str = "", kind: str = "") -> None:
+    def add_move(self, target: str, options: str = "", kind: str = "") -> None:
         kind = kind or ("J" if self.rng.random() < 0.3 else "L")
         speed = "100%" if kind == "J" else "250mm/sec"
         end = "FINE" if self.rng.random() < 0.5 else "CNT50"
-        self.say(f"{kind} {target} {speed} {end}{' ' + options if options else ''}    ")
+        self.add_lines(f"{kind} {target} {speed} {end}{' ' + options if options else ''}    ")
 
 
-def _absolute(make: _Writer) -> None:
-    number = make.place(open_frame=bool(make.rng.random() < 0.1))
+def _add_absolute_moves(make: _ListingWriter) -> None:
+    number = make.write_position(open_frame=bool(make.rng.random() < 0.1))
     target = f"P[{number}:INC]" if make.rng.random() < 0.1 else f"P[{number}]"
-    make.move(target, _pick(make, ["", "ACC80", "Skip,LBL[9]"]))
+    make.add_move(target, _pick_one(make, ["", "ACC80", "Skip,LBL[9]"]))
 
 
-def _circle(make: _Writer) -> None:
-    via, end = make.place(), make.place()
-    make.say(f"C P[{via}]    \n    :  P[{end}] 100mm/sec FINE    ")
+def _add_circle(make: _ListingWriter) -> None:
+    via, end = make.write_position(), make.write_position()
+    make.add_lines(f"C P[{via}]    \n    :  P[{end}] 100mm/sec FINE    ")
 
 
-def _increment(make: _Writer) -> None:
-    make.move(f"P[{make.amount()}]", _pick(make, ["INC", "ACC50 INC", "INC ACC100"]))
+def _add_increment(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_amount()}]", _pick_one(make, ["INC", "ACC50 INC", "INC ACC100"]))
 
 
-def _increment_on_a_circle(make: _Writer) -> None:
-    make.say(f"C P[{make.amount()}]    \n    :  P[{make.amount()}] 100mm/sec FINE INC    ")
+def _increment_on_a_circle(make: _ListingWriter) -> None:
+    make.add_lines(f"C P[{make.write_amount()}]    \n    :  P[{make.write_amount()}] 100mm/sec FINE INC    ")
 
 
-def _offset(make: _Writer) -> None:
-    number = make.place()
-    make.move(f"P[{number}]", f"Offset,PR[{make.register()}:Höhe]")
-    make.move(f"P[{number}]")
+def _add_offset(make: _ListingWriter) -> None:
+    number = make.write_position()
+    make.add_move(f"P[{number}]", f"Offset,PR[{make.next_register()}:Höhe]")
+    make.add_move(f"P[{number}]")
 
 
-def _offset_of_a_condition(make: _Writer) -> None:
-    make.say(f"OFFSET CONDITION PR[{make.register()}]    ")
-    make.move(f"P[{make.place()}]", "Offset")
+def _offset_of_a_condition(make: _ListingWriter) -> None:
+    make.add_lines(f"OFFSET CONDITION PR[{make.next_register()}]    ")
+    make.add_move(f"P[{make.write_position()}]", "Offset")
 
 
-def _offset_written_here(make: _Writer) -> None:
-    register = make.register()
-    make.say(f"PR[{register}]=PR[{register}]-PR[{register}]    ")
-    make.say(f"PR[{register},{make.rng.integers(1, 4)}]={make.rng.uniform(-80, 80):.2f}    ")
-    make.move(f"P[{make.place()}]", f"Offset,PR[{register}]")
+def _offset_written_here(make: _ListingWriter) -> None:
+    register = make.next_register()
+    make.add_lines(f"PR[{register}]=PR[{register}]-PR[{register}]    ")
+    make.add_lines(f"PR[{register},{make.rng.integers(1, 4)}]={make.rng.uniform(-80, 80):.2f}    ")
+    make.add_move(f"P[{make.write_position()}]", f"Offset,PR[{register}]")
 
 
-def _tool_offset(make: _Writer) -> None:
-    make.move(f"P[{make.place()}]", f"Tool_Offset,PR[{make.register()}]")
+def _tool_offset(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_position()}]", f"Tool_Offset,PR[{make.next_register()}]")
 
 
-def _tool_offset_of_a_condition(make: _Writer) -> None:
-    make.say(f"TOOL_OFFSET CONDITION PR[{make.register()}]    ")
-    make.move(f"P[{make.place()}]", "Tool_Offset")
+def _tool_offset_of_a_condition(make: _ListingWriter) -> None:
+    make.add_lines(f"TOOL_OFFSET CONDITION PR[{make.next_register()}]    ")
+    make.add_move(f"P[{make.write_position()}]", "Tool_Offset")
 
 
-def _camera(make: _Writer) -> None:
-    make.move(f"P[{make.place(plain=False)}]", "VOFFSET,VR[1]", "L")
+def _add_camera_offset(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_position(plain=False)}]", "VOFFSET,VR[1]", "L")
 
 
-def _led(make: _Writer) -> None:
-    make.move(f"P[{make.place(plain=False)}]", _pick(make, ["COORD", "COORD[LDR]"]), "L")
+def _add_led_motion(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_position(plain=False)}]", _pick_one(make, ["COORD", "COORD[LDR]"]), "L")
 
 
-def _standing_tool(make: _Writer) -> None:
-    make.move(f"P[{make.place(plain=False)}]", "RTCP", "L")
+def _standing_tool(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_position(plain=False)}]", "RTCP", "L")
 
 
-def _copied(make: _Writer) -> None:
-    number, register = make.place(plain=False), make.register()
-    make.say(f"PR[{register}]=P[{number}]    ")
-    make.move(f"PR[{register}]")
+def _add_copied_register(make: _ListingWriter) -> None:
+    number, register = make.write_position(plain=False), make.next_register()
+    make.add_lines(f"PR[{register}]=P[{number}]    ")
+    make.add_move(f"PR[{register}]")
 
 
-def _copied_and_raised(make: _Writer) -> None:
-    number, register = make.place(plain=False), make.register()
-    make.say(
+def _copied_and_raised(make: _ListingWriter) -> None:
+    number, register = make.write_position(plain=False), make.next_register()
+    make.add_lines(
         f"PR[{register}]=P[{number}]    ",
         f"PR[{register},3]=PR[{register},3]+{make.rng.integers(20, 90)}    ",
     )
-    make.move(f"PR[{register}]")
+    make.add_move(f"PR[{register}]")
     if make.rng.random() < 0.5:
-        make.move(f"P[{number}]")
+        make.add_move(f"P[{number}]")
 
 
-def _copied_twice(make: _Writer) -> None:
-    number, (a, b) = make.place(plain=False), make.rng.choice(np.arange(1, 13), 2, replace=False).tolist()
-    make.say(f"PR[{a}]=P[{number}]    ", f"PR[{b}]=PR[{a}]    ", f"PR[{b},1]=PR[{b},1]-35.5    ")
-    make.move(f"PR[{b}]")
+def _copied_twice(make: _ListingWriter) -> None:
+    number, (a, b) = (
+        make.write_position(plain=False),
+        make.rng.choice(np.arange(1, 13), 2, replace=False).tolist(),
+    )
+    make.add_lines(f"PR[{a}]=P[{number}]    ", f"PR[{b}]=PR[{a}]    ", f"PR[{b},1]=PR[{b},1]-35.5    ")
+    make.add_move(f"PR[{b}]")
 
 
-def _summed(make: _Writer) -> None:
-    number, (a, b) = make.place(plain=False), make.rng.choice(np.arange(1, 13), 2, replace=False).tolist()
+def _add_summed_register(make: _ListingWriter) -> None:
+    number, (a, b) = (
+        make.write_position(plain=False),
+        make.rng.choice(np.arange(1, 13), 2, replace=False).tolist(),
+    )
     make.registers[b] = (*make.registers[b][:3], 0.0, 0.0, 0.0)
-    make.say(f"PR[{a}]=P[{number}]+PR[{b}]    ")
-    make.move(f"PR[{a}]")
+    make.add_lines(f"PR[{a}]=P[{number}]+PR[{b}]    ")
+    make.add_move(f"PR[{a}]")
 
 
-def _raised_from_here(make: _Writer) -> None:
-    make.move(f"P[{make.place()}]")
-    register = make.register()
-    make.say(f"PR[{register}]=LPOS    ", f"PR[{register},{make.rng.integers(1, 4)}]=PR[{register},3]+0    ")
-    make.say(f"PR[{register},2]=PR[{register},2]+50    ")
-    make.move(f"PR[{register}]")
+def _raised_from_here(make: _ListingWriter) -> None:
+    make.add_move(f"P[{make.write_position()}]")
+    register = make.next_register()
+    make.add_lines(
+        f"PR[{register}]=LPOS    ", f"PR[{register},{make.rng.integers(1, 4)}]=PR[{register},3]+0    "
+    )
+    make.add_lines(f"PR[{register},2]=PR[{register},2]+50    ")
+    make.add_move(f"PR[{register}]")
 
 
-def _amount_in_a_position(make: _Writer) -> None:
-    register = make.register()
-    make.say(f"PR[{register}]=P[{make.amount()}]    ")
-    make.move(f"P[{make.place()}]", f"Offset,PR[{register}]")
+def _amount_in_a_position(make: _ListingWriter) -> None:
+    register = make.next_register()
+    make.add_lines(f"PR[{register}]=P[{make.write_amount()}]    ")
+    make.add_move(f"P[{make.write_position()}]", f"Offset,PR[{register}]")
 
 
-def _copied_and_shifted(make: _Writer) -> None:
-    number, (a, b) = make.place(plain=False), make.rng.choice(np.arange(1, 13), 2, replace=False).tolist()
-    make.say(f"PR[{a}]=P[{number}]    ")
-    make.move(f"PR[{a}]", f"Offset,PR[{b}]")
+def _copied_and_shifted(make: _ListingWriter) -> None:
+    number, (a, b) = (
+        make.write_position(plain=False),
+        make.rng.choice(np.arange(1, 13), 2, replace=False).tolist(),
+    )
+    make.add_lines(f"PR[{a}]=P[{number}]    ")
+    make.add_move(f"PR[{a}]", f"Offset,PR[{b}]")
 
 
-def _place_as_an_amount(make: _Writer) -> None:
-    number, register = make.place(plain=False), make.register()
-    make.move(f"P[{number}]")
-    make.say(f"PR[{register}]=P[{number}]    ")
-    make.say(f"PR[{register}]=PR[{register}]-P[{make.place(plain=False)}]    ")
-    option = _pick(make, ["Offset,PR[{}]", "Tool_Offset,PR[{}]"]).format(register)
-    make.move(f"P[{make.place(plain=False)}]", option)
+def _place_as_an_amount(make: _ListingWriter) -> None:
+    number, register = make.write_position(plain=False), make.next_register()
+    make.add_move(f"P[{number}]")
+    make.add_lines(f"PR[{register}]=P[{number}]    ")
+    make.add_lines(f"PR[{register}]=PR[{register}]-P[{make.write_position(plain=False)}]    ")
+    option = _pick_one(make, ["Offset,PR[{}]", "Tool_Offset,PR[{}]"]).format(register)
+    make.add_move(f"P[{make.write_position(plain=False)}]", option)
 
 
-def _increment_from_a_register(make: _Writer) -> None:
-    register = make.register()
-    make.say(f"PR[{register}]=P[{make.amount()}]    ")
-    make.move(f"PR[{register}]", "INC")
+def _increment_from_a_register(make: _ListingWriter) -> None:
+    register = make.next_register()
+    make.add_lines(f"PR[{register}]=P[{make.write_amount()}]    ")
+    make.add_move(f"PR[{register}]", "INC")
 
 
-def _chosen_increment(make: _Writer) -> None:
-    number = make.amount()
-    make.say(f"R[{number}]={number}    ")
-    make.move(f"P[R[{number}]]", "INC")
+def _chosen_increment(make: _ListingWriter) -> None:
+    number = make.write_amount()
+    make.add_lines(f"R[{number}]={number}    ")
+    make.add_move(f"P[R[{number}]]", "INC")
     make.any_increment = True
 
 
-def _chosen(make: _Writer) -> None:
-    number = make.place()
-    make.say(f"R[{number}]={number}    ")
-    make.move(f"P[R[{number}]]")
+def _add_chosen_register(make: _ListingWriter) -> None:
+    number = make.write_position()
+    make.add_lines(f"R[{number}]={number}    ")
+    make.add_move(f"P[R[{number}]]")
 
 
-def _other_frame(make: _Writer) -> None:
+def _other_frame(make: _ListingWriter) -> None:
     make.frame = 3 - make.frame
-    make.say(f"UFRAME_NUM={make.frame} ")
+    make.add_lines(f"UFRAME_NUM={make.frame} ")
 
 
-def _looped(make: _Writer) -> None:
+def _add_loop(make: _ListingWriter) -> None:
     label, counter = len(make.lines) + 20, len(make.lines) + 100
-    make.say(f"R[{counter}]=0    ", f"LBL[{label}] ", f"UFRAME_NUM={make.frame} ")
-    _pick(make, BLOCKS[:12])(make)
-    make.say(f"R[{counter}]=R[{counter}]+1    ", f"IF R[{counter}]<2,JMP LBL[{label}] ")
+    make.add_lines(f"R[{counter}]=0    ", f"LBL[{label}] ", f"UFRAME_NUM={make.frame} ")
+    _pick_one(make, BLOCKS[:12])(make)
+    make.add_lines(f"R[{counter}]=R[{counter}]+1    ", f"IF R[{counter}]<2,JMP LBL[{label}] ")
 
 
-def _silent(make: _Writer) -> None:
+def _add_silent_change(make: _ListingWriter) -> None:
     lines = ["!P[1] INC Offset,PR[1] ", "//L P[1] 100mm/sec FINE INC    ", "WAIT    .30(sec) ", "DO[3]=ON "]
-    make.say(_pick(make, lines))
+    make.add_lines(_pick_one(make, lines))
 
 
-def _pick(make: _Writer, choices):
+def _pick_one(make: _ListingWriter, choices):
     return choices[int(make.rng.integers(len(choices)))]
 
 
-BLOCKS: list[Callable[[_Writer], None]] = [
-    _absolute, _absolute, _circle, _increment, _increment_on_a_circle, _offset, _offset_of_a_condition, _tool_offset,
-    _camera, _led, _standing_tool, _offset_written_here, _tool_offset_of_a_condition, _copied, _copied_and_raised,
-    _copied_twice, _summed, _raised_from_here, _copied_and_shifted, _place_as_an_amount,
-    _increment_from_a_register, _chosen_increment, _amount_in_a_position, _chosen, _other_frame, _looped, _silent,
+BLOCKS: list[Callable[[_ListingWriter], None]] = [
+    _add_absolute_moves, _add_absolute_moves, _add_circle, _add_increment, _increment_on_a_circle,
+    _add_offset, _offset_of_a_condition, _tool_offset,
+    _add_camera_offset, _add_led_motion, _standing_tool, _offset_written_here, _tool_offset_of_a_condition,
+    _add_copied_register, _copied_and_raised,
+    _copied_twice, _add_summed_register, _raised_from_here, _copied_and_shifted, _place_as_an_amount,
+    _increment_from_a_register, _chosen_increment, _amount_in_a_position, _add_chosen_register,
+    _other_frame, _add_loop, _add_silent_change,
 ]  # fmt: skip
 
 
-def generate(seed: int) -> Case:
+def generate_listing(seed: int) -> ListingCase:
     """Return one listing with the move of its work: a third of the moves do not turn."""
     rng = np.random.default_rng([seed, 231])
-    make = _Writer(rng)
-    make.say("UFRAME_NUM=1 ", "UTOOL_NUM=1 ")
-    _absolute(make)
+    make = _ListingWriter(rng)
+    make.add_lines("UFRAME_NUM=1 ", "UTOOL_NUM=1 ")
+    _add_absolute_moves(make)
     for _ in range(int(rng.integers(2, 8))):
-        _pick(make, BLOCKS)(make)
+        _pick_one(make, BLOCKS)(make)
     body = "".join(f"{number:4d}:  {line};\n" for number, line in enumerate(make.lines, 1))
     body = (
         body.replace(":  //", "://").replace(":  L ", ":L ").replace(":  J ", ":J ").replace(":  C ", ":C ")
@@ -277,9 +291,9 @@ def generate(seed: int) -> Case:
         f'/PROG  M{seed}\n/ATTR\nCOMMENT\t\t= "INC";\nDEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{body}/POS\n'
         f"{''.join(make.records)}/END\n"
     )
-    return Case(
+    return ListingCase(
         text.replace("\n", "\r\n") if rng.random() < 0.3 else text,
-        Controller(FRAMES, make.registers),
+        FanucControllerState(FRAMES, make.registers),
         _work_moves(rng),
         set() if make.any_increment else make.plain,
     )

@@ -20,7 +20,7 @@ GEOMETRY = (
 
 
 @dataclass
-class Tally:
+class PathTally:
     """What a campaign found."""
 
     programs: int = 0
@@ -30,7 +30,7 @@ class Tally:
     wrong: list[str] = field(default_factory=list)
     needless: list[str] = field(default_factory=list)  # places that are left without need
 
-    def add(self, other: "Tally") -> None:
+    def add_tally(self, other: "PathTally") -> None:
         """Take the figures of another part."""
         self.programs += other.programs
         self.motions += other.motions
@@ -42,18 +42,18 @@ class Tally:
 
 def compare_paths(
     seed: int, result: ProgramResult, paths: tuple[Sequence, Sequence], change: np.ndarray, plain: set[str]
-) -> Tally:
+) -> PathTally:
     """Compare two executed programs; ``plain`` are positions that nothing but a geometric reason may leave."""
     before, after = paths
-    tally = Tally(programs=1, motions=len(before))
-    left = dict(result.excluded_points)
-    named = {*left, *(finding.point for finding in result.findings)}
+    tally = PathTally(programs=1, motions=len(before))
+    excluded_points = dict(result.excluded_points)
+    named = {*excluded_points, *(finding.point for finding in result.findings)}
     if len(before) != len(after):
         tally.wrong.append(f"seed {seed}: {len(before)} motions became {len(after)}")
     for old, new in zip(before, after, strict=False):
-        wanted = change @ old.base_tip
-        apart = float(np.linalg.norm(wanted[:3, 3] - new.base_tip[:3, 3]))
-        trace = float(np.trace(wanted[:3, :3].T @ new.base_tip[:3, :3]))
+        expected_tip = change @ old.base_tip
+        apart = float(np.linalg.norm(expected_tip[:3, 3] - new.base_tip[:3, 3]))
+        trace = float(np.trace(expected_tip[:3, :3].T @ new.base_tip[:3, :3]))
         turned = float(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
         if apart < FAR_M and turned < FAR_RAD:
             tally.moved += 1
@@ -62,8 +62,8 @@ def compare_paths(
         else:
             tally.wrong.append(f"seed {seed}: {old.line!r} of {old.names} misses by {apart * 1e3:.3f} mm")
     tally.needless += [
-        f"seed {seed}: {name} is left: {left[name]}"
-        for name in sorted(plain & left.keys())
-        if not left[name].startswith(GEOMETRY)
+        f"seed {seed}: {name} is left: {excluded_points[name]}"
+        for name in sorted(plain & excluded_points.keys())
+        if not excluded_points[name].startswith(GEOMETRY)
     ]
     return tally

@@ -12,13 +12,13 @@ ONE = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
 COMPUTED = "computed"
 
 
-def read(*lines: str, encoding: str = "latin-1"):
+def read_module(*lines: str, encoding: str = "latin-1"):
     file = BRAND.read("a.mod", "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode(encoding))
     assert file.to_bytes() == "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode(encoding)
     return file
 
 
-def declared(*names: str) -> tuple[str, ...]:
+def declaration_lines(*names: str) -> tuple[str, ...]:
     return tuple(f"CONST robtarget {name}:={ONE};" for name in names)
 
 
@@ -41,7 +41,7 @@ def declared(*names: str) -> tuple[str, ...]:
     ],
 )
 def test_a_move_gives_its_target_the_tool_and_work_object_that_it_names(instruction, tool, frame):
-    file = read(*declared("p1"), "PROC main()", instruction, "ENDPROC")
+    file = read_module(*declaration_lines("p1"), "PROC main()", instruction, "ENDPROC")
     assert (file.positions.tools, file.positions.user_frames) == ((tool,), (frame,))
     assert (0 in file.positions.barred) == (tool is None or frame is None)
 
@@ -55,9 +55,9 @@ def test_a_move_gives_its_target_the_tool_and_work_object_that_it_names(instruct
     ],
 )
 def test_a_tool_that_a_routine_is_given_is_not_the_modules(parameters):
-    file = read(
+    file = read_module(
         "PERS tooldata tGrip:=[TRUE,[[0,0,180],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];",
-        *declared("p1", "p2"),
+        *declaration_lines("p1", "p2"),
         f"PROC rGo({parameters})",
         "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
         "ENDPROC",
@@ -73,8 +73,8 @@ def test_a_tool_that_a_routine_is_given_is_not_the_modules(parameters):
 
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
 def test_names_may_hold_any_letter(encoding):
-    file = read(
-        *declared("pGreifzüge", "pGreifzug"),
+    file = read_module(
+        *declaration_lines("pGreifzüge", "pGreifzug"),
         "PROC Größe()",
         "MoveL PGREIFZüGE,v100,fine,tSäge\\WObj:=wTür;",
         "ENDPROC",
@@ -85,14 +85,14 @@ def test_names_may_hold_any_letter(encoding):
 
 
 def test_a_byte_order_mark_is_no_letter():
-    data = "\r\n".join(["\ufeffMODULE Teil", *declared("p1"), "ENDMODULE"]).encode()
+    data = "\r\n".join(["\ufeffMODULE Teil", *declaration_lines("p1"), "ENDMODULE"]).encode()
     file = BRAND.read("a.mod", data)
     assert (file.name, file.positions.names, file.to_bytes()) == ("Teil", ("p1",), data)
 
 
 def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_them_read():
-    file = read(
-        *declared("p1"),
+    file = read_module(
+        *declaration_lines("p1"),
         f"VAR robtarget pts{{3}}:=[p1,{ONE},[[1,2,h*(3+4)],[1,0,0,0],[0,0,0,0],{E}]];",
         "VAR robtarget pAll{3}:=pts;",
         "PROC main()",
@@ -110,8 +110,8 @@ def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_the
     ("copied_in", "barred"), [("wOne", False), ("wTwo", True)], ids=["same frame", "another"]
 )
 def test_a_move_to_a_copy_counts_for_the_target_itself(copied_in, barred):
-    file = read(
-        *declared("p1", "p2"),
+    file = read_module(
+        *declaration_lines("p1", "p2"),
         "PROC a()",
         "VAR robtarget pTmp;",
         "pTmp:=p1;",
@@ -131,28 +131,28 @@ def test_a_move_to_a_copy_counts_for_the_target_itself(copied_in, barred):
 
 
 def test_a_copy_in_another_module_counts_too():
-    data = "\r\n".join(["MODULE Data", *declared("p1"), "ENDMODULE"]).encode()
+    data = "\r\n".join(["MODULE Data", *declaration_lines("p1"), "ENDMODULE"]).encode()
     main = [
         "MODULE Main", "PROC main()", "pTmp:=p1;", "MoveL pTmp,v100,fine,tG\\WObj:=wTwo;",
         "MoveL p1,v100,fine,tG\\WObj:=wOne;", "ENDPROC", "ENDMODULE",
     ]  # fmt: skip
-    held = BRAND.read("data.mod", data)
+    data_module = BRAND.read("data.mod", data)
     across = BatchDeclarations(
-        {"data.mod": held.said, "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).said}
+        {"data.mod": data_module.said, "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).said}
     )
-    assert "different" in held.with_abroad(across.uses_of_file("data.mod")).positions.barred[0]
+    assert "different" in data_module.with_abroad(across.uses_of_file("data.mod")).positions.barred[0]
 
 
-def test_tools_of_one_name_that_differ_are_nobodys():
-    def tool(height: int) -> str:
+def test_tools_of_one_name_that_differ_are_used_by_no_module():
+    def tool_line(height: int) -> str:
         return f"LOCAL PERS tooldata tGrip:=[TRUE,[[0,0,{height}],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
 
-    def module(name: str, height: int) -> list[str]:
+    def module_lines(name: str, height: int) -> list[str]:
         moved = f"MoveL p{name},v100,fine,tGrip\\WObj:=wobj0;"
         return [
             f"MODULE {name}",
-            tool(height),
-            *declared(f"p{name}"),
+            tool_line(height),
+            *declaration_lines(f"p{name}"),
             "PROC r()",
             moved,
             "ENDPROC",
@@ -160,7 +160,7 @@ def test_tools_of_one_name_that_differ_are_nobodys():
         ]
 
     for second, barred in ((180, set()), (181, {0, 1})):
-        data = "\r\n".join([*module("A", 180), *module("B", second)]).encode()
+        data = "\r\n".join([*module_lines("A", 180), *module_lines("B", second)]).encode()
         file = BRAND.read("a.mod", data)
         assert set(file.positions.barred) == barred
         assert ("tGrip" in file.frames.flange_tip) == (not barred)
@@ -168,5 +168,7 @@ def test_tools_of_one_name_that_differ_are_nobodys():
 
 
 def test_numbers_are_where_they_were():
-    file = read("VAR robtarget pts{2}:=[p9,[[10,20,30],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];")
+    file = read_module(
+        "VAR robtarget pts{2}:=[p9,[[10,20,30],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];"
+    )
     assert np.allclose(file.positions.frame_tip[0, :3, 3], (0.01, 0.02, 0.03))

@@ -13,26 +13,26 @@ from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUG
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 
 
-def read(*lines: str):
+def read_module(*lines: str):
     return BRAND.read("a.mod", "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode("latin-1"))
 
 
-def target(
+def target_line(
     name: str, place: str = "100.5,0,-20", turn: str = "0,0.70711,0,0.70711", flags: str = "0,-1,0,1"
 ) -> str:
     return f"CONST robtarget {name}:=[[{place}],[{turn}],[{flags}],{E}];"
 
 
-def move(file, row: int, shift) -> str:
+def move_row(file, row: int, shift) -> str:
     moved = homogeneous_matrix(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
     return file.with_changes(PositionChange(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
 
 
 def test_targets_have_the_frames_of_the_moves_that_use_them():
-    file = read(
-        target("p1"),
-        target("p2"),
-        target("p3"),
+    file = read_module(
+        target_line("p1"),
+        target_line("p2"),
+        target_line("p3"),
         f"CONST jointtarget jp:=[[0,10,-20,0,9E9,5.5],{E}];",
         "PROC main()",
         "MoveL P1,v100,fine,tGrip\\WObj:=wTable;",
@@ -54,28 +54,30 @@ def test_targets_have_the_frames_of_the_moves_that_use_them():
 
 
 def test_a_shift_keeps_every_other_byte_and_a_zero_gets_its_decimals():
-    file = read(target("p1"))
-    text = move(file, 0, (0.001, 0.00025, 0))
+    file = read_module(target_line("p1"))
+    text = move_row(file, 0, (0.001, 0.00025, 0))
     assert text == file.to_bytes().decode().replace("100.5,0,-20", "101.500,0.250,-20")
 
 
 def test_a_quaternion_keeps_its_sign():
-    file = read(target("p1", turn="-0.5,0.5,-0.5,0.5"))
-    turned = file.positions.frame_tip @ homogeneous_matrix(_turn(0.01), np.zeros(3))
+    file = read_module(target_line("p1", turn="-0.5,0.5,-0.5,0.5"))
+    turned = file.positions.frame_tip @ homogeneous_matrix(_turn_about_z(0.01), np.zeros(3))
     text = file.with_changes(PositionChange(np.array([0]), frame_tip=turned))
     assert text.to_bytes().decode().split("[")[3].startswith("-0.502494,0.497494")
     difference = text.positions.frame_tip[0, :3, :3].T @ turned[0, :3, :3]
     assert np.linalg.norm(quaternion_from_rotation(difference)[1:]) < 1e-6
 
 
-def _turn(angle: float) -> np.ndarray:
+def _turn_about_z(angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
 def test_a_file_that_ends_behind_a_bracket_is_read_to_its_end():
     data = (
-        b"MODULE Teil\r\nCONST robtarget p1:=" + target("p1").partition(":=")[2].encode() + b"\r\nMoveL p1, ["
+        b"MODULE Teil\r\nCONST robtarget p1:="
+        + target_line("p1").partition(":=")[2].encode()
+        + b"\r\nMoveL p1, ["
     )
     with pytest.raises(ProgramFileError):
         BRAND.read("a.mod", data)
@@ -83,7 +85,7 @@ def test_a_file_that_ends_behind_a_bracket_is_read_to_its_end():
 
 def test_arrays_inline_targets_and_two_in_one_circle_are_named():
     one = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
-    file = read(
+    file = read_module(
         f"CONST robtarget pts{{2,2}}:=[[{one},{one}],[{one},! so\n {one}]];",
         f"MoveC {one},{one},v1,z1,tool0;",
         f"MoveAbsJ [[1,2,3,4,5,6],{E}],v1,z1,tool0;",
@@ -94,10 +96,10 @@ def test_arrays_inline_targets_and_two_in_one_circle_are_named():
 
 
 def test_a_routines_own_target_hides_the_modules():
-    file = read(
-        target("p1"),
+    file = read_module(
+        target_line("p1"),
         "PROC a()",
-        target("p1"),
+        target_line("p1"),
         "MoveL p1,v1,z1,tOwn\\WObj:=wOwn;",
         "ENDPROC",
         "PROC b()",
@@ -111,18 +113,18 @@ def test_a_routines_own_target_hides_the_modules():
 @pytest.mark.parametrize(
     ("line", "column", "problem"),
     [
-        (target("p", place="1,2"), 25, "here should be ','"),
-        (target("p", place="1,2,3,4"), 27, "here should be ']'"),
-        (target("p", place="1,2.3.4,3"), 24, "a number"),
-        (target("p", turn="0.8,0.8,0,0"), 36, "quaternion has the length 1.1314"),
-        (target("p", place="1,2,1E400"), 26, "no robot"),
+        (target_line("p", place="1,2"), 25, "here should be ','"),
+        (target_line("p", place="1,2,3,4"), 27, "here should be ']'"),
+        (target_line("p", place="1,2.3.4,3"), 24, "a number"),
+        (target_line("p", turn="0.8,0.8,0,0"), 36, "quaternion has the length 1.1314"),
+        (target_line("p", place="1,2,1E400"), 26, "no robot"),
         (f"CONST robtarget p{{{'9' * 5000}}}:=[[1,2,3]];", 19, "more elements"),
         ("MoveL [[1,2,x3],[1,0,0]],v1,z1,tool0", 6, "does not end"),
     ],
 )
 def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line, column, problem):
     with pytest.raises(ProgramFileError, match=problem) as caught:
-        read(line)
+        read_module(line)
     assert (caught.value.line, caught.value.column) == (2, column)
 
 
@@ -137,11 +139,11 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
         ("p1:=CRobT();", "computed"),
         ("VAR robtarget many{20};", "computed"),
         ("! [[1,2,3],[1,0,0,0]]", "comment"),
-        (target("q", place="1,dist,3"), "computed"),
+        (target_line("q", place="1,dist,3"), "computed"),
     ],
 )
 def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
-    file = read(target("p1"), line)
+    file = read_module(target_line("p1"), line)
     assert code in [remark.code for remark in file.remarks if remark.line == 3]
     assert {
         name for name, kind in zip(file.positions.names, file.positions.kinds, strict=True) if kind != UNREAD
@@ -149,8 +151,8 @@ def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
 
 
 def test_a_target_used_in_several_frames_is_barred_and_takes_none_that_a_project_assumes():
-    file = read(
-        target("p1"), target("p2"), target("p3"), target("p4"),
+    file = read_module(
+        target_line("p1"), target_line("p2"), target_line("p3"), target_line("p4"),
         "PROC main()",
         "MoveL p1,v100,fine,tGrip\\WObj:=wA;", "MoveL p1,v100,fine,tGrip\\WObj:=wB;",
         "MoveL p2,v100,fine,tGrip\\WObj:=wAll{i};",
@@ -174,7 +176,7 @@ def test_a_target_used_in_several_frames_is_barred_and_takes_none_that_a_project
     ],
 )
 def test_a_position_inside_other_data_is_remarked_and_left(line):
-    file = read("PROC main()", "MoveL p,v100,fine,tGrip;", line, "ENDPROC")
+    file = read_module("PROC main()", "MoveL p,v100,fine,tGrip;", line, "ENDPROC")
     assert set(file.positions.kinds) <= {UNREAD}
     assert len(file.positions) == line.count("9E+09")
     assert all("not read" in why for why in file.positions.barred.values())
@@ -182,11 +184,13 @@ def test_a_position_inside_other_data_is_remarked_and_left(line):
 
 
 def test_numbers_in_lists_are_no_position():
-    assert not read("CONST num a{2,2}:=[[1,2],[3,4]];", "VAR speeddata v:=[100,500,5000,1000];").remarks
+    assert not read_module(
+        "CONST num a{2,2}:=[[1,2],[3,4]];", "VAR speeddata v:=[100,500,5000,1000];"
+    ).remarks
 
 
 def test_frames_of_fixed_work_objects_and_tools_on_the_robot():
-    file = read(
+    file = read_module(
         'PERS wobjdata w:=[FALSE,TRUE,"",[[1000,0,0],[0,0,0,1]],[[100,0,0],[1,0,0,0]]];',
         'PERS wobjdata wTurn:=[FALSE,FALSE,"STN1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
         "PERS tooldata t:=[TRUE,[[0,0,180],[1,0,0,0]],[5,[0,0,50],[1,0,0,0],0,0,0]];",
@@ -198,8 +202,8 @@ def test_frames_of_fixed_work_objects_and_tools_on_the_robot():
 
 def test_a_target_on_a_conveyor_is_barred():
     frame = "[[0,0,0],[1,0,0,0]]"
-    file = read(
-        f'PERS wobjdata wCnv:=[FALSE,FALSE,"CNV1",{frame},{frame}];', target("p1"), target("p2"),
+    file = read_module(
+        f'PERS wobjdata wCnv:=[FALSE,FALSE,"CNV1",{frame},{frame}];', target_line("p1"), target_line("p2"),
         "PROC main()", "MoveL p1,v100,fine,tGrip\\WObj:=wcnv;", "MoveL p2,v100,fine,tGrip;", "ENDPROC",
     )  # fmt: skip
     assert list(file.positions.barred) == [0]
@@ -207,9 +211,9 @@ def test_a_target_on_a_conveyor_is_barred():
 
 
 def test_a_held_work_object_is_listed_but_not_shifted():
-    file = read(
+    file = read_module(
         'PERS wobjdata wHeld:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
-        target("p1"),
+        target_line("p1"),
         "MoveL p1,v1,z1,tool0\\WObj:=wHeld;",
     )
     assert file.positions.kinds == (UNTAUGHT,)
@@ -245,7 +249,7 @@ def test_wrong_confdata_does_not_agree():
 
 
 def test_new_confdata_is_written_in_place():
-    file = read(target("p1"))
+    file = read_module(target_line("p1"))
     text = file.with_changes(PositionChange(np.array([0]), configurations=("[1,0,-1,0]",))).to_bytes()
     assert text == file.to_bytes().replace(b"[0,-1,0,1]", b"[1,0,-1,0]")
 
@@ -278,9 +282,9 @@ def test_joints_and_target_of_one_posture_on_a_real_controller(joints: str, robt
     assert positions.kinds == (JOINTS, CARTESIAN)
     model = load_model("abb_irb120")
     flange = model.base_flange(positions.joints[:1, :6])[0]
-    said = positions.frame_tip[1]
-    assert np.linalg.norm(flange[:3, 3] - said[:3, 3]) < 2e-5
-    turned = flange[:3, :3].T @ said[:3, :3]
+    declared_pose = positions.frame_tip[1]
+    assert np.linalg.norm(flange[:3, 3] - declared_pose[:3, 3]) < 2e-5
+    turned = flange[:3, :3].T @ declared_pose[:3, :3]
     assert np.degrees(np.arccos((np.trace(turned) - 1.0) / 2.0)) < 0.01
     assert (
         AbbConfigurations()

@@ -13,7 +13,7 @@ E = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 COUNT = 60
 
 
-def module(rng: np.random.Generator, mark: str) -> str:
+def module_text(rng: np.random.Generator, mark: str) -> str:
     """Return a module; ``mark`` stands where blanks may."""
     lines, moves = [f"MODULE Teil{mark}"], []
     for number in range(COUNT):
@@ -35,12 +35,12 @@ def module(rng: np.random.Generator, mark: str) -> str:
 
 
 def read_both(seed: int) -> tuple[AbbFile, AbbFile]:
-    def read(mark: str) -> AbbFile:
-        file = BRAND.read("a.mod", module(np.random.default_rng(seed), mark).encode())
+    def read_with_mark(mark: str) -> AbbFile:
+        file = BRAND.read("a.mod", module_text(np.random.default_rng(seed), mark).encode())
         assert isinstance(file, AbbFile)
         return file
 
-    return read(""), read(" ")
+    return read_with_mark(""), read_with_mark(" ")
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -60,8 +60,10 @@ def test_they_say_the_same(seed):
         other.declarations,
     )
     assert usual.positions.kinds[7] == UNTAUGHT
-    told = [[(remark.line, remark.code, remark.text) for remark in file.remarks] for file in (usual, other)]
-    assert sorted(told[0]) == sorted(told[1])
+    remark_lists = [
+        [(remark.line, remark.code, remark.text) for remark in file.remarks] for file in (usual, other)
+    ]
+    assert sorted(remark_lists[0]) == sorted(remark_lists[1])
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -81,7 +83,7 @@ def test_they_are_written_the_same(seed, shift_m, turn_rad):
 
 
 def test_a_quaternion_that_is_none_is_refused_with_its_place():
-    text = module(np.random.default_rng(1), "")
+    text = module_text(np.random.default_rng(1), "")
     lines = text.splitlines()
     place, _, rest = lines[9].partition("],[")
     lines[9] = f"{place}],[0.9,0.9,0,0],{rest.partition('],')[2]}"

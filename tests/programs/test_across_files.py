@@ -17,23 +17,23 @@ USED = ("BAS(#TOOL,1)", "BAS(#BASE,4)", "LIN P1")
 WORK_OBJECT = 'PERS wobjdata w1:=[{},TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
 
 
-def dat(name, *lines, public=""):
+def dat_file(name, *lines, public=""):
     return "\r\n".join([f"DEFDAT {name} {public}", *lines, "ENDDAT", ""])
 
 
-def src(name, *lines):
+def src_file(name, *lines):
     return "\r\n".join([f"DEF {name} ( )", *lines, "END", ""])
 
 
-def module(name, *lines):
+def rapid_module(name, *lines):
     return "\r\n".join([f"MODULE {name}", *lines, "ENDMODULE", ""])
 
 
-def moves(*lines):
+def move_lines(*lines):
     return "\r\n".join(["PROC r()", *lines, "ENDPROC"])
 
 
-def read(folder: Path, files, damaged=""):
+def read_programs(folder: Path, files, damaged=""):
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, newline="")
@@ -47,110 +47,129 @@ def read(folder: Path, files, damaged=""):
     return found
 
 
-def told(program, name):
+def frames_of_position(program, name):
     """Return tool and frame of a position, or why it is left."""
     positions = program.positions
     row = positions.names.index(name)
     return positions.barred.get(row) or (positions.tools[row], positions.user_frames[row])
 
 
-SHOWN = dat("A", f"DECL GLOBAL E6POS P1={POINT}", public="PUBLIC")
-OWN = dat("A", f"DECL E6POS P1={POINT}")
+SHOWN = dat_file("A", f"DECL GLOBAL E6POS P1={POINT}", public="PUBLIC")
+OWN = dat_file("A", f"DECL E6POS P1={POINT}")
 TAKEN = "IMPORT E6POS Q IS /R1/A..P1"
 
 
 @pytest.mark.parametrize(
-    ("files", "wanted"),
+    ("files", "expected"),
     [
-        ({"a.dat": OWN, "a.src": src("A", *USED)}, ("1", "4")),
-        ({"a.dat": OWN, "b.src": src("B", *USED)}, (None, None)),  # not GLOBAL
-        ({"a.dat": SHOWN, "b.src": src("B", *USED)}, ("1", "4")),
+        ({"a.dat": OWN, "a.src": src_file("A", *USED)}, ("1", "4")),
+        ({"a.dat": OWN, "b.src": src_file("B", *USED)}, (None, None)),  # not GLOBAL
+        ({"a.dat": SHOWN, "b.src": src_file("B", *USED)}, ("1", "4")),
         (
-            {"a.dat": SHOWN, "b.dat": dat("B", f"DECL E6POS P1={POINT}"), "b.src": src("B", *USED)},
+            {"a.dat": SHOWN, "b.dat": dat_file("B", f"DECL E6POS P1={POINT}"), "b.src": src_file("B", *USED)},
             (None, None),
         ),
-        ({"a.dat": SHOWN, "b.src": src("B", "DECL E6POS P1", *USED)}, (None, None)),  # hidden by its own
-        ({"a.dat": SHOWN, "b.src": src("B", *USED), "c.src": src("C", *USED)}, ("1", "4")),
+        ({"a.dat": SHOWN, "b.src": src_file("B", "DECL E6POS P1", *USED)}, (None, None)),  # hidden by its own
+        ({"a.dat": SHOWN, "b.src": src_file("B", *USED), "c.src": src_file("C", *USED)}, ("1", "4")),
         (
             {
                 "a.dat": SHOWN,
-                "b.src": src("B", *USED),
-                "c.src": src("C", "BAS(#TOOL,1)", "BAS(#BASE,5)", "LIN P1"),
+                "b.src": src_file("B", *USED),
+                "c.src": src_file("C", "BAS(#TOOL,1)", "BAS(#BASE,5)", "LIN P1"),
             },
             "different tools or frames, in b.src, c.src",
         ),
         (
             {
                 "a.dat": OWN,
-                "a.src": src("A", *USED[:2], "GRIP()", "LIN P1"),
-                "g.src": src("GRIP", "BAS(#BASE,7)"),
+                "a.src": src_file("A", *USED[:2], "GRIP()", "LIN P1"),
+                "g.src": src_file("GRIP", "BAS(#BASE,7)"),
             },
             "GRIP in g.src",
         ),
         (
             {
                 "a.dat": OWN,
-                "a.src": src("A", *USED[:2], "GRIP()", "LIN P1"),
-                "g.src": src("GRIP", "BAS(#BASE,4)"),
+                "a.src": src_file("A", *USED[:2], "GRIP()", "LIN P1"),
+                "g.src": src_file("GRIP", "BAS(#BASE,4)"),
             },
             ("1", "4"),
         ),
-        ({"a.dat": OWN, "a.src": src("A", "LIN P1"), "m.src": src("M", "BAS(#BASE,7)", "A()")}, "M in m.src"),
+        (
+            {"a.dat": OWN, "a.src": src_file("A", "LIN P1"), "m.src": src_file("M", "BAS(#BASE,7)", "A()")},
+            "M in m.src",
+        ),
         (
             {
                 "a.dat": OWN,
-                "a.src": src("A", *USED[:2], "INTERRUPT DECL 3 WHEN $IN[1] DO STOPP()", "LIN P1"),
-                "s.src": src("STOPP", "$BASE=BASE_DATA[9]"),
+                "a.src": src_file("A", *USED[:2], "INTERRUPT DECL 3 WHEN $IN[1] DO STOPP()", "LIN P1"),
+                "s.src": src_file("STOPP", "$BASE=BASE_DATA[9]"),
             },
             "STOPP in s.src",
         ),
-        ({"a.dat": OWN, "a.src": src("A", *USED[:2], "P2=P1", "LIN P2")}, "only the copy"),
+        ({"a.dat": OWN, "a.src": src_file("A", *USED[:2], "P2=P1", "LIN P2")}, "only the copy"),
         (
             {
                 "a.dat": OWN,
-                "a.src": src("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", "BAS(#BASE,4)", "ENDIF", "LIN P1"),
+                "a.src": src_file("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", "BAS(#BASE,4)", "ENDIF", "LIN P1"),
             },
             "in a branch",
         ),
-        ({"a.dat": OWN, "a.src": src("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", *USED[1:], "ENDIF")}, ("1", "4")),
+        (
+            {"a.dat": OWN, "a.src": src_file("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", *USED[1:], "ENDIF")},
+            ("1", "4"),
+        ),
         (
             {
                 "a.dat": OWN,
-                "a.src": src("A", "SPLINE WITH $BASE=BASE_DATA[2],$TOOL=TOOL_DATA[1]", "SPL P1", "ENDSPLINE"),
+                "a.src": src_file(
+                    "A", "SPLINE WITH $BASE=BASE_DATA[2],$TOOL=TOOL_DATA[1]", "SPL P1", "ENDSPLINE"
+                ),
             },
             "while the program runs",
         ),
         (
             {
                 "one/a.dat": OWN,
-                "one/a.src": src("A", *USED),
+                "one/a.src": src_file("A", *USED),
                 "two/a.dat": OWN,
-                "two/a.src": src("A", "BAS(#BASE,5)"),
+                "two/a.src": src_file("A", "BAS(#BASE,5)"),
             },
             ("1", "4"),
         ),
-        ({"$config.dat": dat("$CONFIG", f"DECL E6POS P1={POINT}"), "b.src": src("B", *USED)}, ("1", "4")),
-        ({"a.dat": OWN, "b.dat": dat("B", TAKEN), "b.src": src("B", *USED[:2], "LIN Q")}, ("1", "4")),
-        ({"a.dat": OWN, "b.src": src("B", TAKEN, *USED[:2], "LIN Q")}, ("1", "4")),
-        ({"a.dat": OWN, "b.dat": dat("B", TAKEN), "b.src": src("B", *USED)}, (None, None)),  # its own P1
+        (
+            {"$config.dat": dat_file("$CONFIG", f"DECL E6POS P1={POINT}"), "b.src": src_file("B", *USED)},
+            ("1", "4"),
+        ),
+        (
+            {"a.dat": OWN, "b.dat": dat_file("B", TAKEN), "b.src": src_file("B", *USED[:2], "LIN Q")},
+            ("1", "4"),
+        ),
+        ({"a.dat": OWN, "b.src": src_file("B", TAKEN, *USED[:2], "LIN Q")}, ("1", "4")),
+        (
+            {"a.dat": OWN, "b.dat": dat_file("B", TAKEN), "b.src": src_file("B", *USED)},
+            (None, None),
+        ),  # its own P1
         (
             {
-                "a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA),
-                "b.dat": dat("B", TAKEN.replace("..P1", "..XP1")),
-                "b.src": src("B", *USED[:2], "LIN Q"),
+                "a.dat": dat_file("A", f"DECL E6POS XP1={POINT}", FRAME_DATA),
+                "b.dat": dat_file("B", TAKEN.replace("..P1", "..XP1")),
+                "b.src": src_file("B", *USED[:2], "LIN Q"),
             },
             "it was taught with another tool or frame than b.src",
         ),
     ],
 )
-def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, files, wanted):
+def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, files, expected):
     first = next(iter(files))
-    found = told(read(tmp_path, files)[first], "XP1" if "XP1" in files[first] else "P1")
-    if isinstance(wanted, str):
+    found = frames_of_position(
+        read_programs(tmp_path, files)[first], "XP1" if "XP1" in files[first] else "P1"
+    )
+    if isinstance(expected, str):
         assert isinstance(found, str)
-        assert wanted in found
+        assert expected in found
     else:
-        assert found == wanted
+        assert found == expected
 
 
 @pytest.mark.parametrize(
@@ -167,8 +186,8 @@ def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, fi
     ],
 )
 def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp_path, lines, words):
-    files = {"a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src("A", *lines)}
-    found = told(read(tmp_path, files)["a.dat"], "XP1")
+    files = {"a.dat": dat_file("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src_file("A", *lines)}
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
     assert (words in found) if words else (found == ("1", "2"))
 
 
@@ -197,25 +216,25 @@ END
         (("P1={Z 3.0}", *USED), {}, "another value"),
         (("P2=P1", *USED), {}, ""),
         (("N=N+1", "FLAG=TRUE", "KIND=#GOOD", *USED), {}, ""),
-        (USED, {"c.src": src("C", "P1=FOUND")}, ""),  # its own P1: this one is not GLOBAL
-        (USED, {"c.src": src("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
-        (USED, {"c.src": src("C", "BASE_DATA[3]=FOUND", "BASE_DATA[N]=FOUND")}, ""),
-        (USED, {"two/c.src": src("C", "BASE_DATA[4]=FOUND")}, ""),
+        (USED, {"c.src": src_file("C", "P1=FOUND")}, ""),  # its own P1: this one is not GLOBAL
+        (USED, {"c.src": src_file("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
+        (USED, {"c.src": src_file("C", "BASE_DATA[3]=FOUND", "BASE_DATA[N]=FOUND")}, ""),
+        (USED, {"two/c.src": src_file("C", "BASE_DATA[4]=FOUND")}, ""),
         ((*USED, "BASE_DATA[4]=FOUND"), {}, "while the program runs"),
-        ((*USED[:2], "SUB()", USED[2]), {"s.src": src("SUB", "BAS (#INITMOV,0 )")}, "SUB in s.src"),
-        ((*USED[:2], "SUB()", USED[2]), {"s.src": src("SUB", "BAS (#INITMOV,0 )", "BAS(#BASE,4)", "BAS(#TOOL,1)")},
+        ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )")}, "SUB in s.src"),
+        ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )", "BAS(#BASE,4)", "BAS(#TOOL,1)")},
          "SUB in s.src"),
-        (("BAS (#INITMOV,0 )", *USED), {"m.src": src("M", "BAS (#INITMOV,0 )", "A()")}, ""),
+        (("BAS (#INITMOV,0 )", *USED), {"m.src": src_file("M", "BAS (#INITMOV,0 )", "A()")}, ""),
     ],
 )  # fmt: skip
 def test_a_kuka_point_is_left_where_it_or_its_base_gets_another_value(tmp_path, lines, others, words):
-    files = {"a.dat": OWN, "a.src": src("A", *lines), **others}
-    found = told(read(tmp_path, files)["a.dat"], "P1")
+    files = {"a.dat": OWN, "a.src": src_file("A", *lines), **others}
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "P1")
     assert (words in found) if words else (found == ("1", "4"))
 
 
 @pytest.mark.parametrize(
-    ("folder", "setter", "left"),
+    ("folder", "setter", "is_left"),
     [
         ("sub/", "main.src", True),
         ("cell/KRC/R1/Program/", "cell/KRC/R1/System/main.src", True),
@@ -223,11 +242,13 @@ def test_a_kuka_point_is_left_where_it_or_its_base_gets_another_value(tmp_path, 
         ("sub/", "other/main.src", False),
     ],
 )
-def test_a_kuka_base_that_a_program_sets_counts_below_its_controllers_folder(tmp_path, folder, setter, left):
-    moved = src("M", "BASE_DATA[4].z=BASE_DATA[4].z + 155")
-    files = {f"{folder}a.dat": OWN, f"{folder}a.src": src("A", *USED), setter: moved}
-    found = told(read(tmp_path, files)[f"{folder}a.dat"], "P1")
-    assert ("while the program runs" in found) if left else (found == ("1", "4"))
+def test_a_kuka_base_that_a_program_sets_counts_below_its_controllers_folder(
+    tmp_path, folder, setter, is_left
+):
+    moved = src_file("M", "BASE_DATA[4].z=BASE_DATA[4].z + 155")
+    files = {f"{folder}a.dat": OWN, f"{folder}a.src": src_file("A", *USED), setter: moved}
+    found = frames_of_position(read_programs(tmp_path, files)[f"{folder}a.dat"], "P1")
+    assert ("while the program runs" in found) if is_left else (found == ("1", "4"))
 
 
 @pytest.mark.parametrize(
@@ -243,8 +264,11 @@ def test_a_kuka_base_that_a_program_sets_counts_below_its_controllers_folder(tmp
 )
 def test_a_kuka_point_with_frame_data_is_left_where_its_program_sets_it_or_its_base(tmp_path, line, words):
     taught = ("FDAT_ACT=FP1", "BAS(#PTP_PARAMS,100)", "PTP XP1")
-    files = {"a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src("A", line, *taught)}
-    found = told(read(tmp_path, files)["a.dat"], "XP1")
+    files = {
+        "a.dat": dat_file("A", f"DECL E6POS XP1={POINT}", FRAME_DATA),
+        "a.src": src_file("A", line, *taught),
+    }
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
     assert (words in found) if words else (found == ("1", "2"))
 
 
@@ -252,57 +276,66 @@ def test_the_last_of_very_many_moves_counts(tmp_path):
     often = ["LIN P1"] * 1200
     many = [f"DEF R{k} ( )\r\nBAS(#TOOL,1)\r\nBAS(#BASE,4)\r\nLIN P1\r\nEND" for k in range(1200)]
     last = "DEF Z ( )\r\nBAS(#TOOL,1)\r\nBAS(#BASE,5)\r\nLIN P1\r\nEND"
-    for name, texts in (("often", [src("A", *USED[:2], *often)]), ("many", [src("A", *USED), *many])):
+    for name, texts in (
+        ("often", [src_file("A", *USED[:2], *often)]),
+        ("many", [src_file("A", *USED), *many]),
+    ):
         files = {"a.dat": OWN, "a.src": "\r\n".join([*texts, last])}
         (tmp_path / name).mkdir()
-        assert isinstance(told(read(tmp_path / name, files)["a.dat"], "P1"), str)
+        assert isinstance(frames_of_position(read_programs(tmp_path / name, files)["a.dat"], "P1"), str)
 
 
-ABB = module("A", f"CONST robtarget p1:={TARGET};")
+ABB = rapid_module("A", f"CONST robtarget p1:={TARGET};")
 AT_W2 = "MoveL p1,v100,fine,tool1\\WObj:=w2;"
 
 
 @pytest.mark.parametrize(
-    ("files", "wanted"),
+    ("files", "expected"),
     [
-        ({"a.mod": ABB, "b.mod": module("B", moves(AT_W2))}, ("tool1", "w2")),
-        ({"a.mod": ABB, "b.mod": module("B", moves(AT_W2.replace("p1", "Offs(p1,0,0,9)")))}, ("tool1", "w2")),
-        ({"a.mod": ABB.replace("CONST", "LOCAL CONST"), "b.mod": module("B", moves(AT_W2))}, (None, None)),
-        ({"a.mod": ABB, "b.mod": module("B", "PROC go(robtarget p1)", AT_W2, "ENDPROC")}, (None, None)),
-        ({"a.mod": ABB, "b.mod": module("B", moves("VAR robtarget p1;", AT_W2))}, (None, None)),
+        ({"a.mod": ABB, "b.mod": rapid_module("B", move_lines(AT_W2))}, ("tool1", "w2")),
+        (
+            {"a.mod": ABB, "b.mod": rapid_module("B", move_lines(AT_W2.replace("p1", "Offs(p1,0,0,9)")))},
+            ("tool1", "w2"),
+        ),
+        (
+            {"a.mod": ABB.replace("CONST", "LOCAL CONST"), "b.mod": rapid_module("B", move_lines(AT_W2))},
+            (None, None),
+        ),
+        ({"a.mod": ABB, "b.mod": rapid_module("B", "PROC go(robtarget p1)", AT_W2, "ENDPROC")}, (None, None)),
+        ({"a.mod": ABB, "b.mod": rapid_module("B", move_lines("VAR robtarget p1;", AT_W2))}, (None, None)),
         (
             {
-                "a.mod": module("A", f"CONST robtarget p1:={TARGET};", moves(AT_W2)),
-                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
+                "a.mod": rapid_module("A", f"CONST robtarget p1:={TARGET};", move_lines(AT_W2)),
+                "b.mod": rapid_module("B", move_lines(AT_W2.replace("w2", "w1"))),
             },
             "different tools or frames, in a.mod, b.mod",
         ),
         (
             {
                 "a.mod": ABB,
-                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
-                "c.sys": module("C", WORK_OBJECT.format("TRUE")),
+                "b.mod": rapid_module("B", move_lines(AT_W2.replace("w2", "w1"))),
+                "c.sys": rapid_module("C", WORK_OBJECT.format("TRUE")),
             },
             "held work object",
         ),
         (
             {
                 "a.mod": ABB,
-                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
-                "c.sys": module("C", WORK_OBJECT.format("FALSE"), moves("w1.uframe.trans.x:=5;")),
+                "b.mod": rapid_module("B", move_lines(AT_W2.replace("w2", "w1"))),
+                "c.sys": rapid_module("C", WORK_OBJECT.format("FALSE"), move_lines("w1.uframe.trans.x:=5;")),
             },
             "set while the program runs",
         ),
-        ({"a.mod": ABB, "b.mod": module("B", moves("pApp:=Offs(p1,0,0,100);"))}, "only the copy"),
+        ({"a.mod": ABB, "b.mod": rapid_module("B", move_lines("pApp:=Offs(p1,0,0,100);"))}, "only the copy"),
     ],
 )
-def test_an_abb_target_has_the_tool_and_work_object_that_all_modules_agree_on(tmp_path, files, wanted):
-    found = told(read(tmp_path, files)["a.mod"], "p1")
-    if isinstance(wanted, str):
+def test_an_abb_target_has_the_tool_and_work_object_that_all_modules_agree_on(tmp_path, files, expected):
+    found = frames_of_position(read_programs(tmp_path, files)["a.mod"], "p1")
+    if isinstance(expected, str):
         assert isinstance(found, str)
-        assert wanted in found
+        assert expected in found
     else:
-        assert found == wanted
+        assert found == expected
 
 
 TOOL = "PERS tooldata tool1:=[TRUE,[[0,0,{}],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
@@ -310,71 +343,77 @@ BASE = 'PERS wobjdata W2:=[FALSE,TRUE,"",[[{},0,0],[1,0,0,0]],[[0,7,0],[1,0,0,0]
 
 
 @pytest.mark.parametrize(
-    ("files", "wanted"),
+    ("files", "expected"),
     [
-        ({"c.sys": module("C", TOOL.format(5), BASE.format(40))}, ([0, 0, 5], [40, 7, 0])),
-        ({"c.sys": module("C", "LOCAL " + TOOL.format(5), BASE.format(40))}, (None, [40, 7, 0])),
+        ({"c.sys": rapid_module("C", TOOL.format(5), BASE.format(40))}, ([0, 0, 5], [40, 7, 0])),
+        ({"c.sys": rapid_module("C", "LOCAL " + TOOL.format(5), BASE.format(40))}, (None, [40, 7, 0])),
         (
-            {"c.sys": module("C", moves(TOOL.format(5)), BASE.format(40))},
+            {"c.sys": rapid_module("C", move_lines(TOOL.format(5)), BASE.format(40))},
             (None, [40, 7, 0]),
         ),  # a routine's own
-        ({"c.sys": module("C", TOOL.format(5)), "d.sys": module("D", TOOL.format(5))}, ([0, 0, 5], None)),
-        ({"c.sys": module("C", TOOL.format(5)), "d.sys": module("D", TOOL.format(6))}, (None, None)),
         (
-            {"c.sys": module("C", TOOL.format(5)), "other/d.sys": module("D", TOOL.format(6))},
+            {"c.sys": rapid_module("C", TOOL.format(5)), "d.sys": rapid_module("D", TOOL.format(5))},
             ([0, 0, 5], None),
         ),
-        ({"c.sys": module("C", BASE.format("GetX()"), TOOL.format(5))}, ([0, 0, 5], None)),
+        (
+            {"c.sys": rapid_module("C", TOOL.format(5)), "d.sys": rapid_module("D", TOOL.format(6))},
+            (None, None),
+        ),
+        (
+            {"c.sys": rapid_module("C", TOOL.format(5)), "other/d.sys": rapid_module("D", TOOL.format(6))},
+            ([0, 0, 5], None),
+        ),
+        ({"c.sys": rapid_module("C", BASE.format("GetX()"), TOOL.format(5))}, ([0, 0, 5], None)),
     ],
 )
-def test_an_abb_module_has_the_tools_and_work_objects_that_others_declare(tmp_path, files, wanted):
-    used = {"cell/a.mod": module("A", f"CONST robtarget p1:={TARGET};", moves(AT_W2))}
-    frames = read(tmp_path, used | {f"cell/{name}": text for name, text in files.items()})[
+def test_an_abb_module_has_the_tools_and_work_objects_that_others_declare(tmp_path, files, expected):
+    used = {"cell/a.mod": rapid_module("A", f"CONST robtarget p1:={TARGET};", move_lines(AT_W2))}
+    frames = read_programs(tmp_path, used | {f"cell/{name}": text for name, text in files.items()})[
         "cell/a.mod"
     ].frames
     poses = frames.cell_flange_tip.get("tool1"), frames.cell_base_frame.get("w2")
     assert [None if pose is None else [round(1e3 * x, 6) for x in pose.position_m] for pose in poses] == list(
-        wanted
+        expected
     )
 
 
-def config(base_x, *lines):
+def config_file(base_x, *lines):
     tables = (
         "TOOL_DATA[1]={X 0,Y 0,Z 150,A 0,B 0,C 0}",
         f"BASE_DATA[4]={{X {base_x},Y 0,Z 0,A 0,B 0,C 0}}",
         *lines,
     )
-    return dat("$CONFIG", *tables)
+    return dat_file("$CONFIG", *tables)
 
 
 @pytest.mark.parametrize(
-    ("files", "wanted"),
+    ("files", "expected"),
     [
-        ({"r1/System/$config.dat": config(700)}, 700),
-        ({"r1/System/$config.dat": config(700), "r2/System/$config.dat": config(800)}, 700),
-        ({"System/$config.dat": config(700), "Mada/$config.dat": config(800)}, None),
-        ({"$config.dat": config(900, "DECL E6POS XP1={X 1.0,Y}")}, None),  # refused, and not believed
+        ({"r1/System/$config.dat": config_file(700)}, 700),
+        ({"r1/System/$config.dat": config_file(700), "r2/System/$config.dat": config_file(800)}, 700),
+        ({"System/$config.dat": config_file(700), "Mada/$config.dat": config_file(800)}, None),
+        ({"$config.dat": config_file(900, "DECL E6POS XP1={X 1.0,Y}")}, None),  # refused, and not believed
         ({}, None),
     ],
 )
-def test_a_kuka_program_stands_in_the_bases_of_its_own_controllers_configuration(tmp_path, files, wanted):
-    used = {"r1/Program/a.dat": OWN, "r1/Program/a.src": src("A", *USED)}
-    frames = read(tmp_path, used | files, damaged="$config.dat")["r1/Program/a.dat"].frames
+def test_a_kuka_program_stands_in_the_bases_of_its_own_controllers_configuration(tmp_path, files, expected):
+    used = {"r1/Program/a.dat": OWN, "r1/Program/a.src": src_file("A", *USED)}
+    frames = read_programs(tmp_path, used | files, damaged="$config.dat")["r1/Program/a.dat"].frames
     base = frames.cell_base_frame.get("4")
-    assert (base and round(1e3 * base.position_m[0], 6)) == wanted
+    assert (base and round(1e3 * base.position_m[0], 6)) == expected
     assert ("1" in frames.cell_flange_tip) == ("$config.dat" not in files and bool(files))
 
 
 def test_an_array_of_another_module_is_used_as_a_whole_where_its_index_is_computed(tmp_path):
-    array = module("A", f"CONST robtarget p{{2}}:=[{TARGET},{TARGET}];")
-    move = moves("MoveL p{i},v100,fine,tool1\\WObj:=w2;")
-    found = read(tmp_path, {"a.mod": array, "b.mod": module("B", move)})["a.mod"]
-    assert told(found, "p{1}") == told(found, "p{2}") == ("tool1", "w2")
+    array = rapid_module("A", f"CONST robtarget p{{2}}:=[{TARGET},{TARGET}];")
+    move = move_lines("MoveL p{i},v100,fine,tool1\\WObj:=w2;")
+    found = read_programs(tmp_path, {"a.mod": array, "b.mod": rapid_module("B", move)})["a.mod"]
+    assert frames_of_position(found, "p{1}") == frames_of_position(found, "p{2}") == ("tool1", "w2")
 
 
 @pytest.mark.parametrize(("name", "text"), [("a.mod", ABB), ("a.dat", SHOWN)])
-def test_a_position_that_programs_not_given_may_use_is_told(tmp_path, name, text):
-    program = read(tmp_path, {name: text})[name]
+def test_a_position_that_missing_programs_may_use_is_reported(tmp_path, name, text):
+    program = read_programs(tmp_path, {name: text})[name]
     assert any("not given" in remark.text for remark in program.remarks)
 
 
@@ -388,63 +427,63 @@ OPEN = """P[1]{
 MOVE = "J P[1] 50% FINE"
 
 
-def listing(name, *statements, positions=""):
+def fanuc_listing(name, *statements, positions=""):
     lines = [f"{k:4}:  {statement} ;" for k, statement in enumerate(statements, 1)]
     return "\n".join([f"/PROG  {name}", "/MN", *lines, "/POS", f"{positions}/END", ""])
 
 
-def pick(*statements):
-    return listing("PICK", *statements, positions=OPEN)
+def pick_lines(*statements):
+    return fanuc_listing("PICK", *statements, positions=OPEN)
 
 
-IN_3 = pick("UFRAME_NUM=3", "CALL GRIP", MOVE)
-ALONE = pick("UFRAME_NUM=3", MOVE)
+IN_3 = pick_lines("UFRAME_NUM=3", "CALL GRIP", MOVE)
+ALONE = pick_lines("UFRAME_NUM=3", MOVE)
 
 
 @pytest.mark.parametrize(
-    ("files", "wanted"),
+    ("files", "expected"),
     [
-        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "CALL PICK")}, ("2", None)),  # as the project says
-        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "UFRAME_NUM=3", "CALL PICK")}, "MAIN in main.ls sets"),
-        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "UTOOL_NUM=3", "CALL PICK")}, ("2", None)),
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "CALL PICK")}, ("2", None)),  # as the project says
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "CALL PICK")}, "MAIN in main.ls sets"),
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "UTOOL_NUM=3", "CALL PICK")}, ("2", None)),
         (
             {
-                "pick.ls": pick(MOVE),
-                "main.ls": listing("MAIN", "CALL FRAMES", "IF DI[1]=ON,CALL PICK"),
-                "frames.ls": listing("FRAMES", "UFRAME_NUM=R[1]"),
+                "pick.ls": pick_lines(MOVE),
+                "main.ls": fanuc_listing("MAIN", "CALL FRAMES", "IF DI[1]=ON,CALL PICK"),
+                "frames.ls": fanuc_listing("FRAMES", "UFRAME_NUM=R[1]"),
             },
             "FRAMES in frames.ls sets",
         ),
-        ({"pick.ls": pick("CALL FRAMES", MOVE), "f.ls": listing("FRAMES", "UFRAME_NUM=3")}, "FRAMES in f.ls, which"),
-        ({"pick.ls": pick("UFRAME_NUM=3", MOVE), "m.ls": listing("M", "UFRAME_NUM=4", "CALL PICK")}, ("2", "3")),
+        ({"pick.ls": pick_lines("CALL FRAMES", MOVE), "f.ls": fanuc_listing("FRAMES", "UFRAME_NUM=3")}, "FRAMES in f.ls, which"),
+        ({"pick.ls": pick_lines("UFRAME_NUM=3", MOVE), "m.ls": fanuc_listing("M", "UFRAME_NUM=4", "CALL PICK")}, ("2", "3")),
         ({"pick.ls": IN_3}, "PICK in pick.ls calls a program that was not given"),
-        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "DO[1]=ON")}, ("2", "3")),
-        ({"pick.ls": IN_3, "grip.ls": listing("grip", "UFRAME_NUM=3")}, ("2", "3")),
-        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4")}, "GRIP in grip.ls, which its program calls"),
-        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UTOOL_NUM=4")}, ("2", "3")),
-        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "CALL DEEP")}, "GRIP in grip.ls calls a program that was not"),
-        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, "INIT sets its frame"),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "DO[1]=ON")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("grip", "UFRAME_NUM=3")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UFRAME_NUM=4")}, "GRIP in grip.ls, which its program calls"),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UTOOL_NUM=4")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "CALL DEEP")}, "GRIP in grip.ls calls a program that was not"),
+        ({"pick.ls": ALONE, "init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, "INIT sets its frame"),
         (
             {
                 "pick.ls": ALONE,
-                "main.ls": listing("MAIN", "CALL SEE", "CALL PICK"),
-                "see.ls": listing("SEE", "UTOOL[R[1]]=PR[1]"),
+                "main.ls": fanuc_listing("MAIN", "CALL SEE", "CALL PICK"),
+                "see.ls": fanuc_listing("SEE", "UTOOL[R[1]]=PR[1]"),
             },
             "SEE sets its frame or tool",
         ),
-        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UFRAME[3]=PR[1]")}, ("2", "3")),
-        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UFRAME[4]=PR[1]", "CALL PICK")}, ("2", "3")),
-        ({"pick.ls": ALONE, "robot2/init.ls": listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, ("2", "3")),
-        ({"pick.ls": IN_3, "robot2/grip.ls": listing("GRIP", "DO[1]=ON")}, "not given"),
-        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4").replace("/POS", "")}, "GRIP in grip.ls, which"),
+        ({"pick.ls": ALONE, "init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]")}, ("2", "3")),
+        ({"pick.ls": ALONE, "init.ls": fanuc_listing("INIT", "UFRAME[4]=PR[1]", "CALL PICK")}, ("2", "3")),
+        ({"pick.ls": ALONE, "robot2/init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, ("2", "3")),
+        ({"pick.ls": IN_3, "robot2/grip.ls": fanuc_listing("GRIP", "DO[1]=ON")}, "not given"),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UFRAME_NUM=4").replace("/POS", "")}, "GRIP in grip.ls, which"),
     ],
 )  # fmt: skip
 def test_a_fanuc_position_without_frame_is_taken_in_one_only_where_no_other_program_chooses_another(
-    tmp_path, files, wanted
+    tmp_path, files, expected
 ):
-    found = told(read(tmp_path, files, damaged="grip.ls")["pick.ls"], "P[1]")
-    if isinstance(wanted, str):
+    found = frames_of_position(read_programs(tmp_path, files, damaged="grip.ls")["pick.ls"], "P[1]")
+    if isinstance(expected, str):
         assert isinstance(found, str)
-        assert wanted in found
+        assert expected in found
     else:
-        assert found == wanted
+        assert found == expected

@@ -6,20 +6,26 @@ import pytest
 
 from cellcal.drivers.program_registry import SUFFIXES, all_brands
 from cellcal.drivers.programs.errors import ProgramFileError
-from tests.programs.fuzz import Source, mutated, roundtrip, sources, token_invariant
+from tests.programs.fuzz import (
+    GeneratorSource,
+    check_mutants,
+    check_roundtrip,
+    generator_sources,
+    token_invariant,
+)
 
-_SOURCES = sources()
+_SOURCES = generator_sources()
 
 
 @pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
-def test_a_file_is_printed_as_it_was_read(source: Source):
-    tally = roundtrip(source.brand, source.generate, range(150), suffix=source.suffix)
+def test_a_file_is_printed_as_it_was_read(source: GeneratorSource):
+    tally = check_roundtrip(source.brand, source.generate, range(150), suffix=source.suffix)
     assert not tally.failures
     assert tally.positions > 150
 
 
 @pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
-def test_a_changed_position_changes_its_coordinates_and_nothing_else(source: Source):
+def test_a_changed_position_changes_its_coordinates_and_nothing_else(source: GeneratorSource):
     proved = [
         token_invariant(
             source.brand,
@@ -35,8 +41,8 @@ def test_a_changed_position_changes_its_coordinates_and_nothing_else(source: Sou
 
 
 @pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
-def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
-    tally = mutated(
+def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: GeneratorSource):
+    tally = check_mutants(
         source.brand,
         source.generate,
         range(600),
@@ -51,7 +57,7 @@ def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
 
 
 @pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
-def test_a_number_of_thousands_of_digits_is_refused_or_kept(source: Source):
+def test_a_number_of_thousands_of_digits_is_refused_or_kept(source: GeneratorSource):
     whole = source.unpacked(source.generate(4))
     remedies = []
     for number in list(re.finditer(rb"\d+", whole))[::3]:

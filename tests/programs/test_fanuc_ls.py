@@ -31,16 +31,16 @@ P3 = (
 )
 
 
-def listing(records: str = P1 + P2 + P3, statements: str = "") -> bytes:
+def listing_bytes(records: str = P1 + P2 + P3, statements: str = "") -> bytes:
     return f"{HEAD}{statements}/POS\n{records}/END\n".encode("latin-1")
 
 
-def read(records: str = P1 + P2 + P3, statements: str = "") -> LsProgram:
-    return read_ls("pick.ls", listing(records, statements))
+def read_listing(records: str = P1 + P2 + P3, statements: str = "") -> LsProgram:
+    return read_ls("pick.ls", listing_bytes(records, statements))
 
 
 def test_a_listing_s_positions_in_si():
-    positions = read().positions
+    positions = read_listing().positions
     assert positions.names == ("P[1]", "P[1]", "P[7]", "P[8]")
     assert positions.kinds == ("cartesian", "joints", "untaught", "joints")
     assert positions.groups.tolist() == [1, 2, 1, 1]
@@ -57,7 +57,7 @@ def test_a_listing_s_positions_in_si():
     assert np.isnan(positions.external[2:]).all()
     assert positions.resolution_m[0] == pytest.approx(1e-6)
     assert positions.resolution_rad[0] == pytest.approx(np.radians(1e-3))
-    assert read().name == "PICK"
+    assert read_listing().name == "PICK"
 
 
 def test_every_generated_number_is_read_where_a_plain_search_finds_it():
@@ -67,17 +67,17 @@ def test_every_generated_number_is_read_where_a_plain_search_finds_it():
         body = data[data.index(b"\n/POS") :]
         for i, axis in enumerate("XYZ"):
             texts = re.findall(rb"\b" + axis.encode() + rb" *= *([-+.\d]+)\s*mm", body)
-            said = 1e-3 * np.array([float(text) for text in texts])
+            expected_numbers = 1e-3 * np.array([float(text) for text in texts])
             read_here = positions.frame_tip[np.isfinite(positions.frame_tip[:, 0, 0]), i, 3]
-            assert np.array_equal(read_here, said)
+            assert np.array_equal(read_here, expected_numbers)
 
 
 def test_a_changed_pose_keeps_the_style_and_every_other_byte():
-    program = read()
+    program = read_listing()
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [-0.0005, 0.0123456, -12.3456789]
     after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
-    before = listing()
+    before = listing_bytes()
     assert after == (
         before.replace(b"X =  1605.421  mm", b"X =     -.500  mm")
         .replace(b"Y =     -.154  mm", b"Y =    12.346  mm")
@@ -86,15 +86,15 @@ def test_a_changed_pose_keeps_the_style_and_every_other_byte():
 
 
 def test_a_turn_about_z_changes_r_alone_and_a_number_that_need_not_change_stays():
-    program = read()
+    program = read_listing()
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, :3] = exp_rotation(np.radians([0.0, 0.0, 12.5])) @ pose[0, :3, :3]
     after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
-    assert after == listing().replace(b"R =   -90.000 deg", b"R =   -77.500 deg")
+    assert after == listing_bytes().replace(b"R =   -90.000 deg", b"R =   -77.500 deg")
     unchanged = program.with_changes(
         PositionChange(np.arange(4), frame_tip=program.positions.frame_tip, joints=program.positions.joints)
     )
-    assert unchanged.to_bytes() == listing()
+    assert unchanged.to_bytes() == listing_bytes()
 
 
 @pytest.mark.parametrize("digits", [0, 2, 3, 6, 8])
@@ -106,7 +106,7 @@ def test_any_orientation_is_written_within_the_format_s_resolution_at_gimbal_loc
     angles = rng.uniform(-180, 180, (count, 3))
     near = 10.0 ** rng.uniform(-13, 0, count)
     angles[:, 1] = rng.choice([-90.0, 90.0, 0.0], size=count) + near * rng.choice([-1, 1], size=count)
-    asked = rotation_from("fanuc_wpr", np.radians(angles))
+    requested_rotation = rotation_from("fanuc_wpr", np.radians(angles))
     width = 6 + digits
     records = "".join(
         f"P[{i + 1}]{{\n   GP1:\n\tUF : 1, UT : 2,\t\tCONFIG : 'N U T, 0, 0, 0',\n"
@@ -114,9 +114,9 @@ def test_any_orientation_is_written_within_the_format_s_resolution_at_gimbal_loc
         f"\tW = {w:{width}.{digits}f} deg,\tP = {p:{width}.{digits}f} deg,\tR = {r:{width}.{digits}f} deg\n}};\n"
         for i, (w, p, r) in enumerate(old)
     )
-    program = read(records)
+    program = read_listing(records)
     pose = program.positions.frame_tip.copy()
-    pose[:, :3, :3] = asked
+    pose[:, :3, :3] = requested_rotation
     after = program.with_changes(PositionChange(np.arange(count), frame_tip=pose)).positions.frame_tip
     off = np.linalg.norm((after - pose)[:, :3, :3].reshape(count, 9), axis=1) / np.sqrt(2.0)
     assert off.max() < 1.0 * np.radians(10.0**-digits) + 2e-9  # W alone is found within 1e-9 of the lock
@@ -125,25 +125,25 @@ def test_any_orientation_is_written_within_the_format_s_resolution_at_gimbal_loc
 
 def test_at_gimbal_lock_the_old_split_stays():
     record = P1.replace("W =   180.000", "W =    20.000").replace("P =    -1.250", "P =    90.000")
-    program = read(record)
+    program = read_listing(record)
     pose = program.positions.frame_tip.copy()[:1]
     pose[0, :3, :3] = pose[0, :3, :3] @ exp_rotation(np.radians([7.0, 0.0, 0.0]))
     after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
-    assert after == listing(record).replace(b"W =    20.000", b"W =    27.000")
+    assert after == listing_bytes(record).replace(b"W =    20.000", b"W =    27.000")
 
 
 def test_joints_configuration_and_user_frame_are_written_where_they_stand():
-    program = read()
+    program = read_listing()
     joints = np.full((2, 6), np.nan)
     joints[0, :2] = [0.9, np.radians(-90.5)]
     joints[1] = np.radians([0, -30, 30, 0, -90, 1.25])
     after = program.with_changes(PositionChange(np.array([1, 3]), joints=joints)).to_bytes()
     third = P3.replace("J5=    90.000", "J5=   -90.000").replace("J6=     0.500", "J6=     1.250")
-    assert after == listing(P1.replace("J1=   833.743", "J1=   900.000") + P2 + third)
+    assert after == listing_bytes(P1.replace("J1=   833.743", "J1=   900.000") + P2 + third)
     change = PositionChange(np.array([0, 3]), configurations=["F U T, 0, 1, -1", ""], user_frames=["12", "0"])
     after = program.with_changes(change).to_bytes()
     first = P1.replace("UF : 1", "UF : 12", 1).replace("N U T, 0, 0, 0", "F U T, 0, 1, -1")
-    assert after == listing(first + P2 + P3)
+    assert after == listing_bytes(first + P2 + P3)
 
 
 def test_another_file_s_style_is_kept():
@@ -151,7 +151,7 @@ def test_another_file_s_style_is_kept():
         P1.replace("  1605.421", " 1605.42").replace("     -.154", " -0.15").replace("     0.000", " 0.00")
     )
     plain = re.sub(r"= {2,}", "= ", plain)
-    program = read(plain)
+    program = read_listing(plain)
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [0.00051, -0.00025, 1e-9]
     after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
@@ -179,7 +179,7 @@ def test_another_file_s_style_is_kept():
     ],
 )
 def test_what_is_not_understood_is_refused_with_line_and_column(old: str, new: str, at: str, message: str):
-    text = listing().decode("latin-1").replace(old, new)
+    text = listing_bytes().decode("latin-1").replace(old, new)
     before = text[: text.index(at)]
     with pytest.raises(ProgramFileError, match=re.escape(message)) as caught:
         read_ls("pick.ls", text.encode("latin-1"))
@@ -190,7 +190,7 @@ def test_what_is_not_understood_is_refused_with_line_and_column(old: str, new: s
 
 @pytest.mark.parametrize("section", ["/PROG", "/MN", "/POS", "/END"])
 def test_a_listing_without_a_section_is_refused(section: str):
-    data = listing().decode("latin-1").replace(section, "", 1).encode("latin-1")
+    data = listing_bytes().decode("latin-1").replace(section, "", 1).encode("latin-1")
     with pytest.raises(ProgramFileError):
         read_ls("pick.ls", data)
 
@@ -199,15 +199,15 @@ def test_a_line_of_a_million_characters_is_read_once():
     long = (
         f"   1:  !{'x' * 1_000_000} ;\n   2:  {' ' * 1_000_000};\n   3:  {'P' * 300_000}{'[' * 300_000} ;\n"
     )
-    program = read(statements=long)
-    assert program.to_bytes() == listing(statements=long)
+    program = read_listing(statements=long)
+    assert program.to_bytes() == listing_bytes(statements=long)
     assert [remark.code for remark in program.remarks] == ["unused"]
     with pytest.raises(ProgramFileError):
-        read(P1.replace("};", " " * 1_000_000 + "9" * 1_000_000))
+        read_listing(P1.replace("};", " " * 1_000_000 + "9" * 1_000_000))
 
 
 def test_bad_changes_are_refused_and_name_the_position():
-    program = read()
+    program = read_listing()
     pose = program.positions.frame_tip
     far, bent = pose[:1].copy(), pose[:1].copy()
     far[0, 0, 3], bent[0, 0, 0] = 2000.0, np.inf
@@ -228,10 +228,10 @@ def test_bad_changes_are_refused_and_name_the_position():
     for change, message in cases:
         with pytest.raises(ProgramFileError, match=re.escape(message)):
             program.with_changes(change)
-    assert program.to_bytes() == listing()
+    assert program.to_bytes() == listing_bytes()
 
 
-def test_what_else_moves_the_robot_is_told_with_its_line():
+def test_what_else_moves_the_robot_is_reported_with_its_line():
     statements = """\
    1:  UFRAME_NUM=R[2] ;
    2:J P[1:Safe pos] 100% FINE    ;
@@ -250,38 +250,40 @@ def test_what_else_moves_the_robot_is_told_with_its_line():
   15:J P[8] 10% FINE COORD    ;
   16:L P[8] 9mm/sec FINE Tool_Offset,PR[2]    ;
 """
-    told = {(remark.line - 4, remark.code) for remark in read(statements=statements).remarks}
-    assert told == {
+    remarks = {(remark.line - 4, remark.code) for remark in read_listing(statements=statements).remarks}
+    assert remarks == {
         (1, "computed"), (3, "offset"), (3, "position_register"), (3, "missing"), (4, "indirect"), (4, "relative"),
         (7, "foreign"), (10, "indirect"), (11, "vision"), (12, "foreign"), (14, "foreign"), (15, "relative"),
         (16, "offset"), (16, "position_register"),
     }  # fmt: skip
-    assert {remark.code for remark in read(statements="   1:J P[1] 5% FINE ;\n").remarks} == {"unused"}
+    assert {remark.code for remark in read_listing(statements="   1:J P[1] 5% FINE ;\n").remarks} == {
+        "unused"
+    }
 
 
 @pytest.mark.parametrize(("schedule", "tracked"), [("0", False), ("1", True), ("06", True)])
 def test_points_of_a_program_that_follows_a_conveyor_are_barred(schedule: str, tracked: bool):
     head = f"/APPL\n\nLINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUMBER      : {schedule};\n"
     program = read_ls(
-        "pick.ls", listing(statements="   1:J P[1] 5% FINE ;\n").replace(b"/MN", head.encode() + b"/MN")
+        "pick.ls", listing_bytes(statements="   1:J P[1] 5% FINE ;\n").replace(b"/MN", head.encode() + b"/MN")
     )
     assert sorted(program.positions.barred) == ([0, 1, 2, 3] if tracked else [])
     assert ([(r.line, r.code) for r in program.remarks if r.code != "unused"] == [(7, "relative")]) == tracked
 
 
-def test_a_remote_tool_is_told():
-    program = read(statements="   1:L P[1] 200mm/sec FINE RTCP\n    :  SPOT[SD=3] ;\n")
+def test_a_remote_tool_is_reported():
+    program = read_listing(statements="   1:L P[1] 200mm/sec FINE RTCP\n    :  SPOT[SD=3] ;\n")
     assert "relative" in {remark.code for remark in program.remarks}
 
 
 def test_other_listings_with_the_suffix_are_no_programs():
-    assert brand_of("PICK.LS", listing()) is BRAND
+    assert brand_of("PICK.LS", listing_bytes()) is BRAND
     assert brand_of("errall.ls", b"Robot Name ROBOT 01-JAN-26\n") is None
 
 
-def told_frame(*statements: str) -> str | tuple[str | None, str | None]:
+def frame_of_position(*statements: str) -> str | tuple[str | None, str | None]:
     text = "".join(f"  {k}:  {statement} ;\n" for k, statement in enumerate(statements, 1))
-    positions = read(P1.replace("UF : 1, UT : 2", "UF : F, UT : 2"), text).positions
+    positions = read_listing(P1.replace("UF : 1, UT : 2", "UF : F, UT : 2"), text).positions
     return positions.barred.get(0) or (positions.user_frames[0], positions.tools[0])
 
 
@@ -289,7 +291,7 @@ MOVE = "J P[1] 50% FINE"
 
 
 @pytest.mark.parametrize(
-    ("statements", "wanted"),
+    ("statements", "expected"),
     [
         ((MOVE,), (None, "2")),  # as the project says
         (("UFRAME_NUM=3", MOVE), ("3", "2")),
@@ -311,14 +313,14 @@ MOVE = "J P[1] 50% FINE"
         (("CALL GRIP", MOVE), (None, "2")),
     ],
 )
-def test_a_position_without_frame_has_the_one_that_its_program_surely_chooses(statements, wanted):
-    found = told_frame(*statements)
-    assert (wanted in found) if isinstance(wanted, str) else (found == wanted)
+def test_a_position_without_frame_has_the_one_that_its_program_surely_chooses(statements, expected):
+    found = frame_of_position(*statements)
+    assert (expected in found) if isinstance(expected, str) else (found == expected)
 
 
 def test_a_position_without_tool_has_the_chosen_one_and_is_written_back_without():
     records = P1.replace("UF : 1, UT : 2", "UF : 1, UT : F")
-    program = read(records, "  1:  UTOOL_NUM=4 ;\n  2:  J P[1] 50% FINE ;\n")
+    program = read_listing(records, "  1:  UTOOL_NUM=4 ;\n  2:  J P[1] 50% FINE ;\n")
     assert (program.positions.user_frames[0], program.positions.tools[0]) == ("1", "4")
     moved = program.with_changes(
         PositionChange(rows=np.array([0]), frame_tip=program.positions.frame_tip[:1] @ shift_x())
@@ -334,7 +336,7 @@ def shift_x():
 
 
 @pytest.mark.parametrize(
-    ("statement", "left"),
+    ("statement", "left_rows"),
     [
         ("UFRAME[1]=PR[7]", [0]),
         ("UFRAME[1:door]=PR[7:new]", [0]),
@@ -350,9 +352,9 @@ def shift_x():
         ("PR[7]=UFRAME[1]", []),
     ],
 )
-def test_a_position_in_a_frame_or_tool_that_its_program_sets_is_left(statement: str, left: list[int]):
-    program = read(P1, f"   1:  {statement} ;\n   2:J P[1] 50% FINE ;\n")
-    assert sorted(program.positions.barred) == left
+def test_a_position_in_a_frame_or_tool_that_its_program_sets_is_left(statement: str, left_rows: list[int]):
+    program = read_listing(P1, f"   1:  {statement} ;\n   2:J P[1] 50% FINE ;\n")
+    assert sorted(program.positions.barred) == left_rows
     assert all("sets its frame or tool" in why for why in program.positions.barred.values())
 
 
@@ -365,9 +367,9 @@ REMOTE = (
 
 
 def test_a_place_of_a_tool_that_stands_in_the_cell_is_read_and_left():
-    program = read(P3 + REMOTE, "   1:J P[4] 100% FINE    ;\n   2:J P[8] 100% FINE    ;\n")
+    program = read_listing(P3 + REMOTE, "   1:J P[4] 100% FINE    ;\n   2:J P[8] 100% FINE    ;\n")
     positions = program.positions
-    assert program.to_bytes() == listing(
+    assert program.to_bytes() == listing_bytes(
         P3 + REMOTE, "   1:J P[4] 100% FINE    ;\n   2:J P[8] 100% FINE    ;\n"
     )
     assert positions.names == ("P[8]", "P[4]", "P[4]")
@@ -386,7 +388,7 @@ def test_a_place_of_a_tool_that_stands_in_the_cell_is_read_and_left():
     moved = program.with_changes(PositionChange(np.array([0]), joints=positions.joints[:1] + 0.01))
     assert moved.to_bytes().endswith((REMOTE + "/END\n").encode())
     with pytest.raises(ProgramFileError, match="expected is RR = number deg"):
-        read(REMOTE.replace("RR =", "R ="))
+        read_listing(REMOTE.replace("RR =", "R ="))
 
 
 def test_words_of_a_comment_behind_an_element_are_no_statement():
@@ -395,7 +397,7 @@ def test_words_of_a_comment_behind_an_element_are_no_statement():
         "  PR[9,2:INC]=(-10)    ;",
         "J P[8] 5% FINE    ;",
     )
-    found = read(P3, "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, 1)))
+    found = read_listing(P3, "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, 1)))
     assert [(r.line, r.code, r.text.partition(" is")[0]) for r in found.remarks] == [
         (5, "position_register", "PR[GP1:1,7]"),
         (6, "position_register", "PR[9,2]"),

@@ -31,20 +31,20 @@ JOINT = """P[{number}]{{
 """
 
 
-def listing(*lines: str, records: tuple[str, ...] | None = None, group: str = "1,*,*,*,*") -> bytes:
+def listing_bytes(*lines: str, records: tuple[str, ...] | None = None, group: str = "1,*,*,*,*") -> bytes:
     """Return a listing with these statements and three positions."""
     body = "".join(f"{i:4d}:{line} ;\n" for i, line in enumerate(lines, 1))
-    held = [record(number) for number in (1, 2, 3)] if records is None else records
+    position_records = [position_record(number) for number in (1, 2, 3)] if records is None else records
     head = f"/PROG  A\n/ATTR\nDEFAULT_GROUP\t= {group};\n/MN\n"
-    return f"{head}{body}/POS\n{''.join(held)}/END\n".encode("cp437")
+    return f"{head}{body}/POS\n{''.join(position_records)}/END\n".encode("cp437")
 
 
-def record(number: int, *, frame: str = "1", tool: str = "1", external: str = "") -> str:
+def position_record(number: int, *, frame: str = "1", tool: str = "1", external: str = "") -> str:
     """Return a Cartesian position."""
     return RECORD.format(number=number, frame=frame, tool=tool, external=external)
 
 
-def moved(data: bytes, tmp_path: Path, *, turn: bool = True, joints=None) -> ProgramResult:
+def move_listing(data: bytes, tmp_path: Path, *, turn: bool = True, joints=None) -> ProgramResult:
     """Return a listing whose work moves, by a turn about z and a step."""
     file = tmp_path / "project.toml"
     file.write_text(PROJECT, encoding="utf-8")
@@ -71,14 +71,14 @@ def moved(data: bytes, tmp_path: Path, *, turn: bool = True, joints=None) -> Pro
     ],
 )
 def test_what_is_no_place_is_left_and_named(options: str, word: str, tmp_path: Path) -> None:
-    data = listing("L P[1] 100mm/sec FINE", f"L P[2] 100mm/sec {options}", "L P[3] 100mm/sec FINE")
+    data = listing_bytes("L P[1] 100mm/sec FINE", f"L P[2] 100mm/sec {options}", "L P[3] 100mm/sec FINE")
 
-    result = moved(data, tmp_path)
+    result = move_listing(data, tmp_path)
 
     assert result.status == ("changed", "left", "changed")
     assert word in result.reason[1]
     assert result.exit_code is ExitCode.REFUSED
-    assert record(2) in result.after.to_bytes().decode()
+    assert position_record(2) in result.after.to_bytes().decode()
 
 
 @pytest.mark.parametrize(
@@ -89,16 +89,16 @@ def test_what_is_no_place_is_left_and_named(options: str, word: str, tmp_path: P
     ],
 )
 def test_a_shift_that_a_camera_measures_leaves_its_point(lines: tuple[str, ...], tmp_path: Path) -> None:
-    result = moved(listing(*lines), tmp_path, turn=False)
+    result = move_listing(listing_bytes(*lines), tmp_path, turn=False)
 
     assert result.status == ("left", "changed", "changed")
     assert "camera" in result.reason[0]
 
 
 def test_both_points_of_an_incremental_circle_are_left(tmp_path: Path) -> None:
-    data = listing("L P[1] 100mm/sec FINE", "C P[2]    \n    :  P[3] 100mm/sec FINE INC")
+    data = listing_bytes("L P[1] 100mm/sec FINE", "C P[2]    \n    :  P[3] 100mm/sec FINE INC")
 
-    assert moved(data, tmp_path).status == ("changed", "left", "left")
+    assert move_listing(data, tmp_path).status == ("changed", "left", "left")
 
 
 @pytest.mark.parametrize(
@@ -106,13 +106,13 @@ def test_both_points_of_an_incremental_circle_are_left(tmp_path: Path) -> None:
     ["L P[1:INC] 100mm/sec FINE", "//L P[1] 100mm/sec FINE INC", "L P[1] 100mm/sec FINE TB .1sec,CALL INC"],
 )
 def test_the_word_alone_makes_no_increment(line: str, tmp_path: Path) -> None:
-    result = moved(listing(line, "L P[2] 100mm/sec FINE", "L P[3] 100mm/sec FINE"), tmp_path)
+    result = move_listing(listing_bytes(line, "L P[2] 100mm/sec FINE", "L P[3] 100mm/sec FINE"), tmp_path)
 
     assert result.status == ("changed",) * 3
 
 
 def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Path) -> None:
-    result = moved(listing("L P[1] 100mm/sec FINE", "L P[R[4]] 100mm/sec FINE INC"), tmp_path)
+    result = move_listing(listing_bytes("L P[1] 100mm/sec FINE", "L P[R[4]] 100mm/sec FINE INC"), tmp_path)
 
     assert result.status == ("left",) * 3
 
@@ -142,7 +142,7 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
 def test_shifts_by_registers_are_findings_where_the_work_turns(
     lines: tuple[str, ...], turn: bool, found: set[str], tmp_path: Path
 ) -> None:
-    result = moved(listing(*lines), tmp_path, turn=turn)
+    result = move_listing(listing_bytes(*lines), tmp_path, turn=turn)
 
     assert {finding.point for finding in result.findings} == found
     assert not result.excluded_points
@@ -154,19 +154,19 @@ def test_shifts_by_registers_are_findings_where_the_work_turns(
 def test_a_shift_that_the_program_states_costs_its_own_distance(tmp_path: Path) -> None:
     lines = ("PR[3]=PR[3]-PR[3]", "PR[3,1]=80", "L P[1] 100mm/sec FINE Offset,PR[3]")
 
-    (finding,) = moved(listing(*lines), tmp_path).findings
+    (finding,) = move_listing(listing_bytes(*lines), tmp_path).findings
 
     assert finding.distance_m == pytest.approx(0.08 * 2 * np.sin(np.radians(15.0)), abs=1e-6)
     along_the_axis = ("PR[3]=PR[3]-PR[3]", "PR[3,3]=80", "L P[1] 100mm/sec FINE Offset,PR[3]")
-    assert not moved(listing(*along_the_axis), tmp_path).findings
+    assert not move_listing(listing_bytes(*along_the_axis), tmp_path).findings
     branched = ("IF R[1]=1,JMP LBL[1]", "PR[3]=PR[3]-PR[3]", "LBL[1]", "L P[1] 100mm/sec FINE Offset,PR[3]")
-    assert moved(listing(*branched), tmp_path).findings
+    assert move_listing(listing_bytes(*branched), tmp_path).findings
     called = (
         "PR[3]=PR[3]-PR[3]",
         "L P[2] 9mm/sec FINE TB .1sec,CALL X",
         "L P[1] 100mm/sec FINE Offset,PR[3]",
     )
-    assert moved(listing(*called), tmp_path).findings
+    assert move_listing(listing_bytes(*called), tmp_path).findings
 
 
 @pytest.mark.parametrize(
@@ -182,14 +182,14 @@ def test_a_shift_that_the_program_states_costs_its_own_distance(tmp_path: Path) 
     ],
 )
 def test_a_position_that_is_only_computed_with_is_left(lines: tuple[str, ...], tmp_path: Path) -> None:
-    result = moved(listing(*lines), tmp_path)
+    result = move_listing(listing_bytes(*lines), tmp_path)
 
     assert result.status[1] == "left"
     assert "computes" in result.reason[1]
 
 
 @pytest.mark.parametrize(
-    ("lines", "left"),
+    ("lines", "left_points"),
     [
         (("UFRAME_NUM=2", "L P[1] 100mm/sec FINE"), {"P[1]": "user frame 2"}),
         (("UFRAME_NUM[GP1]=2", "L P[1] 100mm/sec FINE"), {"P[1]": "user frame 2"}),
@@ -202,29 +202,31 @@ def test_a_position_that_is_only_computed_with_is_left(lines: tuple[str, ...], t
         (("UFRAME_NUM=2", "LBL[1]", "L P[1] 100mm/sec FINE"), {}),
     ],
 )  # fmt: skip
-def test_a_frame_or_tool_unlike_the_points_own_is_told(
-    lines: tuple[str, ...], left: dict[str, str], tmp_path: Path
+def test_a_frame_or_tool_unlike_the_points_own_is_reported(
+    lines: tuple[str, ...], left_points: dict[str, str], tmp_path: Path
 ) -> None:
-    result = moved(listing(*lines), tmp_path)
+    result = move_listing(listing_bytes(*lines), tmp_path)
 
-    assert dict(result.excluded_points).keys() == left.keys()
-    for point, words in left.items():
+    assert dict(result.excluded_points).keys() == left_points.keys()
+    for point, words in left_points.items():
         assert words in dict(result.excluded_points)[point]
         assert "the controller stops there" in dict(result.excluded_points)[point]
 
 
-def test_a_program_without_motion_group_1_is_told(tmp_path: Path) -> None:
-    result = moved(listing("L P[1] 100mm/sec FINE", group="*,1,*,*,*"), tmp_path)
+def test_a_program_without_motion_group_1_is_reported(tmp_path: Path) -> None:
+    result = move_listing(listing_bytes("L P[1] 100mm/sec FINE", group="*,1,*,*,*"), tmp_path)
 
     assert result.status == ("left",) * 3
     assert "motion group 1" in result.reason[0]
 
 
-def test_a_group_that_a_position_was_not_taught_in_is_told(tmp_path: Path) -> None:
+def test_a_group_that_a_position_was_not_taught_in_is_reported(tmp_path: Path) -> None:
     second = "   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=     0.000 deg\n};\n"
-    records = (record(1).removesuffix("};\n") + second, record(2))
+    records = (position_record(1).removesuffix("};\n") + second, position_record(2))
 
-    result = moved(listing("L P[1] 100mm/sec FINE", records=records, group="1,1,*,*,*"), tmp_path)
+    result = move_listing(
+        listing_bytes("L P[1] 100mm/sec FINE", records=records, group="1,1,*,*,*"), tmp_path
+    )
 
     names = zip(
         result.before.positions.names, result.before.positions.groups.tolist(), result.status, strict=True
@@ -234,19 +236,27 @@ def test_a_group_that_a_position_was_not_taught_in_is_told(tmp_path: Path) -> No
 
 
 def test_points_beside_a_moving_axis_are_left_together(tmp_path: Path) -> None:
-    rail = (record(1, external=",\n\tE1=     0.000  mm"), record(2, external=",\n\tE1=   800.000  mm"))
-    still = (record(1, external=",\n\tE1=     0.000  mm"), record(2, external=",\n\tE1=     0.000  mm"))
+    rail = (
+        position_record(1, external=",\n\tE1=     0.000  mm"),
+        position_record(2, external=",\n\tE1=   800.000  mm"),
+    )
+    still = (
+        position_record(1, external=",\n\tE1=     0.000  mm"),
+        position_record(2, external=",\n\tE1=     0.000  mm"),
+    )
     moves = ("L P[1] 100mm/sec FINE", "L P[2] 100mm/sec FINE")
 
-    assert moved(listing(*moves, records=rail), tmp_path).status == ("left", "left")
-    assert moved(listing(*moves, records=still), tmp_path).status == ("changed", "changed")
+    assert move_listing(listing_bytes(*moves, records=rail), tmp_path).status == ("left", "left")
+    assert move_listing(listing_bytes(*moves, records=still), tmp_path).status == ("changed", "changed")
 
 
 def test_a_positioner_in_another_group_refuses_no_program(tmp_path: Path) -> None:
     second = "   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=    {}.000 deg\n}};\n"
-    records = tuple(record(n).removesuffix("};\n") + second.format(30 * (n - 1)) for n in (1, 2))
+    records = tuple(position_record(n).removesuffix("};\n") + second.format(30 * (n - 1)) for n in (1, 2))
 
-    result = moved(listing("L P[1] 100mm/sec FINE", records=records, group="1,1,*,*,*"), tmp_path)
+    result = move_listing(
+        listing_bytes("L P[1] 100mm/sec FINE", records=records, group="1,1,*,*,*"), tmp_path
+    )
 
     assert result.status == ("left",) * 4
     assert "external axes" in result.reason[0]
@@ -256,10 +266,10 @@ def test_a_positioner_in_another_group_refuses_no_program(tmp_path: Path) -> Non
     ("joints", "status"), [("keep", "unchanged"), ("move", "changed"), (None, "changed")]
 )
 def test_the_option_for_joint_angles_goes_before_their_frame(joints, status: str, tmp_path: Path) -> None:
-    records = (JOINT.format(number=1), record(2))
-    data = listing("J P[1] 100% FINE", "L P[2] 100mm/sec FINE", records=records)
+    records = (JOINT.format(number=1), position_record(2))
+    data = listing_bytes("J P[1] 100% FINE", "L P[2] 100mm/sec FINE", records=records)
 
-    result = moved(data, tmp_path, joints=joints)
+    result = move_listing(data, tmp_path, joints=joints)
 
     assert result.status == (status, "changed")
     assert (JOINT.format(number=1) in result.after.to_bytes().decode()) is (joints == "keep")
@@ -277,18 +287,18 @@ def test_the_option_for_joint_angles_goes_before_their_frame(joints, status: str
     ],
 )
 def test_a_register_is_a_place_where_the_robot_goes_there_as_it_stands(line: str, place: bool) -> None:
-    (use,) = registers_used(listing(line))
+    (use,) = registers_used(listing_bytes(line))
 
     assert use.goes_there is place
 
 
 def test_a_register_that_is_chosen_and_computed_is_found() -> None:
-    assert indirect_line(listing("L PR[R[1]] 100mm/sec FINE")) == 0
-    assert indirect_line(listing("L PR[R[1]] 100mm/sec FINE INC")) == 5
-    assert indirect_line(listing("PR[R[1],3]=20")) == 5
+    assert indirect_line(listing_bytes("L PR[R[1]] 100mm/sec FINE")) == 0
+    assert indirect_line(listing_bytes("L PR[R[1]] 100mm/sec FINE INC")) == 5
+    assert indirect_line(listing_bytes("PR[R[1],3]=20")) == 5
 
 
 def test_a_shift_says_in_which_axes_it_is() -> None:
-    shifts = BRAND.read("a.ls", listing("L P[1] 100mm/sec FINE Offset,PR[3]")).positions.shifts
+    shifts = BRAND.read("a.ls", listing_bytes("L P[1] 100mm/sec FINE Offset,PR[3]")).positions.shifts
 
     assert [(one.line, one.axes, one.rows) for one in shifts] == [(5, ShiftAxes.USER_FRAME, (0,))]

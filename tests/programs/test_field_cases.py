@@ -16,7 +16,7 @@ CASES = Path(__file__).parents[1] / "data" / "field_cases"
 
 
 @dataclass(frozen=True)
-class Moved:
+class MovedProgram:
     """One program after a move."""
 
     code: int
@@ -24,15 +24,17 @@ class Moved:
     lines: list[str]
     before: list[str]
 
-    def point(self, name: str) -> dict[str, Any]:
+    def report_point(self, name: str) -> dict[str, Any]:
         found: dict[str, Any] = next(one for one in self.report["points"] if one["point"] == name)
         return found
 
-    def findings(self) -> list[tuple[int, str, float | None]]:
+    def list_findings(self) -> list[tuple[int, str, float | None]]:
         return [(one["line"], one["point"], one["distance_mm"]) for one in self.report["findings"]]
 
 
-def move(folder: Path, brand: str, file: str, *, offset: str, text: str = "", joints: str = "keep") -> Moved:
+def move_program(
+    folder: Path, brand: str, file: str, *, offset: str, text: str = "", joints: str = "keep"
+) -> MovedProgram:
     """Move a field case, or a text in its place."""
     place = Path(shutil.copytree(CASES / brand, folder / brand))
     if text:
@@ -52,14 +54,14 @@ def move(folder: Path, brand: str, file: str, *, offset: str, text: str = "", jo
     found = json.loads(report.read_text())
     assert found["exit_code"] == code
     old, new = ((one / file).read_text().splitlines() for one in (place, out))
-    return Moved(code, found["programs"][0], new, old)
+    return MovedProgram(code, found["programs"][0], new, old)
 
 
 TURNED = "30,-20,5,0,0,30"
 
 
 def test_an_array_whose_size_is_a_constant_is_read_and_moved(tmp_path: Path) -> None:
-    moved = move(tmp_path, "abb", "array_named_dimension.mod", offset=TURNED)
+    moved = move_program(tmp_path, "abb", "array_named_dimension.mod", offset=TURNED)
     assert moved.code == ExitCode.PASS
     assert [one["status"] for one in moved.report["points"]] == ["changed"] * 3
     assert not [one for one in moved.report["remarks"] if "filled" in one["text"]]
@@ -68,9 +70,9 @@ def test_an_array_whose_size_is_a_constant_is_read_and_moved(tmp_path: Path) -> 
 @pytest.mark.parametrize("name", ["WObj0", "WOBJ0", "wobj0"])
 def test_the_name_of_the_base_counts_in_any_case(tmp_path: Path, name: str) -> None:
     text = (CASES / "abb" / "wobj0_case.mod").read_text().replace("WObj0", name)
-    moved = move(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
+    moved = move_program(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
     assert moved.code == ExitCode.PASS
-    assert moved.point("MoveL@3")["status"] == "changed"
+    assert moved.report_point("MoveL@3")["status"] == "changed"
 
 
 def test_a_project_finds_a_tool_and_a_frame_in_any_case(tmp_path: Path) -> None:
@@ -85,46 +87,46 @@ def test_a_project_finds_a_tool_and_a_frame_in_any_case(tmp_path: Path) -> None:
 
 
 def test_a_displacement_that_does_not_turn_with_the_work_is_a_finding(tmp_path: Path) -> None:
-    moved = move(tmp_path, "abb", "pdisp_rotated.mod", offset=TURNED)
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset=TURNED)
     assert moved.code == ExitCode.REFUSED
-    ((line, point, distance),) = moved.findings()
+    ((line, point, distance),) = moved.list_findings()
     assert (line, point) == (4, "p1")
     assert distance == pytest.approx(200 * np.sin(np.radians(15)), abs=0.01)
     assert moved.report["findings"][0]["angle_deg"] == pytest.approx(30.0)
 
 
 def test_a_displacement_costs_nothing_where_the_work_does_not_turn(tmp_path: Path) -> None:
-    moved = move(tmp_path, "abb", "pdisp_rotated.mod", offset="30,-20,5,0,0,0")
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset="30,-20,5,0,0,0")
     assert moved.code == ExitCode.PASS
-    assert not moved.findings()
+    assert not moved.list_findings()
 
 
 def test_a_relative_move_is_a_finding_and_joints_are_kept(tmp_path: Path) -> None:
-    moved = move(tmp_path, "kuka", "lin_rel_rotated.src", offset=TURNED)
+    moved = move_program(tmp_path, "kuka", "lin_rel_rotated.src", offset=TURNED)
     assert moved.code == ExitCode.REFUSED
-    ((line, _, distance),) = moved.findings()
+    ((line, _, distance),) = moved.list_findings()
     assert line == 8
     assert distance == pytest.approx(51.76, abs=0.01)
     assert moved.lines[5] == moved.before[5]
-    assert moved.point("LIN@7")["status"] == "changed"
+    assert moved.report_point("LIN@7")["status"] == "changed"
 
 
-def test_joints_move_where_it_is_asked_for_and_are_left_where_nobody_says(tmp_path: Path) -> None:
-    moved = move(tmp_path, "kuka", "lin_rel_rotated.src", offset="3,-2,5,0,0,3", joints="move")
-    assert moved.point("PTP@6")["status"] == "changed"
+def test_joints_move_where_requested_and_are_left_without_an_option(tmp_path: Path) -> None:
+    moved = move_program(tmp_path, "kuka", "lin_rel_rotated.src", offset="3,-2,5,0,0,3", joints="move")
+    assert moved.report_point("PTP@6")["status"] == "changed"
 
 
 def test_points_without_a_posture_are_left_with_the_cure(tmp_path: Path) -> None:
-    moved = move(tmp_path, "kuka", "no_posture.src", offset=TURNED)
+    moved = move_program(tmp_path, "kuka", "no_posture.src", offset=TURNED)
     assert moved.code == ExitCode.REFUSED
     assert moved.lines == moved.before
     assert all("S and T" in one["reason"] for one in moved.report["points"])
 
 
 def test_elements_that_are_set_and_poses_that_are_added_are_findings(tmp_path: Path) -> None:
-    moved = move(tmp_path, "ur", "component_assignment.script", offset="0,0,0,0,0,90")
+    moved = move_program(tmp_path, "ur", "component_assignment.script", offset="0,0,0,0,0,90")
     assert moved.code == ExitCode.REFUSED
-    lines = {line: distance for line, _, distance in moved.findings()}
+    lines = {line: distance for line, _, distance in moved.list_findings()}
     assert lines[5] == pytest.approx(70.71, abs=0.01)
     assert lines[7] == pytest.approx(141.42, abs=0.01)
 
@@ -146,12 +148,12 @@ TARGET = f"[[300,20,350],[0,0,1,0],[0,0,0,0],{E9}]"
 )
 def test_a_position_that_was_not_read_is_left_and_named(tmp_path: Path, lines: str) -> None:
     text = f"MODULE A\n{lines}\nPROC main()\nMoveL {TARGET},v100,z1,tool0;\nENDPROC\nENDMODULE\n"
-    moved = move(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
+    moved = move_program(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
     assert moved.code == ExitCode.REFUSED
     assert moved.report["counts"]["changed"] == 1
-    left = [one for one in moved.report["points"] if one["status"] == "left"]
-    assert left
-    assert all("not" in one["reason"] and one["reason"] != "not taught" for one in left)
+    left_points = [one for one in moved.report["points"] if one["status"] == "left"]
+    assert left_points
+    assert all("not" in one["reason"] and one["reason"] != "not taught" for one in left_points)
 
 
 def test_a_reason_is_true_for_a_tool_that_stands_in_the_cell(tmp_path: Path) -> None:
@@ -160,7 +162,7 @@ def test_a_reason_is_true_for_a_tool_that_stands_in_the_cell(tmp_path: Path) -> 
         f'MODULE A\nPERS wobjdata wHeld:=[TRUE,TRUE,"",{frame},{frame}];\n'
         f"PROC main()\nMoveL {TARGET},v100,z1,tool0\\WObj:=wHeld;\nENDPROC\nENDMODULE\n"
     )
-    moved = move(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
+    moved = move_program(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
     assert moved.code == ExitCode.REFUSED
     assert "held work object" in moved.report["points"][0]["reason"]
 
@@ -169,7 +171,7 @@ def test_an_axis_that_goes_anywhere_leaves_every_point_that_it_carries(tmp_path:
     targets = [f"[[300,20,350],[0,0,1,0],[0,0,0,0],[{rail},9E9,9E9,9E9,9E9,9E9]]" for rail in (0, 800)]
     moves = "\n".join(f"MoveL {target},v100,z1,tool0;" for target in (*targets, TARGET))
     text = f"MODULE A\nPROC main()\n{moves}\nENDPROC\nENDMODULE\n"
-    moved = move(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
+    moved = move_program(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
     # the rail stands somewhere for the third, too, which does not name it
     assert [one["status"] for one in moved.report["points"]] == ["left", "left", "left"]
 
@@ -184,7 +186,7 @@ def test_an_axis_that_goes_anywhere_leaves_every_point_that_it_carries(tmp_path:
 )
 def test_a_frame_or_a_structure_of_a_data_list_is_left_and_named(tmp_path: Path, line: str) -> None:
     text = f"DEFDAT A\n{line.replace('{{', '{').replace('}}', '}')}\nENDDAT\n"
-    moved = move(tmp_path, "kuka", "list.dat", offset=TURNED, text=text)
+    moved = move_program(tmp_path, "kuka", "list.dat", offset=TURNED, text=text)
     assert moved.code == ExitCode.REFUSED
     assert moved.report["counts"]["left"] == 1
 
@@ -208,8 +210,8 @@ def test_a_frame_or_a_structure_of_a_data_list_is_left_and_named(tmp_path: Path,
 )
 def test_what_krl_shifts_is_a_finding_where_its_axes_turn(tmp_path: Path, line: str, findings: int) -> None:
     text = (CASES / "kuka" / "lin_rel_rotated.src").read_text().replace("LIN_REL {X 100}", line)
-    moved = move(tmp_path, "kuka", "lin_rel_rotated.src", offset=TURNED, text=text)
-    assert len(moved.findings()) == findings
+    moved = move_program(tmp_path, "kuka", "lin_rel_rotated.src", offset=TURNED, text=text)
+    assert len(moved.list_findings()) == findings
 
 
 @pytest.mark.parametrize(
@@ -235,14 +237,14 @@ def test_what_urscript_shifts_is_a_finding_where_its_axes_turn(
     text = text.replace("pick[0] = pick[0] + 0.05", line).replace(
         "over = pose_add(pick, p[0.1,0,0,0,0,0])", ""
     )
-    moved = move(
+    moved = move_program(
         tmp_path,
         "ur",
         "component_assignment.script",
         offset="0,0,0,0,0,90",
         text=text.replace("over", "pick"),
     )
-    assert len(moved.findings()) == findings
+    assert len(moved.list_findings()) == findings
 
 
 def test_csv_and_page_tell_the_findings(tmp_path: Path) -> None:

@@ -28,21 +28,21 @@ DECL POS xfree={E1 9,X 1}\r
 """
 
 
-def read(data: bytes, name: str = "a.dat"):
+def read_file(data: bytes, name: str = "a.dat"):
     return BRAND.read(name, data)
 
 
-def src(*lines: str):
-    return read("\r\n".join(["DEF test()", *lines, "END"]).encode("latin-1"), "a.src")
+def src_text(*lines: str):
+    return read_file("\r\n".join(["DEF test()", *lines, "END"]).encode("latin-1"), "a.src")
 
 
-def shifted(file, row: int, shift) -> str:
+def shift_row(file, row: int, shift) -> str:
     moved = homogeneous_matrix(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
     return file.with_changes(PositionChange(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
 
 
 def test_a_data_list_says_points_with_tool_and_base():
-    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
     positions = file.positions
     assert file.name == "SCHWEISSEN"
     assert positions.names == ("XP1", "XHOME")
@@ -57,20 +57,20 @@ def test_a_data_list_says_points_with_tool_and_base():
 
 
 def test_a_shift_keeps_every_other_byte():
-    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
-    text = shifted(file, 0, (0.001, 0, 0.0000004))
+    file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    text = shift_row(file, 0, (0.001, 0, 0.0000004))
     assert text == DAT.decode("latin-1").replace("X 100.5,", "X 101.500,").replace(
         "DECL POS xfree={E1 9,X 1}\r\n", ""
     )
 
 
 def test_a_zero_gets_the_decimals_that_a_shift_needs():
-    file = read(b"DEFDAT A\nDECL E6POS XP1={X 0.0,Y 1,Z 12.1234567,A 0.0,B 0.0,C 0.0}\nENDDAT")
-    assert "X 0.1234567,Y 1,Z" in shifted(file, 0, (0.0001234567, 0, 0))
+    file = read_file(b"DEFDAT A\nDECL E6POS XP1={X 0.0,Y 1,Z 12.1234567,A 0.0,B 0.0,C 0.0}\nENDDAT")
+    assert "X 0.1234567,Y 1,Z" in shift_row(file, 0, (0.0001234567, 0, 0))
 
 
 def test_an_exponent_never_costs_resolution():
-    file = read(b"DEFDAT A\nDECL E6POS XP1={X 1E3,Y 1.5E-05,Z 0.0,A 0.0,B 0.0,C 0.0}\nENDDAT")
+    file = read_file(b"DEFDAT A\nDECL E6POS XP1={X 1E3,Y 1.5E-05,Z 0.0,A 0.0,B 0.0,C 0.0}\nENDDAT")
     moved = homogeneous_matrix(np.eye(3), np.array([0.2345678, 0.3, 0])) @ file.positions.frame_tip
     back = file.with_changes(PositionChange(np.array([0]), frame_tip=moved)).positions.frame_tip
     assert np.abs(back - moved).max() < 0.51e-6
@@ -94,12 +94,12 @@ def test_an_exponent_never_costs_resolution():
 )
 def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line, column, problem):
     with pytest.raises(ProgramFileError, match=problem) as caught:
-        read(f"DEFDAT A\r\n{line}\r\nENDDAT\r\n".encode())
+        read_file(f"DEFDAT A\r\n{line}\r\nENDDAT\r\n".encode())
     assert (caught.value.line, caught.value.column) == (2, column)
 
 
 def test_an_external_tool_is_listed_but_not_shifted():
-    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b"").replace(b"#BASE", b"#TCP"))
+    file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b"").replace(b"#BASE", b"#TCP"))
     assert file.positions.kinds[0] == UNTAUGHT
     assert any("external tool" in remark.text for remark in file.remarks)
     with pytest.raises(ProgramFileError, match="external tool"):
@@ -108,11 +108,11 @@ def test_an_external_tool_is_listed_but_not_shifted():
 
 def test_a_frame_is_a_point_only_where_it_has_a_tool():
     plain = "DEFDAT A\nDECL FRAME XF={X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
-    alone = read(plain.encode()).positions
+    alone = read_file(plain.encode()).positions
     assert alone.kinds == (UNREAD,)
     assert "FRAME" in alone.barred[0]
     with_data = plain + "DECL FDAT FF={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}\n"
-    assert read(with_data.encode()).positions.user_frames == ("2",)
+    assert read_file(with_data.encode()).positions.user_frames == ("2",)
 
 
 @pytest.mark.parametrize(("base", "read_base"), [("4", "4"), ("5", None)])
@@ -121,11 +121,11 @@ def test_data_of_one_name_that_differ_tell_no_tool_and_no_base(base: str, read_b
     for number in ("4", base, "4"):
         text += "DECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2,T 2}\n"
         text += f"DECL FDAT FP1={{TOOL_NO 1,BASE_NO {number},IPO_FRAME #BASE}}\n"
-    assert read(text.encode()).positions.user_frames == (read_base,) * 3
+    assert read_file(text.encode()).positions.user_frames == (read_base,) * 3
 
 
 def test_tools_and_bases_of_the_cell_are_frames():
-    file = read(
+    file = read_file(
         b"DEFDAT $CONFIG PUBLIC\nDECL FRAME BASE_DATA[32]\nBASE_DATA[2]={X 1000.0,Y 0,Z 0,A 90.0,B 0,C 0}\n"
     )
     assert len(file.positions) == 0
@@ -134,7 +134,7 @@ def test_tools_and_bases_of_the_cell_are_frames():
 
 
 def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
-    file = read(b"DEFDAT A\nDECL E6POS XA\nDECL E6POS XB\nXB={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2}\n")
+    file = read_file(b"DEFDAT A\nDECL E6POS XA\nDECL E6POS XB\nXB={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2}\n")
     assert file.positions.names == ("XA", "XB")
     assert file.positions.kinds == (UNTAUGHT, CARTESIAN)
 
@@ -178,7 +178,7 @@ def test_a_point_whose_base_is_not_one_is_barred(before, after, words):
     point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
     routines = ("END", "DEF other ( )", "third (1)", "END", "DEF THIRD(N:IN)", "$BASE=BASE_DATA[2]", "END")
     routines += ("DEF fifth()", "BAS (#INITMOV,0 )")
-    file = src(*before, point, *after, *routines)
+    file = src_text(*before, point, *after, *routines)
     assert sorted(file.positions.barred) == ([0] if words else [])
     assert words in file.positions.barred.get(0, "")
 
@@ -186,27 +186,27 @@ def test_a_point_whose_base_is_not_one_is_barred(before, after, words):
 def test_a_routine_does_not_call_itself_where_it_is_defined():
     point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
     for head in ("DEF TEST (N :IN)", "GLOBAL DEF TEST ( )", "GLOBAL DEFFCT INT TEST ( )"):
-        file = read(
+        file = read_file(
             "\n".join([head, "BAS(#BASE,1)", "BAS (#INITMOV,0)", "BAS(#TOOL,1)", "END"]).encode(), "a.src"
         )
         assert cast(DeclaringProgram, file).declarations.routines["TEST"].calls == frozenset()
-    assert src("BAS (#INITMOV,0)", "BAS(#BASE,1)", point).positions.barred == {}
+    assert src_text("BAS (#INITMOV,0)", "BAS(#BASE,1)", point).positions.barred == {}
 
 
 def test_a_point_with_a_base_of_its_own_move_is_barred():
     point = "SLIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2} WITH $BASE=BASE_DATA[3]"
-    assert sorted(src("$BASE=BASE_DATA[1]", point).positions.barred) == [0]
+    assert sorted(src_text("$BASE=BASE_DATA[1]", point).positions.barred) == [0]
 
 
 def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
     point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2} C_DIS"
-    file = src("BAS(#TOOL,3)", "$BASE=BASE_DATA[ 7 ]", point)
+    file = src_text("BAS(#TOOL,3)", "$BASE=BASE_DATA[ 7 ]", point)
     assert file.positions.names == ("LIN@4",)
     assert (file.positions.tools, file.positions.user_frames) == (("3",), ("7",))
-    assert src("BAS(#BASE,1)", point, "BAS(#BASE,2)", point).positions.user_frames == ("1", "2")
-    assert src(point, "BAS(#BASE,1)").positions.user_frames == (None,)
-    assert src("BAS(#BASE,1)", "BAS(#CP_PARAMS,1)", point).positions.user_frames == (None,)
-    written = src("$BASE={X 1000.0,Y 0,Z 0,A 0,B 0,C 0}", point)
+    assert src_text("BAS(#BASE,1)", point, "BAS(#BASE,2)", point).positions.user_frames == ("1", "2")
+    assert src_text(point, "BAS(#BASE,1)").positions.user_frames == (None,)
+    assert src_text("BAS(#BASE,1)", "BAS(#CP_PARAMS,1)", point).positions.user_frames == (None,)
+    written = src_text("$BASE={X 1000.0,Y 0,Z 0,A 0,B 0,C 0}", point)
     assert written.positions.user_frames == ("$BASE",)
     assert written.frames.base_frame["$BASE"].position_m == (1.0, 0.0, 0.0)
 
@@ -229,7 +229,7 @@ def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
     ],
 )
 def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
-    file = src(line)
+    file = src_text(line)
     assert code in [remark.code for remark in file.remarks if remark.line == 2]
     assert all(kind in (UNTAUGHT, UNREAD) for kind in file.positions.kinds)
 
@@ -287,7 +287,7 @@ def test_a_wrong_flag_or_turn_does_not_agree():
 
 
 def test_new_flags_are_written_in_place():
-    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
     text = file.with_changes(PositionChange(np.array([0]), configurations=("S 6,T 50",))).to_bytes()
     assert text == file.to_bytes().replace(b"S 2,T 35", b"S 6,T 50")
     with pytest.raises(ProgramFileError, match="take the place"):
@@ -295,7 +295,7 @@ def test_new_flags_are_written_in_place():
 
 
 def test_a_base_is_not_rewritten_at_a_point():
-    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
     with pytest.raises(ProgramFileError, match="FDAT"):
         file.changed(PositionChange(np.array([0]), user_frames=("5",)))
 
@@ -319,8 +319,8 @@ def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
     text = (
         "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
     )
-    said = cast(DeclaringProgram, BRAND.read("A.src", text.encode())).declarations
-    assert set(said.uses) == {"XP9", "OTHER"}  # XP1 is moved to with its own frame data
+    declarations = cast(DeclaringProgram, BRAND.read("A.src", text.encode())).declarations
+    assert set(declarations.uses) == {"XP9", "OTHER"}  # XP1 is moved to with its own frame data
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -335,8 +335,8 @@ def test_a_point_as_the_controller_writes_it_is_read_and_changed_as_any_other(se
         text += f"DECL FDAT FP{number}={frame_data}\r\n" if rng.random() < 0.8 else ""
         text += f"DECL LDAT L{number}={{VEL 1,{rng.choice(['ACC', 'X', 'A1'])} 1}}\r\n"
     text += "ENDDAT\r\n"
-    usual = read(text.encode())
-    other = read(text.replace("DECL ", "DECL\t").encode())
+    usual = read_file(text.encode())
+    other = read_file(text.replace("DECL ", "DECL\t").encode())
     assert usual.remarks == other.remarks
     assert (usual.fixed, usual.taught, usual.keys, usual.declarations) == (
         other.fixed,
@@ -355,8 +355,8 @@ def test_a_point_as_the_controller_writes_it_is_read_and_changed_as_any_other(se
 
 def test_a_zero_has_no_sign() -> None:
     text = "DEFDAT A\r\nDECL E6POS XP1={X 0.4,Y 1.0,Z 2.0,A 0.0,B 0.0,C 0.0,S 2,T 2}\r\nENDDAT\r\n"
-    file = read(text.encode())
-    assert shifted(file, 0, (-0.0004001, 0, 0)) == text.replace("X 0.4,", "X 0.000,")
+    file = read_file(text.encode())
+    assert shift_row(file, 0, (-0.0004001, 0, 0)) == text.replace("X 0.4,", "X 0.000,")
 
 
 def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
@@ -370,8 +370,8 @@ def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
         ("IF $IN[1] THEN\r\n", "ENDIF\r\nLIN XP1\r\n"),
     ):
         text = f"DEF A( )\r\n{before}{fold}{after}END\r\n"
-        whole = read(text.encode(), "a.src")
-        alone = read(text.replace("BAS(#CP", "BAS (#CP").encode(), "a.src")
+        whole = read_file(text.encode(), "a.src")
+        alone = read_file(text.replace("BAS(#CP", "BAS (#CP").encode(), "a.src")
         assert whole.declarations == alone.declarations
         assert whole.remarks == alone.remarks
         assert whole.positions.barred == alone.positions.barred
@@ -379,7 +379,7 @@ def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
 
 def test_an_element_of_the_base_that_is_set_leaves_the_points_written_into_moves_below():
     point = "LIN {X 100,Y 30,Z 250,A 0,B 90,C 0}"
-    file = src("$BASE = BASE_DATA[2]", "$TOOL = TOOL_DATA[2]", point, "$BASE.X = $BASE.X + 50", point)
+    file = src_text("$BASE = BASE_DATA[2]", "$TOOL = TOOL_DATA[2]", point, "$BASE.X = $BASE.X + 50", point)
     assert file.positions.barred == {1: COMPUTED}
     assert file.positions.user_frames[0] == "2"
 
@@ -394,6 +394,6 @@ def test_an_element_of_the_base_that_is_set_leaves_the_points_written_into_moves
     ],
 )
 def test_positions_written_into_a_computed_target_are_left(line, count):
-    file = src("DECL FRAME OFS", line)
+    file = src_text("DECL FRAME OFS", line)
     assert file.positions.kinds == (UNREAD,) * count
     assert set(file.positions.barred) == set(range(count))

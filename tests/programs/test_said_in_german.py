@@ -12,27 +12,27 @@ from cellcal.service.engineering.programs.report_sentences import ReportNote, me
 from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.verdicts import place_in
 from cellcal.service.translation import Translations
-from tests.programs.fuzz import Source, sources
-from tests.service.spoken import ROOT, SENTENCE
+from tests.programs.fuzz import GeneratorSource, generator_sources
+from tests.service.source_sentences import ROOT, SENTENCE
 
 GERMAN = ReportLanguage.for_locale("de", Translations.read_tables("de", ROOT / "web/src/locales"))
 ENGLISH = re.compile(r"\b(the|and|of|is|are|not|with|this|that|it|its|more|line|holds|should|there)\b")
 # What is cited from a file, and what the XML parser says in its own words.
 QUOTED = re.compile(r"'[^']*'|\"[^\"]*\"|\([^()]*(?:\([^()]*\))?[^()]*: line \d+, column \d+\)")
-SOURCES = sources()
+SOURCES = generator_sources()
 
 
-def english(said: str) -> bool:
+def has_english_words(german_text: str) -> bool:
     """Whether a German text has English in it."""
-    return bool(ENGLISH.search(QUOTED.sub("", said)))
+    return bool(ENGLISH.search(QUOTED.sub("", german_text)))
 
 
-def left_english(text: str) -> bool:
+def untranslated_texts(text: str) -> bool:
     """Whether a sentence of a text is said as it was given."""
     return any(GERMAN.say(part) == part for part in SENTENCE.split(text.strip()))
 
 
-def damaged(source: Source) -> Iterator[bytes]:
+def damaged_files(source: GeneratorSource) -> Iterator[bytes]:
     """Yield files with a byte or a line amiss."""
     rng = np.random.default_rng(3)
     for seed in range(60):
@@ -45,28 +45,34 @@ def damaged(source: Source) -> Iterator[bytes]:
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
-def test_remarks_of_every_brand_are_said_in_german(source: Source) -> None:
+def test_remarks_of_every_brand_are_written_in_german(source: GeneratorSource) -> None:
     texts = set()
     for seed in range(60):
         program = source.brand.read(f"a{source.suffix}", source.generate(seed))
         texts |= {remark.text for remark in program.remarks}
         texts |= set(program.positions.barred.values())
     assert texts
-    assert not [text for text in texts if left_english(text)]
+    assert not [text for text in texts if untranslated_texts(text)]
     assert not [
-        said for said in merge_notes((ReportNote("A", 3, text) for text in texts), GERMAN) if english(said)
+        german_text
+        for german_text in merge_notes((ReportNote("A", 3, text) for text in texts), GERMAN)
+        if has_english_words(german_text)
     ]
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.name)
-def test_refusals_of_every_brand_are_said_in_german(source: Source) -> None:
+def test_refusals_of_every_brand_are_written_in_german(source: GeneratorSource) -> None:
     refused = []
-    for data in damaged(source):
+    for data in damaged_files(source):
         try:
             source.brand.read(f"a{source.suffix}", data)
         except ProgramFileError as error:
             refused.append(RefusedProgram.from_error(f"a{source.suffix}", error))
     assert len(refused) > 3
-    told = {f"{place_in(one.message).sentence} {one.remedy}" for one in refused}
-    assert not [text for text in told if left_english(text)]
-    assert not [said for said in (refusal_text(one, GERMAN) for one in refused) if english(said)]
+    refusal_sentences = {f"{place_in(one.message).sentence} {one.remedy}" for one in refused}
+    assert not [text for text in refusal_sentences if untranslated_texts(text)]
+    assert not [
+        german_text
+        for german_text in (refusal_text(one, GERMAN) for one in refused)
+        if has_english_words(german_text)
+    ]

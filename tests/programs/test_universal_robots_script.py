@@ -21,7 +21,7 @@ _POSE = "p[.1, -.2, .3, 0, 3.14, 0]"
 _LIST = "[0, -1.57, 1.57, -1.57, -1.57, 0]"
 
 
-def _read(*lines: str) -> ScriptProgram:
+def _read_script(*lines: str) -> ScriptProgram:
     return read_script("lid.script", "\n".join(lines).encode())
 
 
@@ -45,7 +45,7 @@ def _read(*lines: str) -> ScriptProgram:
     ],
 )
 def test_what_a_move_goes_to_is_a_position(line: str, names: list[str], kinds: list[str]):
-    positions = _read(line).positions
+    positions = _read_script(line).positions
     assert (list(positions.names), list(positions.kinds)) == (names, kinds)
 
 
@@ -63,8 +63,8 @@ def test_what_a_move_goes_to_is_a_position(line: str, names: list[str], kinds: l
         ('x = socket_read_ascii_float(6, "cam")', "foreign"),
     ],
 )
-def test_what_else_moves_the_arm_or_holds_poses_is_told(line: str, code: str):
-    assert code in {remark.code for remark in _read(line).remarks}
+def test_what_else_moves_the_arm_or_holds_poses_is_reported(line: str, code: str):
+    assert code in {remark.code for remark in _read_script(line).remarks}
 
 
 @pytest.mark.parametrize(
@@ -79,11 +79,11 @@ def test_what_else_moves_the_arm_or_holds_poses_is_told(line: str, code: str):
     ],
 )
 def test_what_no_move_goes_to_is_no_position(line: str):
-    assert len(_read(line).positions) == 0
+    assert len(_read_script(line).positions) == 0
 
 
 def test_frames_and_tools_are_named_with_their_positions():
-    file = _read(
+    file = _read_script(
         f"set_tcp({_POSE})", "Plane_1 = p[1, 0, 0, 0, 0, 0]", f"movel(pose_trans(Plane_1, {_POSE}))",
         "grip = p[0, 0, 0.2, 0, 0, 0]", "set_tcp(grip)", f"movel({_POSE})", "set_tcp(measured)", f"movel({_POSE})",
     )  # fmt: skip
@@ -124,13 +124,13 @@ _SUB = ("def sub():", _SET_B, "end")
     ],
 )
 def test_a_place_whose_tool_is_not_one_is_barred(lines: tuple[str, ...], words: str):
-    file = _read(*lines)
+    file = _read_script(*lines)
     assert sorted(file.positions.barred) == ([0] if words else [])
     assert words in file.positions.barred.get(0, "")
 
 
 def test_a_place_out_of_a_list_is_computed_and_no_damage():
-    file = _read(f"Places = [{_POSE}, {_POSE}]", "movel(Places[0], a=1.2)", "movej(Places[i + 1])")
+    file = _read_script(f"Places = [{_POSE}, {_POSE}]", "movel(Places[0], a=1.2)", "movej(Places[i + 1])")
     assert file.positions.kinds == (UNREAD, UNREAD)
     assert len(file.positions.barred) == 2
     assert [remark.code for remark in file.remarks if remark.line == 2] == ["computed"]
@@ -138,7 +138,7 @@ def test_a_place_out_of_a_list_is_computed_and_no_damage():
 
 def test_pose_and_joints_of_a_public_program_agree_under_the_nominal_arm():
     # Saved by a simulator of the maker (UR5e, PolyScope 5.13), printed in masayuki-kono's article on URSim, 2023.
-    file = _read(
+    file = _read_script(
         "global Waypoint_1_p=p[-.143968656714, -.435620060803, .202030025428, "
         "-.001221359682, 3.116276528482, .038891915637]",
         "global Waypoint_1_q=[-1.6006999999999998, -1.7271, -2.2029999999999994, "
@@ -171,7 +171,7 @@ def test_a_change_touches_its_numbers_and_keeps_their_form():
 
 
 def test_a_place_with_pose_and_joints_needs_both():
-    file = _read(f"global A_p={_POSE}", f"global A_q={_LIST}")
+    file = _read_script(f"global A_p={_POSE}", f"global A_q={_LIST}")
     with pytest.raises(ProgramFileError, match="holds a pose and its joints") as refused:
         file.with_changes(PositionChange(np.array([0]), frame_tip=file.positions.frame_tip))
     assert refused.value.line == 1
@@ -179,7 +179,7 @@ def test_a_place_with_pose_and_joints_needs_both():
 
 
 def test_what_a_place_cannot_hold_is_refused():
-    file = _read(f"movel({_POSE})", f"movej({_LIST})")
+    file = _read_script(f"movel({_POSE})", f"movej({_LIST})")
     for change in (
         PositionChange(np.array([0]), joints=np.zeros((1, 6))),
         PositionChange(np.array([1]), frame_tip=np.eye(4)[None]),
@@ -285,5 +285,5 @@ def test_a_huge_line_is_read():
 def test_a_point_in_a_frame_of_the_installation_is_left_and_named(
     lines: tuple[str, ...], barred: dict[str, str]
 ):
-    positions = _read("pick = p[0.4,0.1,0.2,0,3.1,0]", *lines).positions
+    positions = _read_script("pick = p[0.4,0.1,0.2,0,3.1,0]", *lines).positions
     assert {positions.names[row]: why for row, why in positions.barred.items()} == barred

@@ -22,7 +22,7 @@ from cellcal.drivers.universal_robots.program_files.script_program import read_s
 from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
 from cellcal.drivers.universal_robots.program_files.urp_misfit import misfit_to_script, pose_misfit_m
 from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram, read_urp
-from tests.programs.fuzz import mutated
+from tests.programs.fuzz import check_mutants
 from tests.programs.generate_universal_robots_urp import ARMS, consistent, generate, packed, unpacked
 
 # A waypoint of a UR10e and what PolyScope printed for it: pharmbio/robotlab, notes.md.
@@ -34,7 +34,7 @@ _PRINTED = ".433025361705, -.467959205379, .522310714714, 1.500318891221, .52142
 _MICROMETRE_OF_A_MILLIMETRE = 1e-9  # 1e-6 mm in metres
 
 
-def _kinematics(tag: str, arm: int, status: str = "LINEARIZED") -> str:
+def _kinematics_xml(tag: str, arm: int, status: str = "LINEARIZED") -> str:
     theta, a, d, alpha = ARMS[arm]
     return (
         f'<{tag} status="{status}"><deltaTheta value="{theta}"/><a value="{a}"/><d value="{d}"/>'
@@ -42,30 +42,30 @@ def _kinematics(tag: str, arm: int, status: str = "LINEARIZED") -> str:
     )
 
 
-def _urp(*waypoints: str, arm: int = 0, head: str = "") -> bytes:
+def _urp_bytes(*waypoints: str, arm: int = 0, head: str = "") -> bytes:
     inner = "\n".join(waypoints)
     text = (
-        f'{head}<URProgram name="lid">\n{_kinematics("kinematics", arm)}\n<children><MainProgram><children>'
+        f'{head}<URProgram name="lid">\n{_kinematics_xml("kinematics", arm)}\n<children><MainProgram><children>'
         f"<Move><children>\n{inner}\n</children></Move></children></MainProgram></children></URProgram>"
     )
     return gzip.compress(text.encode(), mtime=5)
 
 
-def _waypoint(
+def _waypoint_xml(
     name: str = "Waypoint_1", arm: int = 0, status: str = "LINEARIZED", tool: str = "0, 0, 0, 0, 0, 0"
 ) -> str:
     return (
         f'<Waypoint type="Fixed" name="{name}"><position><JointAngles angles="{_JOINTS}"/>'
-        f'<TCPOffset pose="{tool}"/>{_kinematics("Kinematics", arm, status)}</position>'
+        f'<TCPOffset pose="{tool}"/>{_kinematics_xml("Kinematics", arm, status)}</position>'
         '<BaseToFeature pose="0, 0, 0, 0, 0, 0"/></Waypoint>'
     )
 
 
-def _six(text: str) -> list[mpmath.mpf]:
+def _parse_six(text: str) -> list[mpmath.mpf]:
     return [mpmath.mpf(number.strip()) for number in text.split(",")]
 
 
-def _turn(vector: list[mpmath.mpf]) -> mpmath.matrix:
+def _rotation_matrix(vector: list[mpmath.mpf]) -> mpmath.matrix:
     angle = mpmath.sqrt(sum(v * v for v in vector))
     if not angle:
         return mpmath.eye(3)
@@ -74,16 +74,16 @@ def _turn(vector: list[mpmath.mpf]) -> mpmath.matrix:
     return mpmath.eye(3) + mpmath.sin(angle) * skew + (1 - mpmath.cos(angle)) * skew * skew
 
 
-def _frame(six: list[mpmath.mpf]) -> mpmath.matrix:
+def _frame_matrix(six: list[mpmath.mpf]) -> mpmath.matrix:
     matrix = mpmath.eye(4)
-    matrix[:3, :3] = _turn(six[3:])
+    matrix[:3, :3] = _rotation_matrix(six[3:])
     for i in range(3):
         matrix[i, 3] = six[i]
     return matrix
 
 
-def _flange(joints: list[mpmath.mpf], kinematics: ET.Element) -> mpmath.matrix:
-    columns = [_six(kinematics.find(tag).attrib["value"]) for tag in ("deltaTheta", "d", "a", "alpha")]  # type: ignore[union-attr]
+def _flange_matrix(joints: list[mpmath.mpf], kinematics: ET.Element) -> mpmath.matrix:
+    columns = [_parse_six(kinematics.find(tag).attrib["value"]) for tag in ("deltaTheta", "d", "a", "alpha")]  # type: ignore[union-attr]
     flange = mpmath.eye(4)
     for q, theta, d, a, alpha in zip(joints, *columns, strict=True):
         c, s, ca, sa = mpmath.cos(q + theta), mpmath.sin(q + theta), mpmath.cos(alpha), mpmath.sin(alpha)
@@ -106,26 +106,28 @@ def _true_poses(data: bytes) -> Iterator[tuple[str, Array]]:
             assert feature is not None
             assert angles is not None
             assert tool is not None
-            tip = _flange(_six(angles.attrib["angles"]), kinematics) * _frame(_six(tool.attrib["pose"]))
-            pose = _frame(_six(feature.attrib["pose"])) ** -1 * tip
+            tip = _flange_matrix(_parse_six(angles.attrib["angles"]), kinematics) * _frame_matrix(
+                _parse_six(tool.attrib["pose"])
+            )
+            pose = _frame_matrix(_parse_six(feature.attrib["pose"])) ** -1 * tip
             yield kinematics.attrib["status"], np.array(pose.tolist(), dtype=float)
 
 
-def _agrees(file: UrpProgram) -> float:
+def _largest_deviation_m(file: UrpProgram) -> float:
     """Return the largest distance of a declared pose from the true one [m], attitudes on a lever of a metre."""
     true = list(_true_poses(file.to_bytes()))
     kinds = [kind for kind in file.positions.kinds if kind != UNREAD]  # these stand behind the waypoints
     assert len(true) == len(kinds)
     worst = 0.0
-    for (status, pose), kind, said in zip(true, kinds, file.positions.frame_tip, strict=False):
+    for (status, pose), kind, declared_pose in zip(true, kinds, file.positions.frame_tip, strict=False):
         assert kind == (CARTESIAN if status == "LINEARIZED" else JOINTS)
         if kind == CARTESIAN:
-            worst = max(worst, float(np.abs(said - pose).max()))
+            worst = max(worst, float(np.abs(declared_pose - pose).max()))
     return worst
 
 
 def test_the_joints_of_a_waypoint_give_the_pose_that_polyscope_printed():
-    file = read_urp("lid.urp", _urp(_waypoint()))
+    file = read_urp("lid.urp", _urp_bytes(_waypoint_xml()))
     script = read_script(
         "lid.script", f"global Waypoint_1_p=p[{_PRINTED}]\nglobal Waypoint_1_q=[{_JOINTS}]\n".encode()
     )
@@ -136,7 +138,7 @@ def test_the_joints_of_a_waypoint_give_the_pose_that_polyscope_printed():
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_waypoint_is_where_its_own_joints_tool_feature_and_kinematics_put_it(seed: int):
-    assert _agrees(read_urp("cell.urp", generate(seed))) < _MICROMETRE_OF_A_MILLIMETRE
+    assert _largest_deviation_m(read_urp("cell.urp", generate(seed))) < _MICROMETRE_OF_A_MILLIMETRE
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -146,19 +148,19 @@ def test_new_poses_become_joints_that_give_them(seed: int):
     shift = homogeneous_matrix(
         exp_rotation(np.array([0.004, -0.003, 0.002])), np.array([0.003, 0.002, -0.004])
     )
-    wanted = file.positions.frame_tip[rows] @ shift
+    expected_poses = file.positions.frame_tip[rows] @ shift
     try:
-        moved = file.with_changes(PositionChange(rows, frame_tip=wanted))
+        moved = file.with_changes(PositionChange(rows, frame_tip=expected_poses))
     except ProgramFileError as refused:
         assert "out of reach" in str(refused)  # noqa: PT017 - drawn at random: some stand stretched out
         return
-    assert np.abs(moved.positions.frame_tip[rows] - wanted).max() < _MICROMETRE_OF_A_MILLIMETRE
-    assert _agrees(moved) < _MICROMETRE_OF_A_MILLIMETRE
+    assert np.abs(moved.positions.frame_tip[rows] - expected_poses).max() < _MICROMETRE_OF_A_MILLIMETRE
+    assert _largest_deviation_m(moved) < _MICROMETRE_OF_A_MILLIMETRE
     assert np.median(np.abs(moved.positions.joints[rows] - file.positions.joints[rows])) < 0.05
 
 
 def test_pose_and_joints_that_do_not_agree_are_refused_and_those_that_do_are_written():
-    file = read_urp("lid.urp", _urp(_waypoint(tool="0, 0, 0.1, 0, 0, 0")))
+    file = read_urp("lid.urp", _urp_bytes(_waypoint_xml(tool="0, 0, 0.1, 0, 0, 0")))
     rows, joints = np.array([0]), file.positions.joints + 0.01
     with pytest.raises(ProgramFileError, match="do not agree"):
         file.with_changes(PositionChange(rows, frame_tip=file.positions.frame_tip, joints=joints))
@@ -168,7 +170,7 @@ def test_pose_and_joints_that_do_not_agree_are_refused_and_those_that_do_are_wri
 
 @pytest.mark.parametrize("status", ["NOT_LINEARIZED", "NOT_INITIALIZED", "VALID"])
 def test_kinematics_that_are_not_the_arms_give_no_pose_and_take_none(status: str):
-    file = read_urp("lid.urp", _urp(_waypoint(status=status)))
+    file = read_urp("lid.urp", _urp_bytes(_waypoint_xml(status=status)))
     assert file.positions.kinds == (JOINTS,)
     assert any("unknown" in remark.text and remark.code == "foreign" for remark in file.remarks)
     with pytest.raises(ProgramFileError, match="not known") as refused:
@@ -179,41 +181,42 @@ def test_kinematics_that_are_not_the_arms_give_no_pose_and_take_none(status: str
     )
 
 
-def test_a_waypoint_of_another_arm_keeps_its_own_kinematics_and_is_told():
-    file = read_urp("lid.urp", _urp(_waypoint(), _waypoint("Waypoint_2", arm=1)))
+def test_a_waypoint_of_another_arm_keeps_its_own_kinematics_and_is_reported():
+    file = read_urp("lid.urp", _urp_bytes(_waypoint_xml(), _waypoint_xml("Waypoint_2", arm=1)))
     apart = np.linalg.norm(file.positions.frame_tip[0, :3, 3] - file.positions.frame_tip[1, :3, 3])
     assert 1e-4 < apart < 0.02
     assert any("another arm" in remark.text for remark in file.remarks)
 
 
 def test_another_arms_kinematics_keep_the_poses_or_the_joints():
-    file = read_urp("lid.urp", _urp(_waypoint(), _waypoint("Waypoint_2")))
+    file = read_urp("lid.urp", _urp_bytes(_waypoint_xml(), _waypoint_xml("Waypoint_2")))
     theta, a, d, alpha = (np.array([float(number) for number in column.split(",")]) for column in ARMS[1])
     table = DhTable.from_rows(np.stack([theta, d, a, alpha], axis=1))
     clone = file.with_kinematics(table, [2**32 - 7, 1, 2, 3, 4, 5], keep_poses=True)
     assert np.abs(clone.positions.frame_tip - file.positions.frame_tip).max() < _MICROMETRE_OF_A_MILLIMETRE
     assert np.abs(clone.positions.joints - file.positions.joints).max() > 1e-4
-    assert _agrees(clone) < _MICROMETRE_OF_A_MILLIMETRE
-    kept = file.with_kinematics(table, [2**32 - 7, 1, 2, 3, 4, 5], keep_poses=False)
-    assert np.array_equal(kept.positions.joints, file.positions.joints)
-    assert b"-7, 1, 2, 3, 4, 5" in unpacked(kept.to_bytes())
-    assert np.abs(kept.positions.frame_tip - file.positions.frame_tip).max() > 1e-4
-    assert kept.frames.kinematics is not None
+    assert _largest_deviation_m(clone) < _MICROMETRE_OF_A_MILLIMETRE
+    same_joints_file = file.with_kinematics(table, [2**32 - 7, 1, 2, 3, 4, 5], keep_poses=False)
+    assert np.array_equal(same_joints_file.positions.joints, file.positions.joints)
+    assert b"-7, 1, 2, 3, 4, 5" in unpacked(same_joints_file.to_bytes())
+    assert np.abs(same_joints_file.positions.frame_tip - file.positions.frame_tip).max() > 1e-4
+    assert same_joints_file.frames.kinematics is not None
     assert (
         np.abs(
-            kept.frames.kinematics.base_flange(kept.positions.joints)[0] - kept.positions.frame_tip[0]
+            same_joints_file.frames.kinematics.base_flange(same_joints_file.positions.joints)[0]
+            - same_joints_file.positions.frame_tip[0]
         ).max()
         < 1e-12
     )
 
 
-def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_told():
+def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_reported():
     pose = "0.433025361705, -0.467959205379, 0.522310714714, 1.500318891221, 0.521427297251, 0.530987104689"
     old = (
         f'<Waypoint type="Fixed" name="W"><position joints="{_JOINTS}" pose="{pose}"/>'
         f'<poseInFeatureCoordinates pose="{pose}"/><outputFlangePose pose="{pose}"/></Waypoint>'
     )
-    file = read_urp("old.urp", _urp(old))
+    file = read_urp("old.urp", _urp_bytes(old))
     assert pose_misfit_m(file)[0] < 2e-12
     joints = file.positions.joints + 0.02
     moved = file.with_changes(PositionChange(np.array([0]), joints=joints))
@@ -222,13 +225,13 @@ def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_told():
     poses = np.array([[float(number) for number in each.split(",")] for each in stored])
     assert poses.shape == (3, 6)
     assert np.ptp(poses, axis=0).max() < 1e-14
-    assert pose_misfit_m(read_urp("old.urp", _urp(old.replace("0.4330", "0.4340"))))[0] == pytest.approx(
-        1e-3, rel=1e-6
-    )
+    assert pose_misfit_m(read_urp("old.urp", _urp_bytes(old.replace("0.4330", "0.4340"))))[
+        0
+    ] == pytest.approx(1e-3, rel=1e-6)
 
 
 def test_a_file_keeps_its_header_and_the_same_change_gives_the_same_bytes():
-    data = _urp(_waypoint())
+    data = _urp_bytes(_waypoint_xml())
     change = PositionChange(np.array([0]), joints=np.full((1, 6), 0.5))
     first, second = (read_urp("lid.urp", data).with_changes(change).to_bytes() for _ in range(2))
     assert first == second
@@ -236,7 +239,7 @@ def test_a_file_keeps_its_header_and_the_same_change_gives_the_same_bytes():
     assert read_urp("lid.urp", data).with_changes(PositionChange(np.array([], dtype=int))).to_bytes() == data
 
 
-def _bomb() -> bytes:
+def _gzip_bomb() -> bytes:
     deflate = zlib.compressobj(9, zlib.DEFLATED, 31)
     blank = b" " * (1 << 20)
     return b"".join(deflate.compress(blank) for _ in range(2 * MOST_XML_BYTES >> 20)) + deflate.flush()
@@ -248,23 +251,29 @@ _ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (_bomb(), "unpack to more"),
-        (_urp(_waypoint())[:-30], "too soon"),
-        (_urp(_waypoint()) + b"more", "follows"),
+        (_gzip_bomb(), "unpack to more"),
+        (_urp_bytes(_waypoint_xml())[:-30], "too soon"),
+        (_urp_bytes(_waypoint_xml()) + b"more", "follows"),
         (b"\x1f\x8b\x08", "too soon"),
         (b"PK\x03\x04", "neither gzip nor XML"),
-        (_urp(_waypoint(), head=_ENTITY), "parts that no program needs"),
-        (_urp(_waypoint(), head='<!DOCTYPE x SYSTEM "file:///etc/passwd">'), "parts that no program needs"),
+        (_urp_bytes(_waypoint_xml(), head=_ENTITY), "parts that no program needs"),
+        (
+            _urp_bytes(_waypoint_xml(), head='<!DOCTYPE x SYSTEM "file:///etc/passwd">'),
+            "parts that no program needs",
+        ),
         (
             packed('<?xml version="1.0" encoding="UTF-16"?><URProgram/>'.encode("utf-16")),
             "two ways",
         ),
         (packed(b"<Installation/>"), "no URProgram"),
         (packed(b"<URProgram><a></URProgram>"), "damaged"),
-        (_urp(_waypoint().replace("1.99", "1.9.9")), "six numbers"),
-        (_urp(_waypoint().replace("1.99", "199e9")), "beyond"),
-        (_urp(_waypoint().replace("-0.27", "nan")), "six numbers"),
-        (_urp(_waypoint().replace("<position>", _waypoint() + "<position>", 1)), "inside another"),
+        (_urp_bytes(_waypoint_xml().replace("1.99", "1.9.9")), "six numbers"),
+        (_urp_bytes(_waypoint_xml().replace("1.99", "199e9")), "beyond"),
+        (_urp_bytes(_waypoint_xml().replace("-0.27", "nan")), "six numbers"),
+        (
+            _urp_bytes(_waypoint_xml().replace("<position>", _waypoint_xml() + "<position>", 1)),
+            "inside another",
+        ),
     ],
 )
 def test_what_is_damaged_or_dangerous_is_refused_with_a_cure(data: bytes, says: str):
@@ -286,7 +295,7 @@ def test_an_error_names_line_and_column():
 
 
 def test_damage_inside_the_xml_is_refused_or_kept_to_the_last_byte():
-    tally = mutated(
+    tally = check_mutants(
         BRAND,
         generate,
         range(0, 900, 2),

@@ -10,7 +10,7 @@ from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange
 from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
-from tests.programs.fuzz import mutated, roundtrip, token_invariant
+from tests.programs.fuzz import check_mutants, check_roundtrip, token_invariant
 from tests.programs.generate_yaskawa import generate
 
 PULSES_PER_DEG = np.array([1341.4, -1341.4, 1341.4, 1000.0, 1000.0, 622.0, 900.0, 800.0])
@@ -63,7 +63,7 @@ END\r
 """
 
 
-def elementary(axis: int, degrees: float) -> np.ndarray:
+def elementary_rotation(axis: int, degrees: float) -> np.ndarray:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)
@@ -74,47 +74,49 @@ def elementary(axis: int, degrees: float) -> np.ndarray:
 
 def test_a_job_is_read_as_the_maker_describes_it() -> None:
     job = BRAND.read("TESTTCPX.JBI", JOB)
-    held = job.positions
+    positions = job.positions
     assert job.to_bytes() == JOB
     assert (job.name, job.brand) == ("TESTTCPX", "yaskawa")
-    assert held.names == ("C00000", "C00001", "C00002", "P0010", "P0011", "P0012", "P0026")
-    assert held.kinds == ("pulses", "pulses", CARTESIAN, CARTESIAN, "shift", "shift", "shift")
-    assert held.tools == ("23", "13", "23", "23", "23", "23", "23")
-    assert held.user_frames == (None, None, "8", "8", "8", "8", "BASE")
-    assert held.configurations[2] == "0,0,0,0,1,0,0,0"
-    assert held.lines.tolist()[:3] == [8, 10, 16]
+    assert positions.names == ("C00000", "C00001", "C00002", "P0010", "P0011", "P0012", "P0026")
+    assert positions.kinds == ("pulses", "pulses", CARTESIAN, CARTESIAN, "shift", "shift", "shift")
+    assert positions.tools == ("23", "13", "23", "23", "23", "23", "23")
+    assert positions.user_frames == (None, None, "8", "8", "8", "8", "BASE")
+    assert positions.configurations[2] == "0,0,0,0,1,0,0,0"
+    assert positions.lines.tolist()[:3] == [8, 10, 16]
     # fixed axes: the specified frame turned about z, then its own y, then its own x
-    turned = elementary(2, 60.0) @ elementary(1, -45.0) @ elementary(0, 30.0)
-    assert np.allclose(held.frame_tip[3], homogeneous_matrix(turned, np.array([0.10025, -0.0205, 0.310205])))
-    assert held.external[1, :2].tolist() == [-4096.0, 12.0]
-    assert held.external[2, 0] == pytest.approx(1.2505)
-    assert held.resolution_m[2] == pytest.approx(1e-6)
-    assert held.resolution_rad[2] == pytest.approx(np.radians(0.01))
+    turned = elementary_rotation(2, 60.0) @ elementary_rotation(1, -45.0) @ elementary_rotation(0, 30.0)
+    assert np.allclose(
+        positions.frame_tip[3], homogeneous_matrix(turned, np.array([0.10025, -0.0205, 0.310205]))
+    )
+    assert positions.external[1, :2].tolist() == [-4096.0, 12.0]
+    assert positions.external[2, 0] == pytest.approx(1.2505)
+    assert positions.resolution_m[2] == pytest.approx(1e-6)
+    assert positions.resolution_rad[2] == pytest.approx(np.radians(0.01))
     assert set(job.frames.base_frame) == {"ROBOT"}  # what carries the robot is not known here
 
 
 def test_a_job_that_follows_a_conveyor_says_so() -> None:
     old = b"MOVL C00002 V=100.0\r\n"
     new = b"SYSTART CV#(1) STP=100.0\r\nSYMOVL C00002 V=100.0 CTP=50.0\r\nSYEND CV#(1)\r\n"
-    told = {
+    remarks = {
         (r.line, r.code) for r in BRAND.read("a.jbi", JOB.replace(old, new)).remarks if "conveyor" in r.text
     }
     line = JOB.partition(old)[0].count(b"\n") + 1
-    assert told == {(line, "relative"), (line + 1, "relative")}
+    assert remarks == {(line, "relative"), (line + 1, "relative")}
 
 
-def test_what_no_coordinate_shows_is_told() -> None:
-    told = [(remark.line, remark.code) for remark in BRAND.read("a.jbi", JOB).remarks]
-    assert (8, "pulses") in told
-    assert (31, "relative") in told
-    assert (32, "relative") in told
+def test_what_no_coordinate_shows_is_reported() -> None:
+    remarks = [(remark.line, remark.code) for remark in BRAND.read("a.jbi", JOB).remarks]
+    assert (8, "pulses") in remarks
+    assert (31, "relative") in remarks
+    assert (32, "relative") in remarks
     for line, code in ((37, "offset"), (39, "position_register"), (43, "computed"), (44, "indirect")):
-        assert (line, code) in told
-    assert 40 not in [line for line, _ in told]  # a remark of the programmer
-    assert [line for line, code in told if code == "position_register"] == [19, 20, 23, 39, 41]
+        assert (line, code) in remarks
+    assert 40 not in [line for line, _ in remarks]  # a remark of the programmer
+    assert [line for line, code in remarks if code == "position_register"] == [19, 20, 23, 39, 41]
 
 
-def _job(rows: list[str], head: list[str], instructions: list[str], counts: str) -> bytes:
+def _job_bytes(rows: list[str], head: list[str], instructions: list[str], counts: str) -> bytes:
     frame = ["///TOOL 0", "///POSTYPE BASE", "///RECTAN", "///RCONF 0,0,0,0,0,0,0,0"]
     return "\r\n".join(
         [
@@ -141,9 +143,9 @@ def test_points_of_a_second_robot_are_not_the_robots() -> None:
         "SMOVL P001 V=10.0  +SMOVL P002 V=10.0",
         "MOVL P003 V=9.0",
     ]
-    two = _job(rows, ["//INST", "///GROUP1 RB1", "///GROUP2 RB2"], moves, "2,0,0,3,0,0")
-    held = BRAND.read("a.jbi", two).positions
-    assert held.groups.tolist() == [1, 2, 1, 2, 1]
+    two = _job_bytes(rows, ["//INST", "///GROUP1 RB1", "///GROUP2 RB2"], moves, "2,0,0,3,0,0")
+    positions = BRAND.read("a.jbi", two).positions
+    assert positions.groups.tolist() == [1, 2, 1, 2, 1]
     station = BRAND.read("a.jbi", two.replace(b"GROUP2 RB2", b"GROUP2 ST1"))
     assert station.positions.groups.tolist() == [1, 1, 1, 1, 1]
     assert [
@@ -166,7 +168,7 @@ def test_arguments_of_a_job_are_passed_over() -> None:
         "//INST",
         "///GROUP1 RB1",
     ]
-    job = BRAND.read("a.jbi", _job([row], head, ["MOVL P100 V=9.0"], "0,0,0,1,0,0"))
+    job = BRAND.read("a.jbi", _job_bytes([row], head, ["MOVL P100 V=9.0"], "0,0,0,1,0,0"))
     assert job.positions.kinds == (CARTESIAN,)
     assert [r.line for r in job.remarks] == [19]
     cut = job.to_bytes()[: job.to_bytes().index(b"//INST")]
@@ -176,28 +178,30 @@ def test_arguments_of_a_job_are_passed_over() -> None:
 
 def test_the_base_of_a_robot_on_a_track_is_not_the_robots_own() -> None:
     row = "P00100=500.000,0.000,400.000,180.0000,0.0000,0.0000"
-    for group, known in (("RB1,BS1", {"ROBOT"}), ("RB1", {"ROBOT", "BASE"})):
+    for group, expected_frames in (("RB1,BS1", {"ROBOT"}), ("RB1", {"ROBOT", "BASE"})):
         job = BRAND.read(
-            "a.jbi", _job([row], ["//INST", f"///GROUP1 {group}"], ["MOVL P100 V=9.0"], "0,0,0,1,0,0")
+            "a.jbi", _job_bytes([row], ["//INST", f"///GROUP1 {group}"], ["MOVL P100 V=9.0"], "0,0,0,1,0,0")
         )
-        assert set(job.frames.base_frame) == known
+        assert set(job.frames.base_frame) == expected_frames
 
 
 def test_a_local_variable_is_no_global_one_and_what_is_switched_off_uses_none() -> None:
     rows = [f"P0010{i}=500.000,0.000,40{i}.000,180.0000,0.0000,0.0000" for i in range(3)]
     moves = ["MOVL P100 V=9.0", "COMM SUB P100 P102", "SET LP101 P102", "MOVL LP101 V=9.0"]
-    held = BRAND.read("a.jbi", _job(rows, ["//INST", "///GROUP1 RB1"], moves, "0,0,0,3,0,0")).positions
-    assert held.kinds == (CARTESIAN, "shift", "shift")
+    positions = BRAND.read(
+        "a.jbi", _job_bytes(rows, ["//INST", "///GROUP1 RB1"], moves, "0,0,0,3,0,0")
+    ).positions
+    assert positions.kinds == (CARTESIAN, "shift", "shift")
 
 
 def test_pulses_become_angles_with_ratios_and_go_back_in_whole_pulses() -> None:
     job = read("a.jbi", JOB, pulses_per_rad=RATIOS[:6])
-    held = job.positions
-    assert held.kinds[:2] == (JOINTS, JOINTS)
+    positions = job.positions
+    assert positions.kinds[:2] == (JOINTS, JOINTS)
     pulses = np.array([2730, -84461, -101368, 0, -77310, 67137])
-    assert held.joints[0] == pytest.approx(np.radians(pulses / PULSES_PER_DEG[:6]))
+    assert positions.joints[0] == pytest.approx(np.radians(pulses / PULSES_PER_DEG[:6]))
     assert "pulses" not in [remark.code for remark in job.remarks]
-    turned = held.joints[:1] + np.radians([1.0, 1.0, 0.0, 0.0, 0.0, -0.5])
+    turned = positions.joints[:1] + np.radians([1.0, 1.0, 0.0, 0.0, 0.0, -0.5])
     new = job.with_changes(PositionChange(rows=np.array([0]), joints=turned))
     assert new.to_bytes() == JOB.replace(
         b"C00000=2730,-84461,-101368,0,-77310,67137", b"C00000=4071,-85802,-101368,0,-77310,66826"
@@ -207,12 +211,12 @@ def test_pulses_become_angles_with_ratios_and_go_back_in_whole_pulses() -> None:
 def test_a_pulse_position_without_ratios_is_not_moved() -> None:
     job = BRAND.read("a.jbi", JOB)
     assert np.isnan(job.positions.joints[:2]).all()
-    with pytest.raises(ProgramFileError, match="C00000 holds pulses") as told:
+    with pytest.raises(ProgramFileError, match="C00000 holds pulses") as error_info:
         job.with_changes(
             PositionChange(rows=np.array([0]), joints=np.zeros((1, job.positions.joints.shape[1])))
         )
-    assert "Pulses per degree are needed" in told.value.remedy
-    assert told.value.line == 8
+    assert "Pulses per degree are needed" in error_info.value.remedy
+    assert error_info.value.line == 8
     with pytest.raises(ProgramFileError, match="P0011 holds shift"):
         job.with_changes(PositionChange(rows=np.array([4]), frame_tip=np.eye(4)[None]))
 
@@ -240,11 +244,11 @@ def test_a_moved_point_changes_its_numbers_only() -> None:
 )
 def test_free_numbers_take_what_is_asked(old: bytes, new: bytes) -> None:
     job = BRAND.read("a.jbi", JOB.replace(old, new))
-    shift = homogeneous_matrix(elementary(1, 0.37), np.array([0.0101237, 0.0, 0.0]))
-    asked = shift @ job.positions.frame_tip[2:3]
-    got = job.with_changes(PositionChange(rows=np.array([2]), frame_tip=asked)).positions
-    assert np.abs(got.frame_tip[2, :3, 3] - asked[0, :3, 3]).max() <= 0.501e-6
-    assert np.abs(got.frame_tip[2, :3, :3] - asked[0, :3, :3]).max() < 1.5 * got.resolution_rad[2]
+    shift = homogeneous_matrix(elementary_rotation(1, 0.37), np.array([0.0101237, 0.0, 0.0]))
+    requested_poses = shift @ job.positions.frame_tip[2:3]
+    got = job.with_changes(PositionChange(rows=np.array([2]), frame_tip=requested_poses)).positions
+    assert np.abs(got.frame_tip[2, :3, 3] - requested_poses[0, :3, 3]).max() <= 0.501e-6
+    assert np.abs(got.frame_tip[2, :3, :3] - requested_poses[0, :3, :3]).max() < 1.5 * got.resolution_rad[2]
     assert got.resolution_rad[2] < np.radians(0.011)
 
 
@@ -272,16 +276,16 @@ def test_free_numbers_take_what_is_asked(old: bytes, new: bytes) -> None:
 def test_damage_is_refused_with_its_line(old: bytes, new: bytes, line: int, words: str) -> None:
     data = JOB.replace(old, new, 1)
     assert data != JOB
-    with pytest.raises(ProgramFileError, match=words) as told:
+    with pytest.raises(ProgramFileError, match=words) as error_info:
         BRAND.read("a.jbi", data)
-    assert told.value.line == line
-    assert told.value.remedy
+    assert error_info.value.line == line
+    assert error_info.value.remedy
 
 
 def test_several_jobs_in_one_file_keep_their_names_apart() -> None:
-    held = BRAND.read("a.jbi", JOB + JOB).positions
-    assert held.names[7:9] == ("C00000@53", "C00001@55")
-    assert held.external[8, :2].tolist() == [-4096.0, 12.0]
+    positions = BRAND.read("a.jbi", JOB + JOB).positions
+    assert positions.names[7:9] == ("C00000@53", "C00001@55")
+    assert positions.external[8, :2].tolist() == [-4096.0, 12.0]
 
 
 def test_what_is_no_job_is_refused() -> None:
@@ -322,11 +326,11 @@ def test_changes_that_cannot_be_written_are_refused() -> None:
 
 def test_generated_jobs_with_ratios() -> None:
     brand = dataclasses.replace(BRAND, read=lambda name, data: read(name, data, pulses_per_rad=RATIOS))
-    tally = roundtrip(brand, generate, range(60))
+    tally = check_roundtrip(brand, generate, range(60))
     assert not tally.failures
     assert tally.positions > 200
     assert sum(token_invariant(brand, generate(seed), seed) for seed in range(60)) > 30
-    broken = mutated(brand, generate, range(10_000, 10_150))
+    broken = check_mutants(brand, generate, range(10_000, 10_150))
     assert not broken.failures
     assert broken.refused > 50
 
@@ -343,7 +347,7 @@ def test_a_configuration_tells_postures_apart() -> None:
     assert all(text.endswith(",0,7") for text in spelled)
     assert len(set(spelled)) > 6
     for place in (0, 3, 4):
-        others = [flipped(text, place) for text in spelled]
+        others = [flip_character(text, place) for text in spelled]
         agreeing = rule.matches_postures(model, joints, others)
         assert agreeing.mean() < 0.01  # borders only
         if place in (3, 4):
@@ -358,7 +362,7 @@ def test_a_configuration_tells_postures_apart() -> None:
     )
 
 
-def flipped(text: str, place: int) -> str:
+def flip_character(text: str, place: int) -> str:
     numbers = text.split(",")
     numbers[place] = "10"[int(numbers[place])]
     return ",".join(numbers)

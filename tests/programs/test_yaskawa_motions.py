@@ -40,12 +40,12 @@ NOP
 NAMES = ("C00000", "C00001", "P00000", "P00001", "P00002")
 
 
-def job(*lines: str) -> bytes:
+def job_bytes(*lines: str) -> bytes:
     """Return a job of two taught positions and three variables."""
     return (HEAD + "\n".join([*lines, "END", ""])).encode("ascii")
 
 
-def moved(
+def move_job(
     data: bytes, tmp_path: Path, *, turn: bool = True, about: tuple[float, float] = (0.0, 0.0)
 ) -> ProgramResult:
     """Return a job whose work moves, by a turn about an upright axis and a step."""
@@ -60,7 +60,7 @@ def moved(
     )[0]
 
 
-def left(result: ProgramResult) -> set[str]:
+def left_variables(result: ProgramResult) -> set[str]:
     """Return what is left beside the variables that no line goes to."""
     return {name for name, _ in result.excluded_points}
 
@@ -79,12 +79,12 @@ def left(result: ProgramResult) -> set[str]:
     ],
 )
 def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp_path: Path) -> None:
-    data = job("MOVJ C00000 VJ=5.00", "MOVL P001 V=50.0", line)
+    data = job_bytes("MOVJ C00000 VJ=5.00", "MOVL P001 V=50.0", line)
 
-    result = moved(data, tmp_path)
+    result = move_job(data, tmp_path)
 
     assert word in dict(result.excluded_points)[name]
-    assert "C00000" not in left(result)
+    assert "C00000" not in left_variables(result)
     assert result.exit_code is ExitCode.REFUSED
     row = HEAD[HEAD.index(f"{name}=") :].partition("\n")[0]
     assert row in result.after.to_bytes().decode()
@@ -110,18 +110,18 @@ def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp
 def test_shifts_are_findings_where_the_work_turns(
     lines: tuple[str, ...], found: set[str], tmp_path: Path
 ) -> None:
-    result = moved(job("MOVL P001 V=1.0", *lines), tmp_path)
+    result = move_job(job_bytes("MOVL P001 V=1.0", *lines), tmp_path)
 
     assert {finding.point for finding in result.findings} == found
     for finding in result.findings:
         assert np.degrees(finding.angle_rad) == pytest.approx(20.0)
-    assert not moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False).findings
+    assert not move_job(job_bytes("MOVL P001 V=1.0", *lines), tmp_path, turn=False).findings
 
 
 def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_path: Path) -> None:
     lines = ("GETPOS PX050 STEP#(1)", "SUB P050 P051", "SFTON P050 BF", "MOVL C00000 V=1.0", "SFTOF")
 
-    result = moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
+    result = move_job(job_bytes("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
 
     assert {finding.point for finding in result.findings} == {"C00000"}
     assert "may turn it" in result.findings[0].text
@@ -131,7 +131,7 @@ def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_
 
 def test_shifts_say_in_which_axes_they_are() -> None:
     program = BRAND.read(
-        "a.jbi", job("SFTON P050 UF#(2)", "MOVL C00001 V=1.0", "SFTON P050 RF", "MOVL C00000 V=1.0")
+        "a.jbi", job_bytes("SFTON P050 UF#(2)", "MOVL C00001 V=1.0", "SFTON P050 RF", "MOVL C00000 V=1.0")
     )
 
     assert {(one.axes, one.rows) for one in program.positions.shifts} == {
@@ -150,33 +150,33 @@ def test_shifts_say_in_which_axes_they_are() -> None:
     ],
 )
 def test_positions_in_a_frame_that_the_job_makes_are_left(line: str, names: set[str], tmp_path: Path) -> None:
-    result = moved(job(line, "MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0"), tmp_path)
+    result = move_job(job_bytes(line, "MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0"), tmp_path)
 
-    assert left(result) == names
+    assert left_variables(result) == names
 
 
 def test_the_current_position_is_no_variable_of_the_job(tmp_path: Path) -> None:
-    result = moved(job("MOVL P001 V=1.0", "GETS PX050 $PX001", "MOVL C00000 V=1.0"), tmp_path)
+    result = move_job(job_bytes("MOVL P001 V=1.0", "GETS PX050 $PX001", "MOVL C00000 V=1.0"), tmp_path)
 
-    assert "P00001" not in left(result)
+    assert "P00001" not in left_variables(result)
 
 
 def test_one_position_that_needs_another_rconf_is_left_alone(tmp_path: Path) -> None:
     """A turn about the work takes axis T past half a turn for one position; the others still move."""
     row = b"C00001=0.000,40.000,180.000,180.0000,0.0000,"
-    data = job("MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0")
+    data = job_bytes("MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0")
     data = data.replace(row + b"0.0000", row + b"-30.0000")
 
-    result = moved(data, tmp_path, about=(1.2, 0.1))
+    result = move_job(data, tmp_path, about=(1.2, 0.1))
 
-    assert left(result) == {"C00001", "P00000", "P00002"}
+    assert left_variables(result) == {"C00001", "P00000", "P00002"}
     assert "RCONF" in dict(result.excluded_points)["C00001"]
     assert result.exit_code is ExitCode.REFUSED
 
 
 def named_job(name: str, *lines: str) -> bytes:
     """Return a job of this name."""
-    return job(*lines).replace(b"//NAME A", f"//NAME {name}".encode())
+    return job_bytes(*lines).replace(b"//NAME A", f"//NAME {name}".encode())
 
 
 @pytest.mark.parametrize(

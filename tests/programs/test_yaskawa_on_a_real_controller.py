@@ -28,12 +28,12 @@ TOOL_DEG, TOOL_MM = (0.0, -45.0, 0.0), (-88.687, 0.981, 463.147)
 TEXTS = [",".join([*row["RCONF"].split(), *["0"] * 18]) for row in ROWS]
 
 
-def poses(convention: str, degrees, places_mm) -> np.ndarray:
+def controller_poses(convention: str, degrees, places_mm) -> np.ndarray:
     return homogeneous_matrix(rotation_from(convention, np.deg2rad(degrees)), np.asarray(places_mm) * 1e-3)
 
 
 def flange_tool(convention: str = "yaskawa_rpy") -> np.ndarray:
-    return poses(convention, [TOOL_DEG], [TOOL_MM])[0]
+    return controller_poses(convention, [TOOL_DEG], [TOOL_MM])[0]
 
 
 def test_pulses_of_both_limits_agree_on_the_scale():
@@ -43,7 +43,7 @@ def test_pulses_of_both_limits_agree_on_the_scale():
 
 def test_joints_and_pose_are_one_posture():
     reached = MODEL.base_flange(JOINTS) @ flange_tool()
-    shown = poses("yaskawa_rpy", SHOWN[:, 3:], SHOWN[:, :3])
+    shown = controller_poses("yaskawa_rpy", SHOWN[:, 3:], SHOWN[:, :3])
     assert np.abs(reached - shown)[:, :3, 3].max() < 1e-5
     assert np.rad2deg(np.abs(reached - shown)[:, :3, :3].max()) < 1e-3
 
@@ -51,7 +51,7 @@ def test_joints_and_pose_are_one_posture():
 @pytest.mark.parametrize("convention", ["staubli_rxryrz", "instrument_xyz"])
 def test_no_other_order_of_the_same_angles_fits(convention):
     reached = MODEL.base_flange(JOINTS) @ flange_tool(convention)
-    shown = poses(convention, SHOWN[:, 3:], SHOWN[:, :3])
+    shown = controller_poses(convention, SHOWN[:, 3:], SHOWN[:, :3])
     assert np.rad2deg(np.abs(reached - shown)[:, :3, :3].max()) > 10
 
 
@@ -59,7 +59,9 @@ def test_rconf_says_each_posture_and_no_other_one():
     rule = JobConfigurations()
     assert rule.matches_postures(MODEL, JOINTS, TEXTS).all()
     assert rule.write_configurations(MODEL, JOINTS, TEXTS) == tuple(TEXTS)
-    base_flange = poses("yaskawa_rpy", SHOWN[:, 3:], SHOWN[:, :3]) @ inverse_transform(flange_tool())
+    base_flange = controller_poses("yaskawa_rpy", SHOWN[:, 3:], SHOWN[:, :3]) @ inverse_transform(
+        flange_tool()
+    )
     branches = all_branches(AxesAtZero.from_model(MODEL), base_flange)
     for row, text in enumerate(TEXTS):
         some = branches[np.isfinite(branches[:, row]).all(axis=1), row]

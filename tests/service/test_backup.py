@@ -32,9 +32,9 @@ from cellcal.service.people.roles import Role
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.signing import CellKey, station_key
-from tests.procedures.cells import pointing
-from tests.procedures.certified import cell_config, run_in
-from tests.service.doors import quick
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import user_frame_scene
+from tests.service.service_client import cheap_hasher
 
 PASSPHRASE = "seven wet towels"
 
@@ -45,9 +45,9 @@ def lived_in(folder: Path) -> CellConfig:
     config = cell_config(folder)
     data_dir = config.cell.data_dir
     for _ in range(2):
-        issue_certificate(config, asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id)
+        issue_certificate(config, asyncio.run(run_in(config, user_frame_scene(), "three_point_frame")).run_id)
     register = AccountStore(data_dir)
-    hasher = quick(pepper_of(data_dir))
+    hasher = cheap_hasher(pepper_of(data_dir))
     register.hold_to_pepper(hasher.pepper_mark)
     register.add_person("Tom", Role.TECHNICIAN, hasher.hash_secret("314159"), "test")
     draft = ParameterSet(
@@ -63,17 +63,17 @@ def lived_in(folder: Path) -> CellConfig:
     return config
 
 
-def contents(folder: Path) -> dict[str, str]:
+def folder_contents(folder: Path) -> dict[str, str]:
     """Return the hash of every plain file; of databases, of what they hold."""
     found = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not path.is_symlink() and not path.name.endswith((".lock", "-wal", "-shm")):
-            told = _dump(path) if path.suffix == ".db" else path.read_bytes()
-            found[path.relative_to(folder).as_posix()] = hashlib.sha256(told).hexdigest()
+            content = _dump_database(path) if path.suffix == ".db" else path.read_bytes()
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(content).hexdigest()
     return found
 
 
-def _dump(path: Path) -> bytes:
+def _dump_database(path: Path) -> bytes:
     with closing(sqlite3.connect(path)) as database:
         return "\n".join(database.iterdump()).encode()
 
@@ -85,8 +85,8 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     phrase.chmod(0o600)
     backups = tmp_path / "backups"
     backups.mkdir()
-    before = contents(tmp_path / "old")
-    asked = [
+    before = folder_contents(tmp_path / "old")
+    arguments = [
         "backup",
         str(config.path),
         "--to",
@@ -96,22 +96,22 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         str(phrase),
         "--json",
     ]
-    assert run_command_line(asked) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["certificates"], told["has_keys"], told["left_out"]) == (2, True, ["link"])
-    assert Path(told["path"]).stat().st_mode & 0o077 == 0
+    assert run_command_line(arguments) == 0
+    output = json.loads(capsys.readouterr().out)
+    assert (output["certificates"], output["has_keys"], output["left_out"]) == (2, True, ["link"])
+    assert Path(output["path"]).stat().st_mode & 0o077 == 0
     shutil.rmtree(tmp_path / "old")
 
     new = tmp_path / "new" / "cell.toml"
-    assert run_command_line(["restore", told["path"], "--check"]) == 0
-    back = ["restore", told["path"], str(new), "--keys", "--passphrase-file", str(phrase)]
-    signer = prove_backup(Path(told["path"])).public_key
+    assert run_command_line(["restore", output["path"], "--check"]) == 0
+    back = ["restore", output["path"], str(new), "--keys", "--passphrase-file", str(phrase)]
+    signer = prove_backup(Path(output["path"])).public_key
     assert run_command_line(back) == run_command_line([*back, "--signed-by", "0" * 64]) == ExitCode.SIGNATURE
     assert f"--signed-by {signer}" in capsys.readouterr().err.replace("\n", " ")
     assert not new.exists()
     assert run_command_line([*back, "--signed-by", signer]) == 0
     assert not config.cell.data_dir.exists()  # the cell file in the backup named it with its whole path
-    after = contents(new.parent)
+    after = folder_contents(new.parent)
     assert after.pop("cell.toml") != before.pop("cell.toml")  # its data_dir is the folder beside it now
     assert read_cell_file(new).cell.data_dir == new.parent / "data"
     for gone in ("data/under_way.json", "data/site_outbox.sqlite"):
@@ -127,7 +127,7 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("signing_key.pem", "pepper.key"):
         assert (again.cell.data_dir / name).stat().st_mode & 0o077 == 0
     tom = AccountStore(again.cell.data_dir).list_people()[0]
-    assert quick(pepper_of(again.cell.data_dir)).is_right(tom.pin_hash, "314159")
+    assert cheap_hasher(pepper_of(again.cell.data_dir)).is_right(tom.pin_hash, "314159")
     assert ParameterSets(new.parent / "parameter_sets").load_set("F-1").find_value("a1") is not None
     assert not list(new.parent.glob(".cellcal*"))
 
@@ -136,10 +136,10 @@ def test_any_damage_is_refused_whole(tmp_path: Path) -> None:
     config = lived_in(tmp_path / "old")
     archive = back_up(config, tmp_path / "kept").path
     whole = archive.read_bytes()
-    dice = random.Random(3)
-    spots = [0, len(whole) - 1, 200, 513, *(dice.randrange(len(whole)) for _ in range(40))]
-    spoilt = [whole[:at] + bytes([whole[at] ^ (1 << dice.randrange(8))]) + whole[at + 1 :] for at in spots]
-    spoilt += [whole[: dice.randrange(len(whole))] for _ in range(10)] + [b"", whole + b"\n", whole[1:]]
+    rng = random.Random(3)
+    spots = [0, len(whole) - 1, 200, 513, *(rng.randrange(len(whole)) for _ in range(40))]
+    spoilt = [whole[:at] + bytes([whole[at] ^ (1 << rng.randrange(8))]) + whole[at + 1 :] for at in spots]
+    spoilt += [whole[: rng.randrange(len(whole))] for _ in range(10)] + [b"", whole + b"\n", whole[1:]]
     target = tmp_path / "new" / "cell.toml"
     for content in spoilt:
         archive.write_bytes(content)
@@ -156,7 +156,7 @@ def test_any_damage_is_refused_whole(tmp_path: Path) -> None:
 Forge = Callable[[dict[str, bytes]], None]
 
 
-def forged(archive: Path, key: CellKey, change: Forge, names: Callable[[str], str] = str) -> None:
+def forge_archive(archive: Path, key: CellKey, change: Forge, names: Callable[[str], str] = str) -> None:
     """Write an archive anew with another content, and all hashes, the list and the end made to fit."""
     with tarfile.open(archive) as tar:
         files = {one.name: tar.extractfile(one).read() for one in tar.getmembers()}  # type: ignore[union-attr]
@@ -192,19 +192,19 @@ def _rewrite_certificate(files: dict[str, bytes]) -> None:
         (lambda files: files.pop("data/journal.db"), "its journal or its cell file is missing"),
     ],
 )
-def test_who_can_make_every_hash_fit_still_cannot_rewrite_what_is_chained_or_signed(
+def test_consistent_hashes_do_not_allow_rewriting_what_is_chained_or_signed(
     tmp_path: Path, change: Forge, what: str
 ) -> None:
     config = lived_in(tmp_path / "old")
     archive = back_up(config, tmp_path / "kept").path
     stranger = station_key(tmp_path / "stranger")
-    forged(archive, stranger, lambda files: None)
+    forge_archive(archive, stranger, lambda files: None)
     assert (
         prove_backup(archive).public_key
         == stranger.public_key
         != station_key(config.cell.data_dir).public_key
     )
-    forged(archive, stranger, change)
+    forge_archive(archive, stranger, change)
     with pytest.raises(BackupError, match=what):
         restore_backup(archive, tmp_path / "new" / "cell.toml")
 
@@ -229,7 +229,7 @@ def test_who_can_make_every_hash_fit_still_cannot_rewrite_what_is_chained_or_sig
 def test_no_name_leads_out_of_the_folder(tmp_path: Path, evil: str) -> None:
     config = lived_in(tmp_path / "old")
     archive = back_up(config, tmp_path / "kept").path
-    forged(
+    forge_archive(
         archive, station_key(tmp_path / "stranger"), lambda files: None,
         names=lambda name: evil if name == "data/programs/A.LS" else name,
     )  # fmt: skip
@@ -241,10 +241,10 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, evil: str) -> None:
 def test_nothing_is_ever_put_over_what_is_there(tmp_path: Path) -> None:
     config = lived_in(tmp_path / "old")
     archive = back_up(config, tmp_path / "kept").path
-    before = contents(tmp_path / "old")
+    before = folder_contents(tmp_path / "old")
     with pytest.raises(BackupError, match="is in the way"):
         restore_backup(archive, config.path, signed_by=prove_backup(archive).public_key)
-    assert contents(tmp_path / "old") == before
+    assert folder_contents(tmp_path / "old") == before
     with pytest.raises(BackupError, match="there already"):
         back_up(config, archive)
     (tmp_path / "other").mkdir()
@@ -294,13 +294,13 @@ def test_a_backup_of_a_journal_that_grows_is_one_moment_of_it(tmp_path: Path) ->
     config = lived_in(tmp_path / "old")
     done = threading.Event()
 
-    def grow() -> None:
+    def grow_journal() -> None:
         with open_journal(config) as journal:
             for k in range(100):
                 journal.append_all("busy", [NewEvent("finding", {"step": f"s{k}", "value": k})])
         done.set()
 
-    writer = threading.Thread(target=grow)
+    writer = threading.Thread(target=grow_journal)
     writer.start()
     made = []
     while not done.is_set() or not made:

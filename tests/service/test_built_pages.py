@@ -8,7 +8,7 @@ import httpx
 import pytest
 
 from cellcal.service.web.pages import DIST, page_paths
-from tests.service.doors import a_door
+from tests.service.service_client import open_service_client
 
 MOST_BYTES = 450_000  # of the first view with its picture, as ux.md has it
 SHELL = re.compile(r'(?:src|href)="\./([^"]+)"')
@@ -25,7 +25,7 @@ def first_view() -> list[str]:
     return ["/", *(f"/{name}" for name in shell), *(f"/assets/{file.name}" for file in later)]
 
 
-async def raw(client: httpx.AsyncClient, path: str, encoding: str) -> tuple[httpx.Response, bytes]:
+async def fetch_raw(client: httpx.AsyncClient, path: str, encoding: str) -> tuple[httpx.Response, bytes]:
     """Ask for a file and return the answer with its bytes as they came over the wire."""
     async with client.stream("GET", path, headers={"accept-encoding": encoding}) as answer:
         return answer, b"".join([chunk async for chunk in answer.aiter_raw()])
@@ -33,29 +33,29 @@ async def raw(client: httpx.AsyncClient, path: str, encoding: str) -> tuple[http
 
 @pytest.mark.parametrize("encoding", ["gzip", "gzip, deflate, br, zstd"])
 async def test_the_first_view_with_its_picture_is_light(tmp_path: Path, encoding: str) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         sizes = {}
         for path in first_view():
-            answer, body = await raw(door.client, path, encoding)
+            answer, body = await fetch_raw(service_client.client, path, encoding)
             assert answer.status_code == 200, path
             sizes[path] = len(body) + sum(len(name) + len(value) + 4 for name, value in answer.headers.raw)
     assert 100_000 < sum(sizes.values()) <= MOST_BYTES, sizes
 
 
 async def test_what_is_packed_is_what_was_built_and_says_so(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         for path in first_view():
             file = DIST / path.removeprefix("/") if path != "/" else DIST / "index.html"
-            plain, body = await raw(door.client, path, "identity")
+            plain, body = await fetch_raw(service_client.client, path, "identity")
             assert body == file.read_bytes()
             assert "content-encoding" not in plain.headers
             if len(body) < SMALL:
                 continue
-            packed, short = await raw(door.client, path, "gzip")
+            packed, short = await fetch_raw(service_client.client, path, "gzip")
             assert packed.headers["content-encoding"] == "gzip"
             assert packed.headers["content-type"] == plain.headers["content-type"]
             assert gzip.decompress(short) == body
-            better, shorter = await raw(door.client, path, "gzip, br")
+            better, shorter = await fetch_raw(service_client.client, path, "gzip, br")
             assert better.headers["content-encoding"] == "br"
             assert len(shorter) < len(short)
             for answer in (plain, packed, better):
@@ -63,17 +63,17 @@ async def test_what_is_packed_is_what_was_built_and_says_so(tmp_path: Path) -> N
 
 
 async def test_a_browser_keeps_assets_and_asks_for_the_page_again(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         for path in first_view():
-            answer = await door.client.get(path)
-            kept = "no-cache" if "/assets/" not in path else "public, max-age=31536000, immutable"
-            assert answer.headers["cache-control"] == kept, path
-            again = await door.client.get(path, headers={"if-none-match": answer.headers["etag"]})
+            answer = await service_client.client.get(path)
+            cache_control = "no-cache" if "/assets/" not in path else "public, max-age=31536000, immutable"
+            assert answer.headers["cache-control"] == cache_control, path
+            again = await service_client.client.get(path, headers={"if-none-match": answer.headers["etag"]})
             assert again.status_code == 304
             assert again.content == b""
             if "content-encoding" in answer.headers:  # unpacked it is another file
                 other = {"if-none-match": answer.headers["etag"], "accept-encoding": "identity"}
-                assert (await door.client.get(path, headers=other)).status_code == 200
+                assert (await service_client.client.get(path, headers=other)).status_code == 200
 
 
 def test_packed_copies_have_no_address_of_their_own() -> None:
@@ -81,7 +81,7 @@ def test_packed_copies_have_no_address_of_their_own() -> None:
     assert "/icon.svg" in page_paths()
 
 
-def test_who_comes_in_is_asked_by_a_script_of_its_own_before_the_page_is_there() -> None:
+def test_sign_in_is_checked_by_a_separate_script_before_the_page_loads() -> None:
     shell = SHELL.findall((DIST / "index.html").read_text(encoding="utf-8"))
     text = (DIST / shell[0]).read_text(encoding="utf-8")
     assert "api/sign-in" in text

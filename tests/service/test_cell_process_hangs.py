@@ -27,7 +27,7 @@ from cellcal.service.web.liveness import (
     UnansweredTime,
     read_process_state,
 )
-from tests.service.desks import PATIENCE_S, RECORD, a_cell
+from tests.service.cell_process_session import PATIENCE_S, RECORD, a_cell
 
 HANGS_S = 1.0
 ORDER = {"id": "1", "rev": 0, "who": "Anna", "people": []}

@@ -14,9 +14,9 @@ from cellcal.service.certificates.html import as_html
 from cellcal.service.certificates.printing import page_from, pdf_from
 from cellcal.service.cli.certificate import write_certificate
 from cellcal.service.translation import LOCALES, Locale
-from tests.service.printed import HtmlText, Pdf, source_table, squeezed
-from tests.service.spoken import ROOT, SENTENCE
-from tests.service.test_certificate_pages import framed
+from tests.service.printed_documents import HtmlText, PdfReader, source_table, squeeze_text
+from tests.service.source_sentences import ROOT, SENTENCE
+from tests.service.test_certificate_pages import certified_frame_cell
 
 FOREIGN: tuple[Locale, ...] = LOCALES[1:]
 HOLE = re.compile(r"\{\d+\}|#")
@@ -37,7 +37,7 @@ def _tables_of_the_source(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     languages.translations_in.cache_clear()
 
 
-def own(locale: str) -> dict[str, str]:
+def own_texts(locale: str) -> dict[str, str]:
     table = json.loads(
         (ROOT / f"service/certificates/translations/{locale}.json").read_text(encoding="utf-8")
     )
@@ -47,10 +47,10 @@ def own(locale: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("locale", FOREIGN)
 def test_every_word_is_translated_with_its_holes_and_is_one_sentence(locale: Locale) -> None:
-    assert own(locale).keys() == own("de").keys()
-    for english, said in own(locale).items():
-        assert said.strip(), english
-        assert sorted(HOLE.findall(said)) == sorted(HOLE.findall(english)), (english, said)
+    assert own_texts(locale).keys() == own_texts("de").keys()
+    for english, translated in own_texts(locale).items():
+        assert translated.strip(), english
+        assert sorted(HOLE.findall(translated)) == sorted(HOLE.findall(english)), (english, translated)
         assert len(SENTENCE.split(english)) == 1, english
 
 
@@ -63,7 +63,8 @@ def test_nothing_is_translated_that_no_certificate_says() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     )
     pieces = {
-        english: [part.casefold().strip(" .:") for part in PIECES.split(english)] for english in own("de")
+        english: [part.casefold().strip(" .:") for part in PIECES.split(english)]
+        for english in own_texts("de")
     }
     unsaid = [english for english, parts in pieces.items() if not all(part in written for part in parts)]
     assert not unsaid
@@ -71,16 +72,16 @@ def test_nothing_is_translated_that_no_certificate_says() -> None:
 
 @pytest.mark.parametrize("locale", FOREIGN)
 async def test_page_and_paper_are_in_the_language_and_say_so(locale: Locale, tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     html = as_html(page_from(issued.json_path, locale))
     assert f'<html lang="{locale}">' in html
-    assert HtmlText.of(html).asks_for == []
+    assert HtmlText.read_html(html).asks_for == []
     assert TITLES[locale] in html
     on_screen = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
-    assert squeezed(on_screen["safety"]) in squeezed(html)  # one sentence, on screen and paper
-    paper = squeezed(Pdf(pdf_from(issued.json_path, locale)).text())
+    assert squeeze_text(on_screen["safety"]) in squeeze_text(html)  # one sentence, on screen and paper
+    paper = squeeze_text(PdfReader(pdf_from(issued.json_path, locale)).read_text())
     assert (
-        squeezed(TITLES[locale]) in paper or squeezed("Set in English") in paper
+        squeeze_text(TITLES[locale]) in paper or squeeze_text("Set in English") in paper
     )  # no font of this computer
     assert issued.sha256 in paper
 
@@ -88,19 +89,21 @@ async def test_page_and_paper_are_in_the_language_and_say_so(locale: Locale, tmp
 async def test_without_a_font_the_paper_is_english_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     bare = typst.Fonts(include_system_fonts=False, include_embedded_fonts=True)
     monkeypatch.setattr(pdf, "_load_fonts", lambda *, of_computer: bare)
-    text = " ".join(Pdf(pdf_from(issued.json_path, "zh")).text().split())
+    text = " ".join(PdfReader(pdf_from(issued.json_path, "zh")).read_text().split())
     assert "Calibration report" in text
-    assert squeezed("Set in English: this computer has no font for the language") in squeezed(text)
-    assert "Kalibrierbericht" in Pdf(pdf_from(issued.json_path, "de")).text()  # its letters are always there
+    assert squeeze_text("Set in English: this computer has no font for the language") in squeeze_text(text)
+    assert (
+        "Kalibrierbericht" in PdfReader(pdf_from(issued.json_path, "de")).read_text()
+    )  # its letters are always there
 
 
 async def test_the_command_writes_page_and_paper_in_a_language_and_signs_in_english(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    config, issued = await framed(tmp_path)
+    config, issued = await certified_frame_cell(tmp_path)
     signed = issued.json_path.read_bytes()
     html = tmp_path / "page.html"
     assert write_certificate("last", cell=config.path, html=html, language="de") == 0

@@ -38,18 +38,18 @@ from cellcal.service.runs.run_procedure import NO_MODE
 from cellcal.service.web import history
 from cellcal.service.web.dependencies import Person, person_of
 from cellcal.service.web.error_responses import respond_to_error
-from tests.procedures.cells import pointing
-from tests.procedures.certified import cell_config, run_in
-from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
-from tests.service.square_code import read_svg
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import user_frame_scene
+from tests.service.printed_documents import HtmlText, PdfReader, squeeze_text, verify_paper
+from tests.service.qr_code_reader import read_svg
 
 HOSTILE = '<script>alert(1)</script> #image("/etc/passwd") *bold* $x$ \\ "quoted" & \'done\' {{7*7}}'
 
 
-async def framed(folder: Path) -> tuple[CellConfig, IssuedCertificate]:
+async def certified_frame_cell(folder: Path) -> tuple[CellConfig, IssuedCertificate]:
     """Return a cell whose last run taught a frame, and its certificate."""
     config = cell_config(folder)
-    outcome = await run_in(config, pointing(), "three_point_frame")
+    outcome = await run_in(config, user_frame_scene(), "three_point_frame")
     return config, issue_certificate(config, outcome.run_id)
 
 
@@ -64,7 +64,7 @@ def paper_of(content: dict[str, Any]) -> CertificatePage:
 
 
 async def test_page_and_pdf_lie_beside_the_signed_file_and_are_the_same_each_time(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     verify_paper(issued.json_path)
     first = print_beside(issued.json_path)
     assert first.trouble == ""
@@ -75,10 +75,10 @@ async def test_page_and_pdf_lie_beside_the_signed_file_and_are_the_same_each_tim
     assert [path.read_bytes() for path in (first.html_path, first.pdf_path)] == sheets
 
 
-async def test_the_command_prints_where_it_is_told(
+async def test_the_command_prints_to_the_requested_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    config, issued = await framed(tmp_path)
+    config, issued = await certified_frame_cell(tmp_path)
     html, pdf = tmp_path / "for the customer" / "page.html", tmp_path / "for the customer" / "paper.pdf"
     assert write_certificate("last", cell=config.path, html=html, pdf=pdf) == 0
     assert capsys.readouterr().out == issued.text_path.read_text()
@@ -92,7 +92,7 @@ async def test_the_command_prints_where_it_is_told(
 
 
 async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     raw = bytearray(issued.json_path.read_bytes())
     place = raw.index(b'"pass"') + 1
     raw[place] ^= 1
@@ -106,14 +106,14 @@ async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) 
 
 
 async def test_the_code_on_page_and_paper_says_run_and_hash(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     page = page_from(issued.json_path)
-    said = f"cellcal {issued.run_id} sha256:{issued.sha256}"
-    assert read_svg(page.qr.svg) == said
+    expected_code = f"cellcal {issued.run_id} sha256:{issued.sha256}"
+    assert read_svg(page.qr.svg) == expected_code
     html = as_html(page)
     drawn = re.search(r"<header.*?(<svg.*?</svg>)", html, re.DOTALL)
     assert drawn
-    assert read_svg(drawn[1]) == said
+    assert read_svg(drawn[1]) == expected_code
 
 
 @pytest.mark.parametrize("name", ["end_effector_points", "base_to_base", "a_procedure_with_a_long_name"])
@@ -123,22 +123,22 @@ def test_codes_of_all_lengths_are_read(name: str) -> None:
 
 
 async def test_what_people_typed_is_text_and_nothing_else(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     content = content_of(issued)
     content["people"] = [{"who": HOSTILE, "step": "accept the frame", "at_utc": content["run"]["ended_utc"]}]
     content["cell"]["name"] = HOSTILE
     figure = content["verdict"]["characteristics"][0]
     figure["name"] = HOSTILE
     page = paper_of(content)
-    html = HtmlText.of(as_html(page))
+    html = HtmlText.read_html(as_html(page))
     assert html.asks_for == []
     times = 3 + len(figure["budget"])
-    assert squeezed(html.text).count(squeezed(HOSTILE)) == times
-    assert squeezed(Pdf(as_pdf(page)).text()).count(squeezed(HOSTILE)) == times
+    assert squeeze_text(html.text).count(squeeze_text(HOSTILE)) == times
+    assert squeeze_text(PdfReader(as_pdf(page)).read_text()).count(squeeze_text(HOSTILE)) == times
 
 
 async def test_a_page_allows_itself_no_script_and_no_other_host(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     html = as_html(page_from(issued.json_path))
     assert "default-src 'none'" in html
     assert "script" not in html
@@ -150,29 +150,29 @@ async def test_a_page_allows_itself_no_script_and_no_other_host(tmp_path: Path) 
 
 
 async def test_names_in_other_scripts_are_set_or_refused_with_the_cure(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     content = content_of(issued)
     content["people"] = [{"who": "李工", "step": "accept", "at_utc": content["run"]["ended_utc"]}]
     page = paper_of(content)
     assert "李工" in as_html(page)
-    told = set_or_cure(page)
-    if isinstance(told, str):  # this computer has no such font
-        assert "fonts-noto-cjk" in told
+    outcome = set_or_cure(page)
+    if isinstance(outcome, str):  # this computer has no such font
+        assert "fonts-noto-cjk" in outcome
         return
-    assert "李工" in told.text()
-    assert len(told.fonts()) == 3
-    assert all(told.fonts().values())
+    assert "李工" in outcome.read_text()
+    assert len(outcome.list_fonts()) == 3
+    assert all(outcome.list_fonts().values())
 
 
-def set_or_cure(page: CertificatePage) -> Pdf | str:
+def set_or_cure(page: CertificatePage) -> PdfReader | str:
     try:
-        return Pdf(as_pdf(page))
+        return PdfReader(as_pdf(page))
     except PdfError as refused:
         return refused.remedy
 
 
 async def test_characters_that_no_font_has_are_refused_and_the_page_is_kept(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     content = content_of(issued)
     content["cell"]["name"] = "\U0010fffd"
     with pytest.raises(PdfError) as refused:
@@ -188,8 +188,8 @@ async def test_characters_that_no_font_has_are_refused_and_the_page_is_kept(tmp_
 
 
 async def test_a_refusal_is_printed_as_one(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), pointing()
-    made.hands.does["touch_above"] = made.hands.does["touch_origin"]
+    config, made = cell_config(tmp_path), user_frame_scene()
+    made.technician.does["touch_above"] = made.technician.does["touch_origin"]
     outcome = await run_in(config, made, "three_point_frame")
     issued = issue_certificate(config, outcome.run_id)
     assert issued.word == "refused"
@@ -197,18 +197,18 @@ async def test_a_refusal_is_printed_as_one(tmp_path: Path) -> None:
     page = page_from(issued.json_path)
     assert page.heading == "Refusal record"
     assert read_svg(page.qr.svg).split()[1] == f"{outcome.run_id}-refused"
-    assert "PASS" not in Pdf(as_pdf(page)).text()
+    assert "PASS" not in PdfReader(as_pdf(page)).read_text()
 
 
 async def test_words_without_a_blank_stay_on_the_sheet(tmp_path: Path) -> None:
-    _, issued = await framed(tmp_path)
+    _, issued = await certified_frame_cell(tmp_path)
     content = content_of(issued)
     word = "".join(f"{k:04d}" for k in range(100))
     content["verdict"]["characteristics"][0]["name"] = word
     content["cell"]["name"] = word
-    pdf = Pdf(as_pdf(paper_of(content)))
-    assert squeezed(pdf.text()).count(word) >= 2
-    assert word not in pdf.text()  # in one piece it would be three sheets wide
+    pdf = PdfReader(as_pdf(paper_of(content)))
+    assert squeeze_text(pdf.read_text()).count(word) >= 2
+    assert word not in pdf.read_text()  # in one piece it would be three sheets wide
 
 
 def figure_of(value: float, u: float, limit: float | None, decision: str | None = "pass") -> dict[str, Any]:
@@ -261,17 +261,17 @@ def test_errors_stand_on_a_linear_axis_from_zero() -> None:
 
 
 def test_samples_that_agree_are_not_drawn_and_those_that_differ_are() -> None:
-    def taken(*samples: float, used: bool = True) -> dict[str, Any]:
+    def capture_data(*samples: float, used: bool = True) -> dict[str, Any]:
         return {"used": used, "value": {"readings_m": list(samples)}}
 
-    assert scatter_of([taken(1.0, 1.0), taken(2.0)]) is None
-    drawn = scatter_of([taken(1.0, 1.00002), taken(1.0, 1.0001, used=False)])
+    assert scatter_of([capture_data(1.0, 1.0), capture_data(2.0)]) is None
+    drawn = scatter_of([capture_data(1.0, 1.00002), capture_data(1.0, 1.0001, used=False)])
     assert drawn is not None
     assert len(dots_of(drawn.svg)) == 2 + 1  # two samples, and the key
     assert "0.050 mm" in drawn.alt
 
 
-def test_check_poses_are_told_from_fitted_ones() -> None:
+def test_check_poses_are_distinguished_from_fitted_ones() -> None:
     out = {
         "captures": 9,
         "before_rms_m": 0.002,
@@ -290,7 +290,7 @@ def test_check_poses_are_told_from_fitted_ones() -> None:
 
 
 @asynccontextmanager
-async def asking(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
+async def viewer_client(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     """Lend the routes to a viewer: reading is all that they let anybody do."""
     app = FastAPI()
     app.include_router(history.router, prefix="/api")
@@ -303,8 +303,8 @@ async def asking(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
 
 
 async def test_a_certificate_is_read_in_every_form(tmp_path: Path) -> None:
-    config, issued = await framed(tmp_path)
-    async with asking(config) as client:
+    config, issued = await certified_frame_cell(tmp_path)
+    async with viewer_client(config) as client:
         answers = {
             form: await client.get(f"/api/runs/{issued.run_id}/certificate.{form}")
             for form in ("json", "pdf", "html", "txt")
@@ -312,7 +312,7 @@ async def test_a_certificate_is_read_in_every_form(tmp_path: Path) -> None:
         lost = await client.get("/api/runs/three_point_frame-none/certificate.pdf")
     assert {form: answer.status_code for form, answer in answers.items()} == dict.fromkeys(answers, 200)
     assert check_document(answers["json"].content).finding is CheckFinding.INTACT
-    assert issued.sha256 in squeezed(Pdf(answers["pdf"].content).text())
+    assert issued.sha256 in squeeze_text(PdfReader(answers["pdf"].content).read_text())
     assert issued.run_id in answers["pdf"].headers["content-disposition"]
     assert issued.sha256 in answers["html"].text
     assert answers["html"].headers["content-security-policy"].startswith("default-src 'none'")
@@ -321,7 +321,7 @@ async def test_a_certificate_is_read_in_every_form(tmp_path: Path) -> None:
     assert lost.json()["remedy"]
 
 
-def kept_twice(config: CellConfig) -> None:
+def store_twice(config: CellConfig) -> None:
     first = ParameterSet(
         robot_serial="F-1",
         model="fanuc_m6ib",
@@ -344,9 +344,9 @@ def kept_twice(config: CellConfig) -> None:
 
 async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    async with asking(config) as client:
+    async with viewer_client(config) as client:
         assert (await client.get("/api/parameters")).json() == []
-        kept_twice(config)
+        store_twice(config)
         listed = (await client.get("/api/parameters")).json()
         changed = (await client.get("/api/parameters/diff", params={"robot_serial": "F-1"})).json()
         whole = (await client.get("/api/parameters/F-1", params={"version": 1})).json()
@@ -372,15 +372,15 @@ async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> N
 
 
 async def test_a_trend_goes_through_all_finished_runs_of_a_robot(tmp_path: Path) -> None:
-    config, first = await framed(tmp_path)
-    second = await run_in(config, pointing(), "three_point_frame")
-    asked = {"robot_serial": "F-1", "procedure": "three_point_frame"}
-    async with asking(config) as client:
-        told = (await client.get("/api/trend", params=asked)).json()
-        other = (await client.get("/api/trend", params=asked | {"robot_serial": "F-2"})).json()
+    config, first = await certified_frame_cell(tmp_path)
+    second = await run_in(config, user_frame_scene(), "three_point_frame")
+    query = {"robot_serial": "F-1", "procedure": "three_point_frame"}
+    async with viewer_client(config) as client:
+        trend_answer = (await client.get("/api/trend", params=query)).json()
+        other = (await client.get("/api/trend", params=query | {"robot_serial": "F-2"})).json()
     figures = content_of(first)["verdict"]["characteristics"]
-    assert [trend["name"] for trend in told] == [figure["name"] for figure in figures]
-    for trend, figure in zip(told, figures, strict=True):
+    assert [trend["name"] for trend in trend_answer] == [figure["name"] for figure in figures]
+    for trend, figure in zip(trend_answer, figures, strict=True):
         assert [point["run_id"] for point in trend["points"]] == [first.run_id, second.run_id]
         assert trend["points"][0]["value"] == figure["value"]
         assert trend["points"][0]["expanded_uncertainty"] == figure["expanded_uncertainty"]
@@ -395,7 +395,7 @@ def controller_of(page: CertificatePage) -> dict[str, str]:
 
 
 async def test_tool_frame_payload_level_and_mode_are_signed_and_on_every_sheet(tmp_path: Path) -> None:
-    made = pointing()
+    made = user_frame_scene()
     made.arm.payload_kg, made.arm.user_frame, made.arm.active_tool = 4.25, 2, 3
     made.arm.tools[3] = Pose((0.01, -0.02, 0.3))
     config = cell_config(tmp_path)
@@ -414,24 +414,24 @@ async def test_tool_frame_payload_level_and_mode_are_signed_and_on_every_sheet(t
     assert rows["moved by"] == "this software (commanded)"
     sheets = (
         issued.text_path.read_text(),
-        HtmlText.of(as_html(page_from(issued.json_path))).text,
-        Pdf(as_pdf(page_from(issued.json_path))).text(),
+        HtmlText.read_html(as_html(page_from(issued.json_path))).text,
+        PdfReader(as_pdf(page_from(issued.json_path))).read_text(),
     )
-    for sheet in map(squeezed, sheets):
+    for sheet in map(squeeze_text, sheets):
         for value in rows.values():
-            assert squeezed(value) in sheet
+            assert squeeze_text(value) in sheet
     assert not any("mode the controller" in line for line in content_of(issued)["verdict"]["not_verified"])
 
 
 async def test_what_a_robot_does_not_tell_stays_not_verified(tmp_path: Path) -> None:
-    made = pointing()
+    made = user_frame_scene()
     made.cell = replace(made.cell, frames=None, mode=None, level=MotionLevel.OBSERVE)
     config = cell_config(tmp_path)
     outcome = await run_in(config, made, "three_point_frame")
     content = content_of(issue_certificate(config, outcome.run_id))
     rows = controller_of(paper_of(content))
-    told = ("active tool", "user frame", "payload", "controller mode")
-    assert {rows[name] for name in told} == {"not verified, this robot does not tell it"}
+    item_names = ("active tool", "user frame", "payload", "controller mode")
+    assert {rows[name] for name in item_names} == {"not verified, this robot does not tell it"}
     assert rows["moved by"] == "a person with the pendant (observe)"
     assert NO_MODE in content["verdict"]["not_verified"]
 
@@ -439,7 +439,7 @@ async def test_what_a_robot_does_not_tell_stays_not_verified(tmp_path: Path) -> 
 async def test_a_certificate_from_before_verifies_and_is_printed_without_what_it_does_not_say(
     tmp_path: Path,
 ) -> None:
-    config, issued = await framed(tmp_path)
+    config, issued = await certified_frame_cell(tmp_path)
     content = content_of(issued)
     del content["controller_at_start"]
     issued.json_path.write_text(station_key(config.cell.data_dir).sign_document(FORMAT, content))

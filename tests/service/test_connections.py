@@ -18,12 +18,12 @@ from fastapi import FastAPI
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, ServerConnections
-from tests.service.browsers import served
+from tests.service.browser_pages import serve_app
 
 ANSWER = {"content-type": "application/json"}
 
 
-class Clock:
+class ManualClock:
     """A clock that a test moves."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Clock:
         return self.now_s
 
 
-class Line:
+class FakeTransport:
     """A transport that only knows whether it was aborted."""
 
     def __init__(self) -> None:
@@ -47,63 +47,65 @@ class Line:
 
 
 def test_of_too_many_from_one_address_the_oldest_idle_one_gives_way() -> None:
-    held = ServerConnections(most=10_000, clock=Clock())
-    lines = [Line() for _ in range(WAITING_OF_ADDRESS + 5)]
+    connections = ServerConnections(most=10_000, clock=ManualClock())
+    lines = [FakeTransport() for _ in range(WAITING_OF_ADDRESS + 5)]
     for line in lines:
-        held.add_connection("10.0.0.1", line)
+        connections.add_connection("10.0.0.1", line)
     assert [line.aborted for line in lines] == [True] * 5 + [False] * WAITING_OF_ADDRESS
-    other = Line()
-    held.add_connection("10.0.0.2", other)
+    other = FakeTransport()
+    connections.add_connection("10.0.0.2", other)
     assert not other.aborted
-    assert len(held) == WAITING_OF_ADDRESS + 1
+    assert len(connections) == WAITING_OF_ADDRESS + 1
 
 
 def test_what_is_busy_or_a_screen_outlives_what_is_idle() -> None:
-    held, clock = ServerConnections(most=40, clock=Clock()), 0
+    connections, clock = ServerConnections(most=40, clock=ManualClock()), 0
     del clock
-    kept = [Line() for _ in range(20)]
-    for number, line in enumerate(kept):
-        held.set_state(held.add_connection("10.0.0.1", line), "busy" if number % 2 else "screen")
-    flood = [Line() for _ in range(200)]
+    busy_lines = [FakeTransport() for _ in range(20)]
+    for number, line in enumerate(busy_lines):
+        connections.set_state(
+            connections.add_connection("10.0.0.1", line), "busy" if number % 2 else "screen"
+        )
+    flood = [FakeTransport() for _ in range(200)]
     for line in flood:
-        held.add_connection("10.0.0.1", line)
-    assert not any(line.aborted for line in kept)
-    assert len(held) == 40
+        connections.add_connection("10.0.0.1", line)
+    assert not any(line.aborted for line in busy_lines)
+    assert len(connections) == 40
     assert not flood[-1].aborted
 
 
 def test_one_address_cannot_hold_all_screens() -> None:
-    held = ServerConnections(most=10_000, clock=Clock())
-    lines = [Line() for _ in range(ALL_OF_ADDRESS + 3)]
+    connections = ServerConnections(most=10_000, clock=ManualClock())
+    lines = [FakeTransport() for _ in range(ALL_OF_ADDRESS + 3)]
     for line in lines:
-        held.set_state(held.add_connection("10.0.0.1", line), "screen")
+        connections.set_state(connections.add_connection("10.0.0.1", line), "screen")
     assert sum(line.aborted for line in lines) == 3
 
 
 def test_a_request_that_never_ends_its_headers_is_closed() -> None:
-    clock = Clock()
-    held = ServerConnections(most=100, clock=clock)
-    slow, screen = Line(), Line()
-    held.add_connection("10.0.0.1", slow)
-    held.set_state(held.add_connection("10.0.0.1", screen), "screen")
+    clock = ManualClock()
+    connections = ServerConnections(most=100, clock=clock)
+    slow, screen = FakeTransport(), FakeTransport()
+    connections.add_connection("10.0.0.1", slow)
+    connections.set_state(connections.add_connection("10.0.0.1", screen), "screen")
     clock.now_s += HEADERS_S - 0.1
-    held.close_stale()
+    connections.close_stale()
     assert not slow.aborted
     clock.now_s += 0.2
-    held.close_stale()
-    held.release_spares()
+    connections.close_stale()
+    connections.release_spares()
     assert (slow.aborted, screen.aborted) == (True, False)
 
 
 def test_errors_of_accept_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
-    clock = Clock()
-    held = ServerConnections(most=100, clock=clock)
+    clock = ManualClock()
+    connections = ServerConnections(most=100, clock=clock)
     with caplog.at_level(logging.WARNING):
         for _ in range(500):
-            held.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
+            connections.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
         assert len(caplog.records) == 1
         clock.now_s += 1.1
-        held.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
+        connections.on_accept_error(OSError(errno.EMFILE, "Too many open files"))
     assert [record.getMessage() for record in caplog.records][1:] == [
         "a connection could not be accepted: Too many open files (499 more like it)"
     ]
@@ -140,15 +142,15 @@ print(answer.split(b"\\r\\n")[0].decode(), answer.endswith(b'"stopped"'))
 """
 
 
-async def test_a_stop_is_heard_with_every_descriptor_taken(tmp_path: Path) -> None:
+async def test_a_stop_is_served_with_every_descriptor_taken(tmp_path: Path) -> None:
     app, stops = FastAPI(), []
 
     @app.post("/stop")
-    async def stop() -> str:
+    async def stop_robot() -> str:
         stops.append((tmp_path / "register").open("w").close())  # what a stop opens besides
         return "stopped"
 
-    async with served(app) as address:
+    async with serve_app(app) as address:
         port = address.rpartition(":")[2]
         asking = await asyncio.create_subprocess_exec(
             sys.executable, "-c", "import sys; sys.stdin.readline()\n" + ASKER, port,
@@ -160,14 +162,14 @@ async def test_a_stop_is_heard_with_every_descriptor_taken(tmp_path: Path) -> No
     assert len(stops) == 1
 
 
-async def test_a_stop_is_heard_beside_more_idle_connections_than_may_be_held() -> None:
+async def test_a_stop_is_served_beside_more_idle_connections_than_allowed() -> None:
     app = FastAPI()
 
     @app.post("/stop")
-    async def stop() -> str:
+    async def stop_robot() -> str:
         return "stopped"
 
-    async with served(app) as address:
+    async with serve_app(app) as address:
         at = ("127.0.0.1", int(address.rpartition(":")[2]))
         with ExitStack() as open_lines:
             for number in range(3 * WAITING_OF_ADDRESS):
@@ -185,7 +187,7 @@ def test_a_port_that_cannot_be_used_ends_the_command(
     command: str, port: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        given = str(taken.getsockname()[1]) if port == "taken" else port
+        port_text = str(taken.getsockname()[1]) if port == "taken" else port
         words = {"serve": [str(tmp_path / "cell.toml")], "demo": ["--no-browser", "--keep", str(tmp_path)]}
-        assert run_command_line([command, *words[command], "--port", given]) == ExitCode.USAGE
-    assert f"port {given} of 127.0.0.1 cannot be used" in capsys.readouterr().err
+        assert run_command_line([command, *words[command], "--port", port_text]) == ExitCode.USAGE
+    assert f"port {port_text} of 127.0.0.1 cannot be used" in capsys.readouterr().err

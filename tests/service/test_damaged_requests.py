@@ -8,8 +8,8 @@ from urllib.parse import quote
 
 import pytest
 
-from tests.service.doors import a_door, another_browser
-from tests.service.test_guard_routes import BODIES, enter, own_routes
+from tests.service.service_client import another_browser, open_service_client
+from tests.service.test_guard_routes import BODIES, own_routes, sign_in_as
 from tests.soak.input_mutations import NASTY_WORDS, mutated_input
 
 CASES = 6
@@ -23,13 +23,13 @@ _EXAMPLE = {
 @pytest.mark.parametrize("who", ["engineer", "a device alone"])
 async def test_no_damaged_request_breaks_the_service(tmp_path: Path, who: str) -> None:
     wrong = []
-    async with a_door(tmp_path) as door:
-        routes = sorted(own_routes(door.app) - {("WS", "/api/screen"), ("GET", "/")})
+    async with open_service_client(tmp_path) as service_client:
+        routes = sorted(own_routes(service_client.app) - {("WS", "/api/screen"), ("GET", "/")})
         for number, (method, path) in enumerate(routes):
-            async with another_browser(door.app, address=f"127.0.2.{number}") as browser:
-                await enter(replace(door, client=browser), who)
+            async with another_browser(service_client.app, address=f"127.0.2.{number}") as browser:
+                await sign_in_as(replace(service_client, client=browser), who)
                 for seed in range(CASES):
-                    answer = await _ask(browser, method, path, seed + 1000 * number)
+                    answer = await _send_damaged(browser, method, path, seed + 1000 * number)
                     if (
                         answer.status_code >= 500
                         or str(tmp_path) in answer.text
@@ -39,7 +39,7 @@ async def test_no_damaged_request_breaks_the_service(tmp_path: Path, who: str) -
     assert wrong == []
 
 
-async def _ask(browser, method: str, path: str, seed: int):
+async def _send_damaged(browser, method: str, path: str, seed: int):
     word = NASTY_WORDS[seed % len(NASTY_WORDS)][:200]
     filled = re.sub(r"\{\w+\}", lambda _: quote(word, safe=""), path)
     query = {

@@ -9,18 +9,18 @@ from cellcal.service.demo.faults import DEMO_FAULTS
 from cellcal.service.demo.web_routes import CLEARED, DemoExtension
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.browsers import (
+from tests.service.browser_pages import (
     COUNT_ASKED,
     LOCALES,
     NO_WEBGL,
     PATIENCE_MS,
     ROOT,
-    chromium,
     hold_to_rules,
-    served,
-    speaks,
+    open_chromium,
+    serve_app,
+    wait_for_language,
 )
-from tests.service.desks import a_cell
+from tests.service.cell_process_session import a_cell
 
 HANDS = (
     "new_battery",
@@ -33,22 +33,26 @@ HANDS = (
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
-    async with a_cell(tmp_path) as (path, door):
-        app = create_app(ServiceSettings(path, demo=True, open_access=True, extension=DemoExtension(door)))
-        async with served(app) as url, chromium() as browser:
-            await _look(browser, f"{url}/")
+    async with a_cell(tmp_path) as (path, fake_client):
+        app = create_app(
+            ServiceSettings(path, demo=True, open_access=True, extension=DemoExtension(fake_client))
+        )
+        async with serve_app(app) as url, open_chromium() as browser:
+            await _check_bar(browser, f"{url}/")
 
 
 def test_all_that_can_happen_has_its_words_in_every_language() -> None:
-    hands = {f"hand_{name}" for name in HANDS}
-    wanted = {f"demo_do_{name}" for name in {each.name for each in DEMO_FAULTS} | hands | {CLEARED}}
-    wanted |= {f"demo_kind_{each.kind}" for each in DEMO_FAULTS}
+    action_keys = {f"hand_{name}" for name in HANDS}
+    expected_keys = {
+        f"demo_do_{name}" for name in {each.name for each in DEMO_FAULTS} | action_keys | {CLEARED}
+    }
+    expected_keys |= {f"demo_kind_{each.kind}" for each in DEMO_FAULTS}
     for locale in LOCALES:
         texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
-        assert wanted - texts.keys() == set(), locale
+        assert expected_keys - texts.keys() == set(), locale
 
 
-async def _refused(page: Page) -> None:
+async def _check_refusal(page: Page) -> None:
     """What the demo refuses is said in the page's language: here the service is asked for what it does not have."""
     await page.route(
         "**/api/demo/mishaps", lambda route: route.continue_(post_data=json.dumps({"name": "flood"}))
@@ -58,25 +62,25 @@ async def _refused(page: Page) -> None:
     await expect(refused).to_contain_text("die Demo kennt kein Missgeschick 'flood'. Wählen Sie battery, ")
 
 
-async def _look(browser: Browser, url: str) -> None:
-    first = await _page(browser, url, "en")
+async def _check_bar(browser: Browser, url: str) -> None:
+    first = await _open_page(browser, url, "en")
     for locale in LOCALES:
-        page = await _page(browser, url, locale)
+        page = await _open_page(browser, url, locale)
         texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
-        await speaks(page, locale)
+        await wait_for_language(page, locale)
         await expect(page.get_by_test_id("demo")).to_contain_text(texts["demo"])
         await hold_to_rules(page, locale)
         if locale == "de":
-            await _refused(page)
+            await _check_refusal(page)
         await page.context.close()
     await first.get_by_test_id("demo-battery").click()
     await first.get_by_test_id("loss").wait_for()
     await expect(first.get_by_test_id("demo-pressed").locator("li")).to_have_count(1)
-    other = await _page(browser, url, "en")
+    other = await _open_page(browser, url, "en")
     await expect(other.get_by_test_id("demo-last")).to_contain_text("Encoder battery dies")
 
 
-async def _page(browser: Browser, url: str, locale: str) -> Page:
+async def _open_page(browser: Browser, url: str, locale: str) -> Page:
     context = await browser.new_context(viewport={"width": 1280, "height": 800})
     await context.add_init_script(f"localStorage.setItem('locale', {json.dumps(locale)})")
     await context.add_init_script(f"{NO_WEBGL}; {COUNT_ASKED}")

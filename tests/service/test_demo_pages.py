@@ -23,7 +23,7 @@ from cellcal.service.demo.web_routes import DemoCellProcessClient, DemoWorld
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.machine_speed import stretched_s
-from tests.service.desks import a_cell
+from tests.service.cell_process_session import a_cell
 
 PATIENCE_S = stretched_s(240.0)  # a whole record is taken
 
@@ -51,16 +51,16 @@ async def _address_of(process: asyncio.subprocess.Process) -> str:
     return line.decode().partition("fake cell at ")[2].strip()
 
 
-async def until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, Any]:
+async def poll_until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
-            told: dict[str, Any] = (await client.get(path)).json()
-            if true(told):
-                return told
+            answer: dict[str, Any] = (await client.get(path)).json()
+            if true(answer):
+                return answer
             await asyncio.sleep(0.3)
 
 
-def _below(pid: int) -> set[int]:
+def _descendants_of(pid: int) -> set[int]:
     """Return the processes that a process started, and those that they started."""
     pairs = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -75,11 +75,11 @@ def _below(pid: int) -> set[int]:
 
 async def _are_gone(pids: set[int]) -> None:
     async with asyncio.timeout(PATIENCE_S):
-        while any(_lives(pid) for pid in pids):
+        while any(_is_alive(pid) for pid in pids):
             await asyncio.sleep(0.05)
 
 
-def _lives(pid: int) -> bool:
+def _is_alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -88,7 +88,7 @@ def _lives(pid: int) -> bool:
 
 async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_ends_all() -> None:
     async with a_demo("--port", "0", "--time-factor", "600") as (process, client):
-        shown = await until(client, "/api/demo", lambda told: not told["preparing"])
+        shown = await poll_until(client, "/api/demo", lambda session_answer: not session_answer["preparing"])
         assert shown["tcp_error_m"]["max"] < 1e-9
         assert {each["name"] for each in shown["mishaps"]} == {each.name for each in DEMO_FAULTS}
         assert (await client.get("/api/session")).json()["demo"] is True
@@ -96,15 +96,17 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
         assert [(run["procedure"], run["state"]) for run in runs] == [("mastering_record", "passed")]
         pressed = (await client.post("/api/demo/mishaps", json={"name": "battery"})).json()
         assert [each["name"] for each in pressed["pressed"]] == ["battery", "hand_wire_home"]
-        told = await until(client, "/api/session", lambda told: told["session"]["losses"])
-        loss = told["session"]["losses"][0]
+        session_answer = await poll_until(
+            client, "/api/session", lambda session_answer: session_answer["session"]["losses"]
+        )
+        loss = session_answer["session"]["losses"][0]
         assert (loss["mode"], loss["procedure"]) == ("M1", "mastering_recovery")
         assert "[watch] recover_alone is not set" in loss["reasons"]  # it is offered: a person presses
         assert (await client.get("/api/demo")).json()["tcp_error_m"]["max"] > 1e-3
         unknown = await client.post("/api/demo/mishaps", json={"name": "earthquake"})
         assert unknown.status_code == 422
         assert "battery" in unknown.json()["remedy"]
-        children = _below(process.pid)
+        children = _descendants_of(process.pid)
         assert len(children) >= 2  # the desk and the fakes
         process.send_signal(signal.SIGINT)
         assert await process.wait() == 0
@@ -114,9 +116,9 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
 async def test_two_demos_at_once_and_a_killed_one_leaves_no_orphan() -> None:
     async with a_demo("--port", "0") as (one, first), a_demo("--port", "0") as (_, second):
         for client in (first, second):
-            connected = lambda told: told["session"] and told["session"]["connection"]["connected"]  # noqa: E731
-            await until(client, "/api/session", connected)
-        children = _below(one.pid)
+            connected = lambda value: value["session"] and value["session"]["connection"]["connected"]  # noqa: E731
+            await poll_until(client, "/api/session", connected)
+        children = _descendants_of(one.pid)
         assert len(children) >= 2
         one.kill()
         await one.wait()
@@ -124,10 +126,10 @@ async def test_two_demos_at_once_and_a_killed_one_leaves_no_orphan() -> None:
         assert (await second.get("/api/demo")).status_code == 200
 
 
-async def test_hands_do_what_a_yes_says_and_nothing_else(tmp_path: Path) -> None:
-    async with a_cell(tmp_path) as (path, door):
-        link = DemoCellProcessClient(path, lambda _kind, _content: None, DemoWorld(door))
-        await door.inject_fault("battery_loss")
+async def test_the_simulated_technician_does_exactly_what_a_yes_confirms(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, fake_client):
+        link = DemoCellProcessClient(path, lambda _kind, _content: None, DemoWorld(fake_client))
+        await fake_client.inject_fault("battery_loss")
         prompt = {"id": "r:1", "kind": "confirm", "key": "new_battery", "text": "Exchange the batteries."}
         link.session = {"rev": 5, "prompt": prompt}
         yes = {"op": "answer", "prompt_id": "r:1", "value": "yes"}
@@ -137,34 +139,34 @@ async def test_hands_do_what_a_yes_says_and_nothing_else(tmp_path: Path) -> None
             {"rev": 5, "order": {"op": "decline", "prompt_id": "r:1"}},
         ]
         for command in wrong:
-            await _to_no_desk(link, command)
+            await _without_cell_process(link, command)
         assert not link.world.pressed
-        await _to_no_desk(link, {"rev": 5, "order": yes})
+        await _without_cell_process(link, {"rev": 5, "order": yes})
         assert [each.name for each in link.world.pressed] == ["hand_new_battery"]
 
 
-async def _to_no_desk(link: DemoCellProcessClient, command: dict[str, Any]) -> None:
+async def _without_cell_process(link: DemoCellProcessClient, command: dict[str, Any]) -> None:
     with pytest.raises(Exception, match="does not answer"):
         await link.send_order(command)
 
 
-async def test_every_mishap_happens_and_mending_takes_back_all_but_the_lost_zero(tmp_path: Path) -> None:
-    async with a_cell(tmp_path) as (_, door):
-        before = await _state(door)
+async def test_every_fault_happens_and_clearing_takes_back_all_but_the_lost_zero(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (_, fake_client):
+        before = await _read_state(fake_client)
         for mishap in DEMO_FAULTS:
             if mishap.kind != "loss":
-                await faults.trigger_fault(door, mishap.name)
-        assert await _state(door) != before
-        await faults.clear_faults(door)
-        assert await _state(door) == before
-        await faults.trigger_fault(door, "battery")
-        await faults.clear_faults(door)
-        assert (await door.send_command("tcp_error", robot="fanuc"))["max"] > 1e-3
+                await faults.trigger_fault(fake_client, mishap.name)
+        assert await _read_state(fake_client) != before
+        await faults.clear_faults(fake_client)
+        assert await _read_state(fake_client) == before
+        await faults.trigger_fault(fake_client, "battery")
+        await faults.clear_faults(fake_client)
+        assert (await fake_client.send_command("tcp_error", robot="fanuc"))["max"] > 1e-3
 
 
-async def _state(door: FakeCellClient) -> dict[str, Any]:
-    told = await door.read_truth()
-    fanuc, ur, wire = told["robots"]["fanuc"], told["robots"]["ur"], told["gauges"]["wire"]
+async def _read_state(fake_client: FakeCellClient) -> dict[str, Any]:
+    truth = await fake_client.read_truth()
+    fanuc, ur, wire = truth["robots"]["fanuc"], truth["robots"]["ur"], truth["gauges"]["wire"]
     return {
         "fanuc": {key: fanuc[key] for key in ("active", "mode", "emergency_stop", "alarms", "mastered")},
         "ur": {key: ur[key] for key in ("tcp", "safety_mode", "robot_mode", "remote")},
@@ -179,17 +181,17 @@ async def test_a_real_cells_service_has_no_such_buttons(tmp_path: Path) -> None:
 
 
 async def test_the_pace_of_the_world_changes_without_a_leap(tmp_path: Path) -> None:
-    async with a_cell(tmp_path, time_factor=1000.0) as (_, door):
-        before_s = (await door.read_truth())["time_s"]
-        assert (await door.send_command("pace", time_factor=1.0))["time_factor"] == 1.0
-        after_s = (await door.read_truth())["time_s"]
+    async with a_cell(tmp_path, time_factor=1000.0) as (_, fake_client):
+        before_s = (await fake_client.read_truth())["time_s"]
+        assert (await fake_client.send_command("pace", time_factor=1.0))["time_factor"] == 1.0
+        after_s = (await fake_client.read_truth())["time_s"]
         assert before_s <= after_s
         await asyncio.sleep(0.05)
-        assert (await door.read_truth())[
+        assert (await fake_client.read_truth())[
             "time_s"
         ] - after_s < 20.0  # 1000 times as fast it would be 50 and more
         with pytest.raises(Exception, match="refused"):
-            await door.send_command("pace", time_factor=-1.0)
+            await fake_client.send_command("pace", time_factor=-1.0)
 
 
 def test_pages_are_for_a_terminal_where_no_ci_runs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from tests.soak.desk_kills import kill_and_look
 # Each wait has its own patience; three starts of a service take long on a busy computer
 @pytest.mark.timeout(stretched_s(900.0))
 async def test_after_a_few_kills_the_page_shows_the_same_step_and_no_point_is_lost(tmp_path: Path) -> None:
-    seen = await kill_and_look(tmp_path, 2, seed=2, longest_life=20)
-    assert seen.wrong == []
-    assert seen.compared > 0
-    assert seen.points["person"] > 0
+    observations = await kill_and_look(tmp_path, 2, seed=2, longest_life=20)
+    assert observations.wrong == []
+    assert observations.compared > 0
+    assert observations.points["person"] > 0

@@ -14,20 +14,20 @@ from cellcal.service.runs.run_preview import list_procedures
 from cellcal.service.site.cell_alarms import CellAlarmWatch
 from cellcal.service.site.cell_state import DueDates
 from cellcal.service.site.controller_tap import ControllerTap
-from tests.procedures.cells import scene_for
-from tests.procedures.certified import cell_config, run_in
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import scene_for
 
 TODAY = date(2026, 11, 23)
 
 
-def weekly(folder: Path, days: str = "7") -> CellConfig:
+def weekly_check_config(folder: Path, days: str = "7") -> CellConfig:
     """Return a cell whose file wants a check every week."""
     path = cell_config(folder).path
     path.write_text(path.read_text().replace("drift_check_days = 14", f"drift_check_days = {days}"))
     return read_cell_file(path)
 
 
-def ended(
+def add_ended_run(
     config: CellConfig, number: int, verdict: str, serial: str = "F-1", procedure: str = "drift_check"
 ) -> None:
     """Put a run into the journal that began and ended now."""
@@ -41,19 +41,19 @@ def ended(
         journal.append_all(run_id, events)
 
 
-def today() -> date:
+def today_date() -> date:
     return datetime.now(UTC).date()
 
 
-async def test_a_week_after_the_last_check_the_next_is_due_and_everybody_is_told(tmp_path: Path) -> None:
-    config = weekly(tmp_path)
+async def test_a_week_after_the_last_check_the_next_is_reported_as_due(tmp_path: Path) -> None:
+    config = weekly_check_config(tmp_path)
     robot, other = (each.name for each in config.robots)
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}  # never checked
     journal_path(config).parent.mkdir(parents=True, exist_ok=True)
     journal_path(config).touch()  # somebody opens it for the first time just now
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}
     await run_in(config, await scene_for("drift_check"), "drift_check")
-    due = today() + timedelta(7)
+    due = today_date() + timedelta(7)
     assert next_drift_checks(config, TODAY) == {robot: due, other: TODAY}
     assert {row.name: row.due for row in list_procedures(config) if row.due} == {"drift_check": due}
     assert {"what": f"drift check of {robot}", "due": due.isoformat()} in DueDates(config).due_items(0.0)
@@ -65,32 +65,32 @@ def test_where_the_cell_file_says_nothing_nothing_is_due(tmp_path: Path) -> None
     config = read_cell_file(path)
     assert next_drift_checks(config, TODAY) == {}
     assert not any(row.due for row in list_procedures(config))
-    assert not any("drift" in told["what"] for told in DueDates(config).due_items(0.0))
+    assert not any("drift" in due_item["what"] for due_item in DueDates(config).due_items(0.0))
 
 
 @pytest.mark.parametrize("days", ["0", "-7", "nan", "4000", '"weekly"'])
 def test_days_that_are_none_are_refused_by_name(tmp_path: Path, days: str) -> None:
     with pytest.raises(ConfigError, match="drift_check_days"):
-        weekly(tmp_path, days)
+        weekly_check_config(tmp_path, days)
 
 
 def test_only_a_check_of_this_robot_that_ended_well_counts(tmp_path: Path) -> None:
-    config = weekly(tmp_path)
+    config = weekly_check_config(tmp_path)
     robot = config.robots[0].name
-    ended(config, 1, "refused")
-    ended(config, 2, "passed", serial="another")
-    ended(config, 3, "passed", procedure="accuracy_check")
+    add_ended_run(config, 1, "refused")
+    add_ended_run(config, 2, "passed", serial="another")
+    add_ended_run(config, 3, "passed", procedure="accuracy_check")
     assert next_drift_checks(config, TODAY)[robot] == TODAY
-    ended(config, 4, "passed")
-    ended(config, 5, "cancelled")
-    assert next_drift_checks(config, TODAY)[robot] == today() + timedelta(7)
+    add_ended_run(config, 4, "passed")
+    add_ended_run(config, 5, "cancelled")
+    assert next_drift_checks(config, TODAY)[robot] == today_date() + timedelta(7)
 
 
 def test_a_reminder_looks_again_after_a_while_and_keeps_what_it_knew(tmp_path: Path) -> None:
-    config = weekly(tmp_path)
+    config = weekly_check_config(tmp_path)
     reminder = DriftReminder(config)
     first = reminder.list_due(0.0)
-    ended(config, 1, "passed")
+    add_ended_run(config, 1, "passed")
     assert reminder.list_due(DriftReminder.EVERY_S - 0.1) == first
     later = reminder.list_due(DriftReminder.EVERY_S)
     assert later != first
@@ -103,16 +103,16 @@ def test_a_reminder_looks_again_after_a_while_and_keeps_what_it_knew(tmp_path: P
 def test_an_overdue_check_is_an_alarm_until_it_is_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = weekly(tmp_path)
-    ended(config, 1, "passed")
-    late = today() + timedelta(30)
+    config = weekly_check_config(tmp_path)
+    add_ended_run(config, 1, "passed")
+    late = today_date() + timedelta(30)
 
-    class Later(datetime):
+    class LaterClock(datetime):
         @classmethod
-        def now(cls, tz: object = None) -> "Later":  # type: ignore[override]
+        def now(cls, tz: object = None) -> "LaterClock":  # type: ignore[override]
             return cls(late.year, late.month, late.day, tzinfo=UTC)
 
-    monkeypatch.setattr("cellcal.service.site.cell_alarms.datetime", Later)
+    monkeypatch.setattr("cellcal.service.site.cell_alarms.datetime", LaterClock)
     troubles = CellAlarmWatch(config, ControllerTap(None), DueDates(config))
     of_robot = f"drift check of {config.robots[0].name}"
     raised = {alarm.source: up for _ in range(3) for alarm, up in troubles.update_alarms(100.0)}

@@ -31,9 +31,9 @@ from cellcal.service.export.cell_tables import history_table, parameters_table, 
 from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
 from cellcal.service.export.tables import ExportColumn, ExportError, ExportTable, Value, unit_of
 from cellcal.service.record.journal_files import open_journal
-from tests.procedures.cells import pointing
-from tests.procedures.certified import cell_config, run_in
-from tests.service.doors import a_door
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import user_frame_scene
+from tests.service.service_client import open_service_client
 
 HOSTILE = (
     "=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "\uff1d1", '=HYPERLINK("http://evil","x")',
@@ -65,8 +65,8 @@ def test_every_float_comes_back_from_csv(values: list[float]) -> None:
 
 
 def test_every_float_comes_back_from_xlsx() -> None:
-    dice = random.Random(7)
-    bits = [struct.unpack("d", struct.pack("Q", dice.getrandbits(64)))[0] for _ in range(3000)]
+    rng = random.Random(7)
+    bits = [struct.unpack("d", struct.pack("Q", rng.getrandbits(64)))[0] for _ in range(3000)]
     values = [value for value in bits if math.isfinite(value)] + [
         0.1 + 0.2,
         5e-324,
@@ -136,7 +136,7 @@ def test_units_are_what_names_say(name: str, unit: str) -> None:
 
 def lived_in(folder: Path) -> tuple[CellConfig, str]:
     config = cell_config(folder)
-    run_id = asyncio.run(run_in(config, pointing(), "three_point_frame")).run_id
+    run_id = asyncio.run(run_in(config, user_frame_scene(), "three_point_frame")).run_id
     issue_certificate(config, run_id)
     values = (Parameter("a1", "m", 1e-4 / 3, 1e-5), Parameter("alpha1", "rad", -0.1 - 0.2))
     draft = ParameterSet("F-1", "m", "0", "2026-01-01T00:00:00Z", "=anna()", "test", values)
@@ -150,13 +150,13 @@ def test_every_number_of_the_journal_is_in_the_tables(tmp_path: Path) -> None:
     config, run_id = lived_in(tmp_path)
     with open_journal(config) as journal:
         taken = list_readings(journal.list_events(run_id), {})
-    told = read_csv(as_csv_file(points_table(config, "last")))
-    assert len(told) == 2 + len(taken) > 4
-    for reading, row in zip(taken, told[2:], strict=True):
+    table_rows = read_csv(as_csv_file(points_table(config, "last")))
+    assert len(table_rows) == 2 + len(taken) > 4
+    for reading, row in zip(taken, table_rows[2:], strict=True):
         assert row[0] == reading["step"]
         written = sorted(float(cell) for cell in row[4:] if cell and cell[-1].isdecimal())
-        assert written == sorted(_numbers(reading["value"]))
-    assert {"m", "rad"} <= set(told[1])
+        assert written == sorted(_numbers_in(reading["value"]))
+    assert {"m", "rad"} <= set(table_rows[1])
     run = dict(zip(*[read_csv(as_csv_file(runs_table(config)))[k] for k in (0, 2)], strict=True))
     assert (run["run_id"], run["state"], run["robot_serial"]) == (run_id, "passed", "F-1")
     assert run["begun_by"] == "anna"
@@ -172,11 +172,11 @@ def test_every_number_of_the_journal_is_in_the_tables(tmp_path: Path) -> None:
             wrong()
 
 
-def _numbers(value: Any) -> list[float]:
+def _numbers_in(value: Any) -> list[float]:
     """Return every number of a JSON value."""
     if isinstance(value, dict | list):
         parts = value.values() if isinstance(value, dict) else value
-        return [number for part in parts for number in _numbers(part)]
+        return [number for part in parts for number in _numbers_in(part)]
     return [float(value)] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
 
@@ -218,32 +218,34 @@ def test_with_its_library_a_run_is_read_back_from_mcap(tmp_path: Path) -> None:
         events = journal.list_events(run_id)
     with out.open("rb") as file:
         reader = importlib.import_module("mcap.reader").make_reader(file, validate_crcs=True)
-        told = [
+        messages = [
             (channel.topic, message.log_time, json.loads(message.data))
             for _, channel, message in reader.iter_messages()
         ]
-    assert [body["seq"] for topic, _, body in told if topic == "/events"] == [event.seq for event in events]
-    assert [body["body"] for topic, _, body in told if topic == "/events"] == [
+    assert [body["seq"] for topic, _, body in messages if topic == "/events"] == [
+        event.seq for event in events
+    ]
+    assert [body["body"] for topic, _, body in messages if topic == "/events"] == [
         json.loads(e.body) for e in events
     ]
     taken = list_readings(events, {})
-    assert [body["value"] for topic, _, body in told if topic == "/readings"] == [
+    assert [body["value"] for topic, _, body in messages if topic == "/readings"] == [
         one["value"] for one in taken
     ]
-    times = [time_ns for _, time_ns, _ in told]
+    times = [time_ns for _, time_ns, _ in messages]
     assert times == sorted(times)
     first = datetime.fromisoformat(events[0].wall_utc)
     assert abs(times[0] / 1e9 - first.timestamp()) < 1e-3
 
 
 async def test_the_routes(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
         for path, kind in (("runs.csv", "text/csv"), ("history.xlsx", "spreadsheetml")):
-            answer = await door.client.get(f"/api/exports/{path}")
+            answer = await service_client.client.get(f"/api/exports/{path}")
             assert answer.status_code == 200
             assert kind in answer.headers["content-type"]
             assert answer.headers["content-disposition"] == f'attachment; filename="{path}"'
-        assert (await door.client.get("/api/exports/runs.pdf")).status_code in (404, 422)
+        assert (await service_client.client.get("/api/exports/runs.pdf")).status_code in (404, 422)
         for missing in ("runs/none/points.csv", "parameters/none.csv", "parameters/..%2f..%2fx.csv"):
-            assert (await door.client.get(f"/api/exports/{missing}")).status_code in (404, 422)
+            assert (await service_client.client.get(f"/api/exports/{missing}")).status_code in (404, 422)

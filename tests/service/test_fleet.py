@@ -26,16 +26,24 @@ from cellcal.service.site.link_files import EnrolledCell, StationsFile
 from cellcal.service.site.signed_messages import MessageSigner
 from cellcal.service.web.fleet import PAGE, FleetContext, create_fleet_app
 from cellcal.service.web.pages import DIST
-from tests.service.browsers import PATIENCE_MS, PATIENCE_S, chromium, comes, hold_to_rules, served, speaks
-from tests.service.doors import another_browser
-from tests.service.sites import SITE, Site, free_port, live_of, session_of, until
+from tests.service.browser_pages import (
+    PATIENCE_MS,
+    PATIENCE_S,
+    hold_to_rules,
+    open_chromium,
+    serve_app,
+    wait_for_language,
+    wait_for_value,
+)
+from tests.service.loopback_site import SITE, LoopbackSite, free_port, live_of, session_of, wait_until
+from tests.service.service_client import another_browser
 
 ROOT = Path(__file__).parents[2]
 CELLS = 200
 
 
 @pytest.fixture(autouse=True)
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_silent_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """No cell is silent for having spoken once only, however slow this computer is."""
     monkeypatch.setattr(fleet, "SILENT_S", 1e6)
 
@@ -67,7 +75,7 @@ SAID = {
 }  # fmt: skip
 
 
-class Hall:
+class PlayedFleet:
     """A monitor whose cells are played: what they say is signed and opened as on the bus."""
 
     def __init__(self, folder: Path, count: int) -> None:
@@ -81,7 +89,7 @@ class Hall:
         raw = self.certificates[run_id]
         return raw, check_document(raw, expected_key=self.key.public_key)
 
-    def say(self, cell: str, /, **changes: Any) -> None:
+    def publish_state(self, cell: str, /, **changes: Any) -> None:
         """Let a cell tell its state."""
         self._seq += 1
         body = {
@@ -95,25 +103,25 @@ class Hall:
         self.fleet.note_liveliness(StationKeys(SITE, cell).alive_key, alive=True)
         self.fleet.open_newest_states(most=10_000)
 
-    def fill(self) -> None:
+    def add_all_cells(self) -> None:
         for k, cell in enumerate(self.names):
             due = [{"what": "calibration of wire", "due": "2020-01-01" if k == 5 else "2099-01-01"}]
-            self.say(
+            self.publish_state(
                 cell, drift=DRIFT[: k % 7], certificate=CERTIFICATE if k % 2 else None, due=due,
                 run=RUN if k % 10 == 0 else None, asks={"key": "x", "step": "y"} if k % 20 == 0 else None,
             )  # fmt: skip
 
-    def leave(self, cell: str) -> None:
+    def remove_cell(self, cell: str) -> None:
         self.fleet.note_liveliness(StationKeys(SITE, cell).alive_key, alive=False)
 
 
 @asynccontextmanager
 async def page_of(
-    hall: Hall, folder: Path, size: tuple[int, int] = (1280, 800), expected: str = "no complaint"
+    hall: PlayedFleet, folder: Path, size: tuple[int, int] = (1280, 800), expected: str = "no complaint"
 ) -> AsyncIterator[Page]:
     assert (DIST / PAGE).is_file(), "The pages are not built: run `make pages`."
     app = create_fleet_app(hall, folder)
-    async with served(app) as url, chromium() as browser:
+    async with serve_app(app) as url, open_chromium() as browser:
         context = await browser.new_context(viewport={"width": size[0], "height": size[1]})
         context.set_default_timeout(PATIENCE_MS)
         page = await context.new_page()
@@ -121,23 +129,24 @@ async def page_of(
         page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on(
-            "request", lambda asked: complaints.append(asked.url) if not asked.url.startswith(url) else None
+            "request",
+            lambda request: complaints.append(request.url) if not request.url.startswith(url) else None,
         )
         await page.goto(f"{url}/api/sign-in/console?token={app.state.house.authenticator.console_token()}")
         await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
         yield page
         await context.close()
-        assert [told for told in complaints if not re.search(expected, told)] == []
+        assert [complaint for complaint in complaints if not re.search(expected, complaint)] == []
 
 
 async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, CELLS)
-    hall.fill()
+    hall = PlayedFleet(tmp_path, CELLS)
+    hall.add_all_cells()
     async with page_of(hall, tmp_path) as page:
         rows = page.locator("tbody tr")
         await expect(rows).to_have_count(CELLS)
         whole = f"{CELLS} of {CELLS} online\nAlarms: 0"
-        await comes(page.get_by_test_id("sum").inner_text, lambda told: told == whole)
+        await wait_for_value(page.get_by_test_id("sum").inner_text, lambda value: value == whole)
         await expect(page.get_by_test_id("cell-cell-005")).to_contain_text("overdue")
         await expect(page.get_by_test_id("cell-cell-006")).to_contain_text("0.240 mm")
         await expect(page.get_by_test_id("cell-cell-020")).to_contain_text("waits for a person")
@@ -152,8 +161,8 @@ async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_pa
                             {subtree: true, childList: true, attributes: true, characterData: true});
             }"""
         )
-        hall.say("cell-020", run=RUN | {"index": 4, "step": "capture 4"}, asks=None)
-        hall.leave("cell-042")
+        hall.publish_state("cell-020", run=RUN | {"index": 4, "step": "capture 4"}, asks=None)
+        hall.remove_cell("cell-042")
         gone = page.locator('[data-testid="cell-cell-042"][data-link="offline"]')
         await gone.wait_for()
         await page.get_by_text("4/20").wait_for()
@@ -163,10 +172,10 @@ async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_pa
             "cell-cell-042",
             "TBODY",
         }  # the body: a row went up, and was not made anew
-        kept = await page.evaluate(
+        kept_rows = await page.evaluate(
             "[...document.querySelectorAll('tbody tr')].filter(r => r.kept === r.dataset.testid).length"
         )
-        assert kept == CELLS
+        assert kept_rows == CELLS
         grey = await gone.evaluate("row => getComputedStyle(row).backgroundColor")
         assert len(set(re.findall(r"\d+", grey))) > 0
         assert grey != await page.get_by_test_id("cell-cell-043").evaluate(
@@ -174,7 +183,7 @@ async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_pa
         )
         await gone.get_by_text("s ago").wait_for()
 
-        hall.say("cell-150", alarms=[ALARM])
+        hall.publish_state("cell-150", alarms=[ALARM])
         await page.get_by_text("E-stop.").wait_for()
         await expect(rows.first).to_have_attribute("data-testid", "cell-cell-150")
         await page.get_by_role("button", name="Only what needs a look").click()
@@ -185,10 +194,10 @@ async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_pa
 
 
 async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 12)
-    hall.fill()
-    hall.say("cell-003", alarms=[ALARM])
-    hall.leave("cell-004")
+    hall = PlayedFleet(tmp_path, 12)
+    hall.add_all_cells()
+    hall.publish_state("cell-003", alarms=[ALARM])
+    hall.remove_cell("cell-004")
     async with page_of(hall, tmp_path, (800, 1280)) as page:
         for locale, word in (
             ("en", "offline"),
@@ -198,7 +207,7 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
         ):
             await page.locator("select").select_option(locale)
             await page.locator("tr.offline").get_by_text(re.compile(word)).first.wait_for()
-            await speaks(page, locale)
+            await wait_for_language(page, locale)
             await hold_to_rules(page, locale)
             assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), locale
             assert not re.search(r"fleet_|verdict_|\{\w+\}", await page.locator("body").inner_text()), locale
@@ -206,17 +215,17 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
             await expect(page.get_by_test_id("safety")).to_have_text(words["safety"])
 
 
-async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 2)
+async def test_cell_messages_are_shown_in_the_language_of_the_page(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 2)
     silent = CellAlarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
     late = CellAlarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it done.")
     broken = CellAlarm("run.broken", "robot_calibration", "Nothing was sent.")
-    hall.say(
+    hall.publish_state(
         "cell-000", alarms=[each.as_json() for each in (silent, late, broken)], run=RUN, certificate=CERTIFICATE,
         due=[{"what": "certificate on the bus", "due": "2099-01-01"}],
     )  # fmt: skip
     hall.fleet.take_sample(StationKeys(SITE, "cell-001").state_key, b'{"forged": 1}', time.monotonic())
-    hall.say("cell-001")
+    hall.publish_state("cell-001")
     hall.fleet.take_sample(StationKeys(SITE, "cell-001").state_key, b'{"forged": 1}', time.monotonic())
     hall.fleet.open_newest_states()
     english = (
@@ -232,19 +241,19 @@ async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path
         row = page.get_by_test_id("cell-cell-000")
         await expect(row).to_contain_text("drift check")
         await page.locator("summary").click()
-        for locale, said in SAID.items():
+        for locale, expected_texts in SAID.items():
             await page.locator("select").select_option(locale)
-            await speaks(page, locale)
-            for words in said:
+            await wait_for_language(page, locale)
+            for words in expected_texts:
                 await expect(page.locator("main")).to_contain_text(words)
             shown = await page.locator("main").inner_text()
             assert [word for word in english if word in shown] == [], locale
             await expect(page.locator("[lang=en]")).to_have_count(0)
 
 
-async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 3)
-    hall.fill()
+async def test_a_lost_monitor_is_reported_and_old_values_are_grey(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 3)
+    hall.add_all_cells()
     async with page_of(hall, tmp_path, expected="40[13]") as page:  # refusals, as the browser tells them
         hall.is_linked = False
         await page.get_by_text("The site's router does not answer").wait_for()
@@ -255,26 +264,26 @@ async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: 
         await page.get_by_text("Open the address that the monitor printed").wait_for()
 
 
-async def test_a_page_is_told_what_changed_and_nothing_else(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 50)
-    hall.fill()
-    house = FleetContext(hall, Authenticator(tmp_path))
+async def test_a_page_receives_only_what_changed(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 50)
+    hall.add_all_cells()
+    app_context = FleetContext(hall, Authenticator(tmp_path))
     sent: dict[str, bytes] = {}
-    house.update_rows()
-    assert len(json.loads(house.changes_message(sent))["rows"]) == 50
-    house.update_rows()
-    assert json.loads(house.changes_message(sent))["rows"] == []
-    hall.say("cell-007", alarms=[ALARM])
-    hall.leave("cell-008")
-    house.update_rows()
-    told = json.loads(house.changes_message(sent))
-    assert [(row["cell"], row["link"], len(row["alarms"])) for row in told["rows"]] == [
+    app_context.update_rows()
+    assert len(json.loads(app_context.changes_message(sent))["rows"]) == 50
+    app_context.update_rows()
+    assert json.loads(app_context.changes_message(sent))["rows"] == []
+    hall.publish_state("cell-007", alarms=[ALARM])
+    hall.remove_cell("cell-008")
+    app_context.update_rows()
+    message = json.loads(app_context.changes_message(sent))
+    assert [(row["cell"], row["link"], len(row["alarms"])) for row in message["rows"]] == [
         ("cell-007", "online", 1), ("cell-008", "offline", 0),
     ]  # fmt: skip
-    assert told["ages"].keys() == {"cell-008"}
+    assert message["ages"].keys() == {"cell-008"}
     hall.fleet.take_sample(StationKeys(SITE, "cell-009").state_key, b'{"forged": 1}', time.monotonic())
     hall.fleet.open_newest_states()
-    assert json.loads(house.changes_message(sent))["not_believed"][0]["cell"] == "cell-009"
+    assert json.loads(app_context.changes_message(sent))["not_believed"][0]["cell"] == "cell-009"
 
 
 WRONG: list[dict[str, Any]] = [
@@ -292,10 +301,10 @@ WRONG: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_cell_of_another_version_spoils_nothing(tmp_path: Path, wrong: dict[str, Any]) -> None:
-    hall = Hall(tmp_path, 3)
-    hall.fill()
+    hall = PlayedFleet(tmp_path, 3)
+    hall.add_all_cells()
     before = hall.fleet.cell_views(time.monotonic())[1]
-    hall.say("cell-001", **wrong)
+    hall.publish_state("cell-001", **wrong)
     assert hall.fleet.flaws[-1]["cell"] == "cell-001"
     assert "another version" in hall.fleet.flaws[-1]["what"]
     after = hall.fleet.cell_views(time.monotonic())[1]
@@ -307,9 +316,9 @@ def test_a_cell_of_another_version_spoils_nothing(tmp_path: Path, wrong: dict[st
     )
 
 
-async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 2)
-    hall.fill()
+async def test_access_needs_sign_in_and_no_route_commands_a_cell(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 2)
+    hall.add_all_cells()
     app = create_fleet_app(hall, tmp_path)
     for context in iter_route_contexts(app.routes):
         route = context.original_route
@@ -346,9 +355,9 @@ async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path:
         assert (await browser.get("/api/sign-in/console", params={"token": token})).status_code >= 400
 
 
-def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
-    site, port = Site(tmp_path, "cell-07"), free_port()
-    with site.router():
+def test_the_command_serves_states_from_a_real_bus(tmp_path: Path) -> None:
+    site, port = LoopbackSite(tmp_path, "cell-07"), free_port()
+    with site.start_router():
         monitor = subprocess.Popen(
             [sys.executable, "-m", "cellcal", "monitor", str(site.folder), "--port", str(port)],
             stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
@@ -357,20 +366,20 @@ def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
             assert monitor.stderr is not None
             assert SITE in monitor.stderr.readline()
             address = monitor.stderr.readline().removeprefix("Open once: ").strip()
-            with httpx.Client(timeout=PATIENCE_S) as browser, site.publishing("cell-07") as say:
+            with httpx.Client(timeout=PATIENCE_S) as browser, site.publish_cell("cell-07") as say:
 
-                def cell() -> dict[str, Any]:
+                def cell_state() -> dict[str, Any]:
                     row: dict[str, Any] = browser.get(f"http://127.0.0.1:{port}/api/fleet").json()["rows"][0]
                     return row
 
-                def stopped() -> bool:
+                def is_stopped() -> bool:
                     say("session", session_of("cell-07"))  # as a desk does, again and again
                     say("live", live_of(state="stopped"))
-                    return bool(cell()["link"] == "online" and cell()["alarms"])
+                    return bool(cell_state()["link"] == "online" and cell_state()["alarms"])
 
-                until(lambda: _answers(browser, address))
-                until(stopped)
-                assert cell()["alarms"][0]["text"] == "E-stop."
+                wait_until(lambda: _is_answering(browser, address))
+                wait_until(is_stopped)
+                assert cell_state()["alarms"][0]["text"] == "E-stop."
             with httpx.Client(timeout=PATIENCE_S) as stranger:
                 assert stranger.get(f"http://127.0.0.1:{port}/api/fleet").status_code == 401
         finally:
@@ -378,7 +387,7 @@ def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
             monitor.communicate(timeout=PATIENCE_S)
 
 
-def _answers(browser: httpx.Client, address: str) -> bool:
+def _is_answering(browser: httpx.Client, address: str) -> bool:
     try:
         return browser.get(address).status_code == 303
     except httpx.TransportError:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.async_api import Page, expect
 
-from tests.service.browsers import at_rest, chromium, comes, served, speaks
-from tests.service.doors import a_door
+from tests.service.browser_pages import at_rest, open_chromium, serve_app, wait_for_language, wait_for_value
+from tests.service.service_client import open_service_client
 
 LATIN_ONLY = """<?xml version="1.0"?><fontconfig><dir>/usr/share/fonts/truetype/dejavu</dir>
 <cachedir>{cache}</cachedir></fontconfig>"""
@@ -25,12 +25,14 @@ async def sign_in_page(
     """Look at the first page; lends the fonts that it fetched, too."""
     fetched: list[str] = []
     async with (
-        a_door(folder / "cell") as door,
-        served(door.app, lifespan="off") as url,
-        chromium(**environment) as browser,
+        open_service_client(folder / "cell") as service_client,
+        serve_app(service_client.app, lifespan="off") as url,
+        open_chromium(**environment) as browser,
     ):
         page = await browser.new_page(locale=locale)
-        page.on("request", lambda asked: fetched.append(asked.url) if asked.url.endswith(".woff2") else None)
+        page.on(
+            "request", lambda request: fetched.append(request.url) if request.url.endswith(".woff2") else None
+        )
         await page.goto(url)
         await expect(page.locator("main h1").first).to_be_visible()
         await at_rest(page)
@@ -44,8 +46,8 @@ async def fonts_of(page: Page, place: str) -> dict[str, tuple[bool, int]]:
     await devtools.send("CSS.enable")
     root = await devtools.send("DOM.getDocument")
     node = await devtools.send("DOM.querySelector", {"nodeId": root["root"]["nodeId"], "selector": place})
-    told = await devtools.send("CSS.getPlatformFontsForNode", {"nodeId": node["nodeId"]})
-    return {one["familyName"]: (one["isCustomFont"], int(one["glyphCount"])) for one in told["fonts"]}
+    answer = await devtools.send("CSS.getPlatformFontsForNode", {"nodeId": node["nodeId"]})
+    return {one["familyName"]: (one["isCustomFont"], int(one["glyphCount"])) for one in answer["fonts"]}
 
 
 @pytest.mark.asyncio
@@ -57,17 +59,19 @@ async def test_a_device_without_a_chinese_font_is_given_one(tmp_path: Path, chos
     async with sign_in_page(tmp_path, locale, FONTCONFIG_FILE=str(config)) as (page, fetched):
         if chosen_later:
             await page.get_by_test_id("language").select_option("zh")
-            await speaks(page, "zh")
+            await wait_for_language(page, "zh")
         for place in ("main h1", "header nav a"):
             text = await page.locator(place).first.inner_text()
             chinese = sum(one > "\u2fff" for one in text)
             assert chinese, text
             ours = partial(glyphs_of_ours, page, place)
-            assert await comes(ours, lambda count, all_=chinese: count == all_), place  # type: ignore[misc]
+            assert await wait_for_value(ours, lambda count, all_=chinese: count == all_), place  # type: ignore[misc]
         assert fetched
         assert all(SMALL in url for url in fetched), "our own texts need no whole piece of the font"
         await page.evaluate("name => document.querySelector('main h1').textContent = name", RARE)
-        assert await comes(partial(glyphs_of_ours, page, "main h1"), lambda count: count == len(RARE))
+        assert await wait_for_value(
+            partial(glyphs_of_ours, page, "main h1"), lambda count: count == len(RARE)
+        )
         assert not all(SMALL in url for url in fetched)
 
 

@@ -11,7 +11,7 @@ from cellcal.service.engineering.parameters.parameter_sets import (
     to_text,
 )
 from cellcal.service.people.session_control import SessionHolder
-from tests.service.doors import a_door
+from tests.service.service_client import open_service_client
 
 SERIAL = "F-104711"
 AT = f"/api/parameters/{SERIAL}/rollback"
@@ -37,32 +37,32 @@ def values_on_disk(sets: ParameterSets, version: int) -> str:
 
 
 async def test_the_values_are_those_of_the_old_version_byte_for_byte(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         sets = two_versions(tmp_path)
         first, second = (values_on_disk(sets, version) for version in (1, 2))
         assert first != second
-        await door.from_console()
-        await door.sign_in("Emil")
+        await service_client.from_console()
+        await service_client.sign_in("Emil")
         for to, newest in ((1, 2), (2, 3), (1, 4)):
-            answer = await door.post(AT, {"id": str(newest), "to": to, "newest": newest})
+            answer = await service_client.post_json(AT, {"id": str(newest), "to": to, "newest": newest})
             assert answer.status_code == 200, answer.text
         assert [values_on_disk(sets, version) for version in (3, 4, 5)] == [first, second, first]
 
 
-async def test_whoever_does_not_have_control_goes_back_to_nothing(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+async def test_undo_is_refused_without_control(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
         sets = two_versions(tmp_path)
-        control = door.app.state.house.control
-        await door.from_console()
-        other = door.entrance.sessions.open_session("console")
-        other = door.entrance.sign_in(other, "Tina", "141421")
-        seat = door.entrance.authenticate(other).session_id
+        control = service_client.app.state.house.control
+        await service_client.from_console()
+        other = service_client.authenticator.sessions.open_session("console")
+        other = service_client.authenticator.sign_in(other, "Tina", "141421")
+        seat = service_client.authenticator.authenticate(other).session_id
         control.take_control(SessionHolder(seat, "Tina"))
-        await door.sign_in("Emil")
-        refused = await door.post(AT, {"id": "1", "to": 1, "newest": 2})
-        ordered = await door.order(PauseRun(op="pause").model_dump())
+        await service_client.sign_in("Emil")
+        refused = await service_client.post_json(AT, {"id": "1", "to": 1, "newest": 2})
+        ordered = await service_client.send_order(PauseRun(op="pause").model_dump())
         assert (refused.status_code, refused.json()["code"]) == (ordered.status_code, ordered.json()["code"])
         assert refused.status_code in (403, 409)
         assert sets.load_set(SERIAL).version == 2
         control.release_control(seat)
-        assert (await door.post(AT, {"id": "2", "to": 1, "newest": 2})).status_code == 200
+        assert (await service_client.post_json(AT, {"id": "2", "to": 1, "newest": 2})).status_code == 200

@@ -12,7 +12,7 @@ from fastapi.routing import iter_route_contexts
 
 from cellcal.service.cell_process.messages import Order
 from cellcal.service.people.roles import Role
-from tests.service.doors import ORIGIN, ROLES, Door, a_door, another_browser
+from tests.service.service_client import ORIGIN, ROLES, ServiceClient, another_browser, open_service_client
 
 NOBODY, DEVICE = "nobody", "a device alone"
 ANYBODY = {NOBODY, DEVICE, *Role}
@@ -114,48 +114,50 @@ def own_routes(app: FastAPI) -> set[tuple[str, str]]:
     return found
 
 
-async def enter(door: Door, who: str) -> None:
+async def sign_in_as(service_client: ServiceClient, who: str) -> None:
     if who == NOBODY:
         return
-    assert (await door.from_console()).status_code == 303
+    assert (await service_client.from_console()).status_code == 303
     if who != DEVICE:
-        answer = await door.sign_in(NAMES[Role(who)])
+        answer = await service_client.sign_in(NAMES[Role(who)])
         assert answer.status_code == 200, answer.text
 
 
 async def test_every_route_of_the_service_is_in_the_table(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        assert own_routes(door.app) - set(ROUTES) == set(), "say in ROUTES who may use it"
+    async with open_service_client(tmp_path) as service_client:
+        assert own_routes(service_client.app) - set(ROUTES) == set(), "say in ROUTES who may use it"
 
 
 async def test_no_route_deletes_or_replaces_what_was_kept(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        assert {method for method, _ in own_routes(door.app)} == {"GET", "POST", "WS"}
+    async with open_service_client(tmp_path) as service_client:
+        assert {method for method, _ in own_routes(service_client.app)} == {"GET", "POST", "WS"}
 
 
 @pytest.mark.parametrize("who", sorted(ANYBODY))
 async def test_a_route_answers_whom_it_is_for(tmp_path: Path, who: str) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         wrong = []
-        for number, (method, path) in enumerate(sorted(own_routes(door.app) - {("WS", "/api/screen")})):
+        for number, (method, path) in enumerate(
+            sorted(own_routes(service_client.app) - {("WS", "/api/screen")})
+        ):
             # each from an address of its own: one address may not sign in so often
-            async with another_browser(door.app, address=f"127.0.1.{number}") as browser:
-                other = replace(door, client=browser)
-                await enter(other, who)
-                status = (await _asked(other, method, path)).status_code
+            async with another_browser(service_client.app, address=f"127.0.1.{number}") as browser:
+                other = replace(service_client, client=browser)
+                await sign_in_as(other, who)
+                status = (await _request(other, method, path)).status_code
             if (status == 401) != (who not in ROUTES.get((method, path), KNOWN)) or status in (405, 500):
                 wrong.append((method, path, status))
         assert wrong == []
 
 
-async def _asked(door: Door, method: str, path: str) -> httpx.Response:
+async def _request(service_client: ServiceClient, method: str, path: str) -> httpx.Response:
     filled = re.sub(r"\{\w+\}", "x", path)
     if method == "GET":
-        return await door.client.get(filled)
-    confirms = path == "/api/sign-in/confirm" and door.client.cookies
+        return await service_client.client.get(filled)
+    confirms = path == "/api/sign-in/confirm" and service_client.client.cookies
     if confirms:  # only a person has a PIN to give again
-        await door.sign_in("Tom")
-    return await door.client.request(method, filled, json=BODIES.get(path, {}))
+        await service_client.sign_in("Tom")
+    return await service_client.client.request(method, filled, json=BODIES.get(path, {}))
 
 
 def test_every_order_is_in_the_table() -> None:
@@ -165,11 +167,11 @@ def test_every_order_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("who", sorted(ANYBODY))
 async def test_an_order_is_taken_from_whom_may_give_it(tmp_path: Path, who: str) -> None:
-    async with a_door(tmp_path) as door:
-        await enter(door, who)
+    async with open_service_client(tmp_path) as service_client:
+        await sign_in_as(service_client, who)
         for op, (fields, allowed) in ORDERS.items():
-            door.shows("wire_is_hooked", prompt_id="x")
-            answer = await door.order({"op": op, **fields}, press=op)
+            service_client.show_question("wire_is_hooked", prompt_id="x")
+            answer = await service_client.send_order({"op": op, **fields}, press=op)
             if who in allowed:
                 gone = "desk.stop_unconfirmed" if op == "stop" else "desk.gone"
                 assert answer.json()["code"] == gone, op  # it went to the desk, which does not run here
@@ -178,27 +180,27 @@ async def test_an_order_is_taken_from_whom_may_give_it(tmp_path: Path, who: str)
 
 
 @pytest.mark.parametrize("who", [DEVICE, Role.VIEWER, Role.ADMIN])
-async def test_whoever_may_look_on_may_let_the_button_go(tmp_path: Path, who: str) -> None:
-    async with a_door(tmp_path) as door:
-        await enter(door, who)
-        answer = await door.order({"op": "hold", "held": False})
+async def test_a_viewer_may_release_the_hold_button(tmp_path: Path, who: str) -> None:
+    async with open_service_client(tmp_path) as service_client:
+        await sign_in_as(service_client, who)
+        answer = await service_client.send_order({"op": "hold", "held": False})
         assert answer.json()["code"] == "desk.gone"
 
 
 @pytest.mark.parametrize("settings", [{"write_anyway": "it will do"}, {"limits": {"a": 1}}])
 async def test_a_technician_does_not_change_limits(tmp_path: Path, settings: dict[str, Any]) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         start = {"op": "start", "procedure": "six_point_tcp", "settings": settings}
-        await enter(door, Role.TECHNICIAN)
-        assert (await door.order(start)).json()["code"] == "people.role"
-        await door.post("/api/sign-in/leave", {})
-        await enter(door, Role.ENGINEER)
-        assert (await door.order(start)).json()["code"] == "desk.gone"
+        await sign_in_as(service_client, Role.TECHNICIAN)
+        assert (await service_client.send_order(start)).json()["code"] == "people.role"
+        await service_client.post_json("/api/sign-in/leave", {})
+        await sign_in_as(service_client, Role.ENGINEER)
+        assert (await service_client.send_order(start)).json()["code"] == "desk.gone"
 
 
 async def test_a_run_may_be_looked_for_by_any_name_and_nothing_else_is_found(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await enter(door, Role.ENGINEER)
+    async with open_service_client(tmp_path) as service_client:
+        await sign_in_as(service_client, Role.ENGINEER)
         for name in (
             "..%2f..%2fetc%2fpasswd",
             "%2e%2e",
@@ -206,6 +208,6 @@ async def test_a_run_may_be_looked_for_by_any_name_and_nothing_else_is_found(tmp
             "<script>alert(1)</script>",
             "'; DROP TABLE run;--",
         ):
-            answer = await door.client.get(f"{ORIGIN}/api/runs/{name}/certificate.json")
+            answer = await service_client.client.get(f"{ORIGIN}/api/runs/{name}/certificate.json")
             assert answer.status_code in (404, 422), name
             assert answer.headers["content-type"] == "application/json"

@@ -16,8 +16,15 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from cellcal.service.web.middleware import HEADERS, MOST_BYTES, RequestBudget, RequestFilter
 from cellcal.service.web.pages import DIST
 from tests.machine_speed import stretched_s
-from tests.service.browsers import served
-from tests.service.doors import ORIGIN, Clock, Door, Tablet, a_door, another_browser
+from tests.service.browser_pages import serve_app
+from tests.service.service_client import (
+    ORIGIN,
+    ServiceClient,
+    ServiceClock,
+    TabletKey,
+    another_browser,
+    open_service_client,
+)
 
 STOP = {"id": "1", "rev": 1, "order": {"op": "stop"}}
 
@@ -36,9 +43,9 @@ STOP = {"id": "1", "rev": 1, "order": {"op": "stop"}}
     ],
 )
 async def test_other_names_are_not_answered_on_loopback_either(tmp_path: Path, host: str) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        answer = await door.client.get("/api/session", headers={"host": host})
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        answer = await service_client.client.get("/api/session", headers={"host": host})
         assert (answer.status_code, answer.json()["code"]) == (421, "guard.host")
 
 
@@ -46,8 +53,8 @@ async def test_other_names_are_not_answered_on_loopback_either(tmp_path: Path, h
     "host", ["127.0.0.1:9", "localhost", "LOCALHOST:8470", "[::1]:8470", "127.3.2.1", "cell7.plant"]
 )
 async def test_its_own_names_are_answered(tmp_path: Path, host: str) -> None:
-    async with a_door(tmp_path, allowed_hosts=("cell7.plant",)) as door:
-        assert (await door.client.get("/api/sign-in", headers={"host": host})).status_code == 200
+    async with open_service_client(tmp_path, allowed_hosts=("cell7.plant",)) as service_client:
+        assert (await service_client.client.get("/api/sign-in", headers={"host": host})).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -64,11 +71,11 @@ async def test_its_own_names_are_answered(tmp_path: Path, host: str) -> None:
     ],
 )
 async def test_a_page_of_another_address_orders_nothing(tmp_path: Path, headers: dict[str, str]) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
-        answer = await door.client.post("/api/commands", json=STOP, headers=headers)
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
+        answer = await service_client.client.post("/api/commands", json=STOP, headers=headers)
         assert (answer.status_code, answer.json()["code"]) == (403, "guard.origin")
-        own = await door.client.post("/api/commands", json=STOP, headers={"origin": ORIGIN})
+        own = await service_client.client.post("/api/commands", json=STOP, headers={"origin": ORIGIN})
         assert own.json()["code"] == "desk.stop_unconfirmed"
 
 
@@ -76,46 +83,46 @@ async def test_a_page_of_another_address_orders_nothing(tmp_path: Path, headers:
     "kind", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""]
 )
 async def test_what_a_form_can_send_is_not_taken(tmp_path: Path, kind: str) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
-        answer = await door.client.post(
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
+        answer = await service_client.client.post(
             "/api/commands", content=json.dumps(STOP), headers={"content-type": kind}
         )
         assert answer.status_code == 415
 
 
-async def test_no_other_site_is_told_that_it_may_read(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
-        asked = {"origin": "https://evil.example", "access-control-request-method": "POST"}
+async def test_no_other_origin_is_allowed_to_read(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
+        request_headers = {"origin": "https://evil.example", "access-control-request-method": "POST"}
         for answer in (
-            await door.client.options("/api/commands", headers=asked),
-            await door.client.get("/api/session", headers={"origin": "https://evil.example"}),
+            await service_client.client.options("/api/commands", headers=request_headers),
+            await service_client.client.get("/api/session", headers={"origin": "https://evil.example"}),
         ):
             assert answer.status_code == 403
             assert not any(name.startswith("access-control") for name in answer.headers)
 
 
 async def test_the_cookie_stays_with_the_browser_and_the_site(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        cookie = (await door.from_console()).headers["set-cookie"].lower()
+    async with open_service_client(tmp_path) as service_client:
+        cookie = (await service_client.from_console()).headers["set-cookie"].lower()
         assert {"httponly", "samesite=strict", "path=/", "max-age=43200"} <= set(cookie.split("; "))
         assert "domain" not in cookie
-    async with a_door(tmp_path, people=False, tls=True) as door:
-        cookie = (await door.from_console()).headers["set-cookie"]
+    async with open_service_client(tmp_path, people=False, tls=True) as service_client:
+        cookie = (await service_client.from_console()).headers["set-cookie"]
         assert cookie.startswith("__Host-cellcal")
         assert "secure" in cookie.lower()
 
 
 async def test_a_long_body_and_one_that_says_a_false_length_are_refused(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
 
         async def without_end() -> AsyncIterator[bytes]:
             for _ in range(MOST_BYTES // 65536 + 2):
                 yield b" " * 65536
 
-        answer = await door.client.post(
+        answer = await service_client.client.post(
             "/api/commands", content=without_end(), headers={"content-type": "application/json"}
         )
         assert answer.status_code == 413
@@ -137,28 +144,28 @@ async def test_a_long_body_and_one_that_says_a_false_length_are_refused(tmp_path
     ],
 )
 async def test_no_path_leads_out(tmp_path: Path, path: str) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
         scope = {
             "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"",
             "headers": [(b"host", b"127.0.0.1")], "server": ("127.0.0.1", 80), "client": ("127.0.0.1", 1),
             "scheme": "http", "http_version": "1.1", "root_path": "", "asgi": {"version": "3.0"},
         }  # fmt: skip
-        told: list[dict[str, object]] = []
+        answers: list[dict[str, object]] = []
 
         async def send(message: object) -> None:
-            told.append(dict(message))  # type: ignore[call-overload]
+            answers.append(dict(message))  # type: ignore[call-overload]
 
         async def receive() -> dict[str, object]:
             return {"type": "http.request", "body": b"", "more_body": False}
 
-        await door.app(scope, receive, send)  # httpx would tidy the path up
-        assert told[0]["status"] == 404
-        assert b"project" not in bytes(told[1]["body"])  # type: ignore[call-overload]
+        await service_client.app(scope, receive, send)  # httpx would tidy the path up
+        assert answers[0]["status"] == 404
+        assert b"project" not in bytes(answers[1]["body"])  # type: ignore[call-overload]
 
 
-async def test_unknown_paths_tell_nobody_anything(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+async def test_unknown_paths_reveal_nothing(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
         for path in (
             "/openapi.json",
             "/docs",
@@ -167,21 +174,21 @@ async def test_unknown_paths_tell_nobody_anything(tmp_path: Path) -> None:
             "/.env",
             "/assets/nothing.js",
         ):
-            assert (await door.client.get(path)).status_code == 401, path
+            assert (await service_client.client.get(path)).status_code == 401, path
 
 
 async def test_every_answer_has_the_headers_even_a_refusal_and_a_fault(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
 
         async def break_down() -> None:
             raise RuntimeError("secret of the program")
 
-        door.app.router.routes.insert(0, _route("/api/broken", break_down))
-        refused = await door.client.get("/api/session")
-        await door.from_console()
-        broken = await door.client.get("/api/broken")
-        missing = await door.client.get("/api/nothing")
-        good = await door.client.get("/api/session")
+        service_client.app.router.routes.insert(0, _make_route("/api/broken", break_down))
+        refused = await service_client.client.get("/api/session")
+        await service_client.from_console()
+        broken = await service_client.client.get("/api/broken")
+        missing = await service_client.client.get("/api/nothing")
+        good = await service_client.client.get("/api/session")
         assert [a.status_code for a in (refused, broken, missing, good)] == [401, 500, 404, 200]
         for answer in (refused, broken, missing, good):
             assert {name: answer.headers[name] for name in HEADERS} == dict(HEADERS)
@@ -190,22 +197,22 @@ async def test_every_answer_has_the_headers_even_a_refusal_and_a_fault(tmp_path:
             assert "Traceback" not in answer.text
 
 
-def _route(path: str, endpoint: object) -> object:
+def _make_route(path: str, endpoint: object) -> object:
     from fastapi.routing import APIRoute
 
     return APIRoute(path, endpoint, include_in_schema=False)  # type: ignore[arg-type]
 
 
 async def test_a_document_made_here_runs_no_script(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+    async with open_service_client(tmp_path) as service_client:
         from starlette.responses import HTMLResponse
 
         async def page() -> HTMLResponse:
             return HTMLResponse("<script>alert(1)</script>")
 
-        door.app.router.routes.insert(0, _route("/api/page", page))
-        await door.from_console()
-        policy = (await door.client.get("/api/page")).headers["content-security-policy"]
+        service_client.app.router.routes.insert(0, _make_route("/api/page", page))
+        await service_client.from_console()
+        policy = (await service_client.client.get("/api/page")).headers["content-security-policy"]
         assert policy.startswith("sandbox; default-src 'none'")
         assert "script-src" not in policy
 
@@ -221,18 +228,21 @@ def test_the_built_pages_need_nothing_that_the_policy_forbids() -> None:
 
 async def test_a_flood_waits_and_a_stop_still_gets_through(tmp_path: Path) -> None:
     few = {
-        kind: RequestBudget(burst=5.0, rate_hz=1.0, clock=Clock()) for kind in ("sign-in", "orders", "else")
+        kind: RequestBudget(burst=5.0, rate_hz=1.0, clock=ServiceClock())
+        for kind in ("sign-in", "orders", "else")
     }
-    async with a_door(tmp_path, people=False) as door:
-        door.app.add_middleware(RequestFilter, pages=frozenset(), budgets=few)
-        await door.from_console()
-        flood = [(await door.client.get("/api/sign-in")).status_code for _ in range(6)]
+    async with open_service_client(tmp_path, people=False) as service_client:
+        service_client.app.add_middleware(RequestFilter, pages=frozenset(), budgets=few)
+        await service_client.from_console()
+        flood = [(await service_client.client.get("/api/sign-in")).status_code for _ in range(6)]
         assert flood == [200, 200, 200, 200, 429, 429]
-        assert (await door.client.post("/api/commands", json=STOP)).json()["code"] == "desk.stop_unconfirmed"
+        assert (await service_client.client.post("/api/commands", json=STOP)).json()[
+            "code"
+        ] == "desk.stop_unconfirmed"
 
 
 def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
-    clock = Clock()
+    clock = ServiceClock()
     budget = RequestBudget(burst=3.0, rate_hz=1.0, clock=clock)
     assert [budget.spend_request("a") for _ in range(4)] == [True, True, True, False]
     assert budget.spend_request("b")
@@ -245,38 +255,40 @@ def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
 
 
 @asynccontextmanager
-async def listening(door: Door) -> AsyncIterator[str]:
+async def serve_on_socket(service_client: ServiceClient) -> AsyncIterator[str]:
     """The same service on a real socket, without its desk."""
-    async with served(door.app, lifespan="off", log_level="critical") as url:
+    async with serve_app(service_client.app, lifespan="off", log_level="critical") as url:
         yield url.removeprefix("http://")
 
 
 async def test_a_screen_needs_a_session_and_its_own_page(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door, listening(door) as address:
+    async with open_service_client(tmp_path) as service_client, serve_on_socket(service_client) as address:
         url = f"ws://{address}/api/screen"
         with pytest.raises(InvalidStatus):
             await connect(url)
         async with httpx.AsyncClient(base_url=f"http://{address}") as client:
-            token = door.entrance.console_token()
+            token = service_client.authenticator.console_token()
             await client.get("/api/sign-in/console", params={"token": token})
-            known = {"cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
+            cookie_header = {"cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
         with pytest.raises(InvalidStatus):
-            await connect(url, additional_headers=known, origin="http://evil.example")
+            await connect(url, additional_headers=cookie_header, origin="http://evil.example")
         with pytest.raises(InvalidStatus):
-            await connect(url, additional_headers=known | {"host": f"evil.example:{address.split(':')[1]}"})
-        async with connect(url, additional_headers=known, origin=f"http://{address}"):
+            await connect(
+                url, additional_headers=cookie_header | {"host": f"evil.example:{address.split(':')[1]}"}
+            )
+        async with connect(url, additional_headers=cookie_header, origin=f"http://{address}"):
             pass
 
 
 async def test_a_screen_of_a_revoked_device_sees_nothing_more(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door, listening(door) as address:
-        tablet = Tablet()
-        await tablet.enrol(door)
+    async with open_service_client(tmp_path) as service_client, serve_on_socket(service_client) as address:
+        tablet = TabletKey()
+        await tablet.enrol_device(service_client)
         port = int(address.split(":")[1])
-        token = door.entrance.sessions.open_session(tablet.id)
+        token = service_client.authenticator.sessions.open_session(tablet.id)
         cookie = {"cookie": f"cellcal-{port}={token}"}
         async with connect(f"ws://{address}/api/screen", additional_headers=cookie) as screen:
-            door.entrance.accounts.revoke_device(tablet.id, "test")
+            service_client.authenticator.accounts.revoke_device(tablet.id, "test")
             await screen.send('{"op": "hold", "held": false}')
             with pytest.raises(ConnectionClosed):
                 await _everything_from(screen)
@@ -288,12 +300,12 @@ async def _everything_from(screen: ClientConnection) -> None:
             await screen.recv()
 
 
-async def test_a_second_cell_on_this_computer_signs_nobody_out(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
+async def test_a_second_cell_on_this_computer_ends_no_session(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
         names = set()
         for port in (8470, 8471):
-            async with another_browser(door.app, f"http://127.0.0.1:{port}") as client:
-                token = door.entrance.console_token()
+            async with another_browser(service_client.app, f"http://127.0.0.1:{port}") as client:
+                token = service_client.authenticator.console_token()
                 await client.get("/api/sign-in/console", params={"token": token})
                 with contextlib.suppress(KeyError):
                     names |= set(client.cookies)

@@ -14,8 +14,8 @@ from cellcal.service.cell_process.lines import whole_lines
 from cellcal.service.cell_process.messages import LONGEST_LINE
 from cellcal.service.web.commands import PressedOrder
 from cellcal.service.web.websocket import HoldMessage
-from tests.service.desks import COMMAND, RECORD, at_desk
-from tests.service.doors import a_door
+from tests.service.cell_process_session import COMMAND, RECORD, open_session
+from tests.service.service_client import open_service_client
 
 ODD_NUMBERS = [True, 1.0, "1", -1, 2**53, 10**30, float("nan"), float("inf"), None, [1]]
 ODD_IDS = ["", "x" * 101, "a\nb", "\ud800", 5, None, True, ["a"]]
@@ -38,10 +38,10 @@ def test_an_id_that_is_none_is_refused(name: Any) -> None:
         PressedOrder.model_validate({"id": name, "rev": 1, "order": {"op": "pause"}})
 
 
-@pytest.mark.parametrize("held", [1, "true", "yes", None, 1.0])
-def test_held_is_true_or_false_and_nothing_like_it(held: Any) -> None:
+@pytest.mark.parametrize("held_value", [1, "true", "yes", None, 1.0])
+def test_held_is_true_or_false_and_nothing_like_it(held_value: Any) -> None:
     with pytest.raises(ValidationError):
-        HoldMessage.model_validate({"op": "hold", "held": held, "beat": 1})
+        HoldMessage.model_validate({"op": "hold", "held": held_value, "beat": 1})
 
 
 @pytest.mark.parametrize(
@@ -51,71 +51,71 @@ def test_held_is_true_or_false_and_nothing_like_it(held: Any) -> None:
     + [{"order": {"op": "stop", "x": 1}}, {"new_field": [1]}],
 )
 def test_no_flaw_of_its_id_or_revision_swallows_a_stop(broken: dict[str, Any]) -> None:
-    told = {"id": "1", "rev": 1, "order": {"op": "stop"}} | broken
-    assert PressedOrder.model_validate(told).order.op == "stop"
-    assert COMMAND.validate_python(told | {"who": "Anna"}).order.op == "stop"
+    envelope = {"id": "1", "rev": 1, "order": {"op": "stop"}} | broken
+    assert PressedOrder.model_validate(envelope).order.op == "stop"
+    assert COMMAND.validate_python(envelope | {"who": "Anna"}).order.op == "stop"
 
 
 async def test_a_stop_with_the_id_of_another_order_stops_and_the_other_way_round_is_refused(
     tmp_path: Path,
 ) -> None:
-    async with at_desk(tmp_path) as person:
-        assert (await person.order(RECORD, press="one"))["ok"]
-        used = await person.order({"op": "pause"}, press="one")
+    async with open_session(tmp_path) as person:
+        assert (await person.send_order(RECORD, press="one"))["ok"]
+        used = await person.send_order({"op": "pause"}, press="one")
         assert (used["ok"], used["code"]) == (False, "desk.id_used")
-        await person.until(lambda session: session["prompt"])
-        stopped = await person.order({"op": "stop"}, press="one", rev=1)
+        await person.wait_until(lambda session: session["prompt"])
+        stopped = await person.send_order({"op": "stop"}, press="one", rev=1)
         assert stopped["ok"]
-        await person.until(lambda session: session["run"]["outcome"])
-        assert (await person.order({"op": "dismiss"}))["ok"]
-        assert (await person.order(RECORD, press="two"))["ok"]
-        await person.until(lambda session: session["prompt"])
-        assert (await person.order({"op": "stop"}, press="one", rev=1))["ok"]  # again, at another run
-        await person.until(lambda session: session["run"]["outcome"])
+        await person.wait_until(lambda session: session["run"]["outcome"])
+        assert (await person.send_order({"op": "dismiss"}))["ok"]
+        assert (await person.send_order(RECORD, press="two"))["ok"]
+        await person.wait_until(lambda session: session["prompt"])
+        assert (await person.send_order({"op": "stop"}, press="one", rev=1))["ok"]  # again, at another run
+        await person.wait_until(lambda session: session["run"]["outcome"])
 
 
 async def test_a_stop_stops_also_where_the_disk_cannot_forget_the_run(tmp_path: Path) -> None:
-    async with at_desk(tmp_path) as person:
-        assert (await person.order(RECORD))["ok"]
-        await person.until(lambda session: session["prompt"])
+    async with open_session(tmp_path) as person:
+        assert (await person.send_order(RECORD))["ok"]
+        await person.wait_until(lambda session: session["prompt"])
         note = next(tmp_path.rglob("under_way.json"))  # noqa: ASYNC240  a test
         note.unlink()
         note.mkdir()  # cannot be removed as a file is
-        refused = await person.order({"op": "stop"})
+        refused = await person.send_order({"op": "stop"})
         assert "the run was ended" in refused["message"]
         assert person.session["run"]["state"] == "ended"
         note.rmdir()
 
 
 async def test_held_from_a_moment_ago_counts_less_and_from_nowhere_not_at_all(tmp_path: Path) -> None:
-    async with at_desk(tmp_path) as person:
-        hold = person.desk._hold
+    async with open_session(tmp_path) as person:
+        hold = person.cell_process._hold
         for late in (DEAD_MAN_S + 0.01, 3600.0):
-            await person.order({"op": "hold", "held": True, "at_s": time.monotonic() - late})
+            await person.send_order({"op": "hold", "held": True, "at_s": time.monotonic() - late})
             assert not hold.is_held
-        future = await person.order({"op": "hold", "held": True, "at_s": time.monotonic() + 5.0})
+        future = await person.send_order({"op": "hold", "held": True, "at_s": time.monotonic() + 5.0})
         assert not future["ok"]
         assert not hold.is_held
         with pytest.raises(ValidationError):
-            await person.order({"op": "hold", "held": True})
-        await person.order({"op": "hold", "held": True, "at_s": time.monotonic()})
+            await person.send_order({"op": "hold", "held": True})
+        await person.send_order({"op": "hold", "held": True, "at_s": time.monotonic()})
         assert hold._heard_s > 0
-        await person.order({"op": "hold", "held": False})
+        await person.send_order({"op": "hold", "held": False})
         assert not hold.is_held
 
 
 async def test_over_http_the_button_can_be_let_go_and_never_held(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        for told in ({"held": True, "at_s": time.monotonic()}, {"held": True, "at_s": 1e300}):
-            answer = await door.order({"op": "hold", **told})
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        for hold_message in ({"held": True, "at_s": time.monotonic()}, {"held": True, "at_s": 1e300}):
+            answer = await service_client.send_order({"op": "hold", **hold_message})
             assert (answer.status_code, answer.json()["code"]) == (422, "hold.not_fresh")
-        assert (await door.order({"op": "hold", "held": True})).status_code == 422
-        assert (await door.order({"op": "hold", "held": False})).json()["code"] == "desk.gone"
+        assert (await service_client.send_order({"op": "hold", "held": True})).status_code == 422
+        assert (await service_client.send_order({"op": "hold", "held": False})).json()["code"] == "desk.gone"
 
 
-async def test_a_line_that_is_too_long_is_dropped_and_the_stop_behind_it_is_heard() -> None:
+async def test_a_too_long_line_is_dropped_and_the_stop_behind_it_is_obeyed() -> None:
     reader = asyncio.StreamReader()
     stop = orjson.dumps({"number": 1, "command": {"order": {"op": "stop"}}})
     for part in (b"x" * (LONGEST_LINE + 5), b"y" * 70_000, b"\n", b"{broken\n", stop + b"\n"):

@@ -14,11 +14,11 @@ from playwright.async_api import Page, Route, expect
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.people.roles import Role
-from tests.service.browsers import at_rest, go
-from tests.service.doors import Clock, quick
-from tests.service.shop import Shop, a_shop, give_pin
+from tests.service.browser_pages import at_rest, go_to_page
+from tests.service.service_client import ServiceClock, cheap_hasher
+from tests.service.service_with_tablets import ServiceWithTablets, give_pin, open_service_with_tablets
 from tests.service.test_people_door import XSS
-from tests.service.test_people_pages import OneQuestion
+from tests.service.test_people_pages import OneQuestionProcess
 
 pytestmark = pytest.mark.xdist_group("hostile_names")
 WHO, PIN = XSS[1], "161803"
@@ -29,7 +29,7 @@ MADE = """[...document.querySelectorAll(
     .filter(one => !one.src?.startsWith(location.origin)).map(one => one.outerHTML)"""
 
 
-class Hostile(OneQuestion):
+class HostileNamesProcess(OneQuestionProcess):
     """A desk that hears such names from robots, devices and people."""
 
     def __init__(self, app: FastAPI) -> None:
@@ -41,8 +41,8 @@ class Hostile(OneQuestion):
 
     @property
     def session(self) -> dict[str, Any]:
-        told = super().session
-        told["run"] |= {
+        session_state = super().session
+        session_state["run"] |= {
             "title": ALL,
             "step": ALL,
             "found": list(XSS),
@@ -50,22 +50,22 @@ class Hostile(OneQuestion):
             "left_s": None,
             "series": None,
         }
-        told["run"]["phases"] = [{"name": text, "repeats": None, "adaptive": False} for text in XSS]
-        if told["prompt"]:
-            told["prompt"] |= {"text": "\n".join(XSS), "step": ALL, "unit": XSS[2]}
-        told["robots"] = [{"name": text, "model": text, "serial": text} for text in XSS]
-        told["losses"] = [
+        session_state["run"]["phases"] = [{"name": text, "repeats": None, "adaptive": False} for text in XSS]
+        if session_state["prompt"]:
+            session_state["prompt"] |= {"text": "\n".join(XSS), "step": ALL, "unit": XSS[2]}
+        session_state["robots"] = [{"name": text, "model": text, "serial": text} for text in XSS]
+        session_state["losses"] = [
             {"robot": text, "what": "lost", "detected_by": text, "mode": text, "words": text, "procedure": None,
              "settings": {}, "reasons": [text]} for text in XSS
         ]  # fmt: skip
-        return told | {
+        return session_state | {
             "cell": ALL,
             "robot": WHO,
             "connection": {"connected": True, "message": ALL, "remedy": ALL},
         }
 
 
-async def _runs(route: Route) -> None:
+async def _answer_runs(route: Route) -> None:
     runs = [
         {"run_id": text, "procedure": text, "started_utc": "2026-01-01T00:00:00+00:00", "state": "refused",
          "reason": text, "robot_serial": text, "begun_by": text, "begun_as": [], "word": "",
@@ -75,17 +75,19 @@ async def _runs(route: Route) -> None:
 
 
 @asynccontextmanager
-async def _as_somebody_called_so(shop: Shop, page: Page) -> AsyncIterator[list[str]]:
+async def _signed_in_under_hostile_name(
+    tablet_service: ServiceWithTablets, page: Page
+) -> AsyncIterator[list[str]]:
     """Enrol a tablet and sign in under such a name; lends what ran."""
     ran: list[str] = []
 
-    async def heard(dialog: Any) -> None:
+    async def note_dialog(dialog: Any) -> None:
         ran.append(dialog.message)
         await dialog.dismiss()
 
-    page.on("dialog", heard)
+    page.on("dialog", note_dialog)
     page.on("console", lambda line: ran.append(line.text) if "Content Security Policy" in line.text else None)
-    await shop.enrol(page, XSS[6])
+    await tablet_service.enrol_tablet(page, XSS[6])
     await page.evaluate("location.hash = '#/sign-in'")
     people = page.get_by_test_id("person")
     for text in XSS:
@@ -98,25 +100,32 @@ async def _as_somebody_called_so(shop: Shop, page: Page) -> AsyncIterator[list[s
 
 async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_path: Path) -> None:
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
-    async with a_shop(path, desk=Hostile, clock=Clock()) as shop, shop.context() as context:
-        hasher = quick(pepper_of(shop.entrance.data_dir))
+    async with (
+        open_service_with_tablets(
+            path, process_double=HostileNamesProcess, clock=ServiceClock()
+        ) as tablet_service,
+        tablet_service.browser_context() as context,
+    ):
+        hasher = cheap_hasher(pepper_of(tablet_service.entrance.data_dir))
         for text in XSS:
-            shop.entrance.accounts.add_person(text, Role.TECHNICIAN, hasher.hash_secret(PIN), "test")
+            tablet_service.entrance.accounts.add_person(
+                text, Role.TECHNICIAN, hasher.hash_secret(PIN), "test"
+            )
         page = await context.new_page()
-        await page.route("**/api/runs", _runs)
-        async with _as_somebody_called_so(shop, page) as ran:
-            desk = shop.app.state.house.link
+        await page.route("**/api/runs", _answer_runs)
+        async with _signed_in_under_hostile_name(tablet_service, page) as ran:
+            process_double = tablet_service.app.state.house.link
             for place in ("#/", "#/history", "#/devices", "#/parameters", "#/sign-in"):
-                await go(page, place)
+                await go_to_page(page, place)
                 assert await page.evaluate(MADE) == [], place
-            await go(page, "#/")
+            await go_to_page(page, "#/")
             await expect(page.get_by_test_id("prompt")).to_contain_text(XSS[0])
-            desk.end("refused", ALL, ALL)
+            process_double.end("refused", ALL, ALL)
             await expect(page.get_by_test_id("reason")).to_contain_text(XSS[0])
-            await go(page, "#/history")
+            await go_to_page(page, "#/history")
             assert await page.get_by_test_id("run").count() == len(XSS)
             await at_rest(page)
             assert (await page.evaluate(MADE), ran) == ([], [])
             await page.evaluate("alert('this one is heard')")
             assert ran == ["this one is heard"], json.dumps(ran)
-    assert shop.complaints == []
+    assert tablet_service.complaints == []

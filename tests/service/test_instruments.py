@@ -24,27 +24,29 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from tests.machine_speed import stretched_s
-from tests.procedures.cells import scene
-from tests.procedures.fake_hands import FakeHands
-from tests.service.instruments import full_cell
+from tests.procedures.fake_technician import FakeTechnician
+from tests.procedures.procedure_scenes import healthy_scene
+from tests.service.instrument_cell import full_cell
 
 DEADLINE_S = stretched_s(60.0)
 
 
 @asynccontextmanager
-async def glancing(folder: Path, **how: Any) -> AsyncIterator[tuple[LivePoller, FakeCellClient, list[str]]]:
-    asked: list[str] = []
-    with full_cell(folder, **how) as (path, door):
-        hands: Operator = FakeHands(door, "targets")
-        async with open_cell(read_cell_file(path), hands) as cell:
-            glance = LivePoller(cell, reads=asked.append)
+async def poll_instruments(
+    folder: Path, **how: Any
+) -> AsyncIterator[tuple[LivePoller, FakeCellClient, list[str]]]:
+    questions: list[str] = []
+    with full_cell(folder, **how) as (path, fake_client):
+        technician: Operator = FakeTechnician(fake_client, "targets")
+        async with open_cell(read_cell_file(path), technician) as cell:
+            glance = LivePoller(cell, reads=questions.append)
             try:
-                yield glance, door, asked
+                yield glance, fake_client, questions
             finally:
                 await glance.cancel_polls()
 
 
-def seen(glance: LivePoller, role: str) -> dict[str, Any]:
+def device_of(glance: LivePoller, role: str) -> dict[str, Any]:
     devices: list[dict[str, Any]] = glance.as_json()["devices"]
     return next(device for device in devices if device["role"] == role)
 
@@ -57,57 +59,60 @@ async def look_until(glance: LivePoller, true: Callable[[], Any]) -> None:
 
 
 async def test_every_instrument_of_a_cell_says_what_it_can(tmp_path: Path) -> None:
-    async with glancing(tmp_path, tracker_due="2999-12-31") as (glance, door, asked):
+    async with poll_instruments(tmp_path, tracker_due="2999-12-31") as (glance, fake_client, questions):
         roles = ("robot", "gauge", "tracker", "probe", "dial")
-        await look_until(glance, lambda: all(seen(glance, role)["state"] == "ready" for role in roles))
-        assert [seen(glance, role)["live"] for role in roles] == [True, True, False, False, True]
+        await look_until(glance, lambda: all(device_of(glance, role)["state"] == "ready" for role in roles))
+        assert [device_of(glance, role)["live"] for role in roles] == [True, True, False, False, True]
         for role in roles:
-            assert seen(glance, role)["age_s"] is not None, role
-        assert seen(glance, "gauge")["value"]["length_m"] > 0.0
-        assert "plunger is free" in seen(glance, "dial")["message"]
-        assert seen(glance, "dial")["value"] is None
-        await door.inject_fault("push_in", device="dial", m=0.004)
-        await look_until(glance, lambda: seen(glance, "dial")["value"])
-        assert seen(glance, "dial")["value"]["length_m"] == pytest.approx(0.004, abs=5e-5)
+            assert device_of(glance, role)["age_s"] is not None, role
+        assert device_of(glance, "gauge")["value"]["length_m"] > 0.0
+        assert "plunger is free" in device_of(glance, "dial")["message"]
+        assert device_of(glance, "dial")["value"] is None
+        await fake_client.inject_fault("push_in", device="dial", m=0.004)
+        await look_until(glance, lambda: device_of(glance, "dial")["value"])
+        assert device_of(glance, "dial")["value"]["length_m"] == pytest.approx(0.004, abs=5e-5)
         for role in (
             "tracker",
             "probe",
         ):  # nobody has read them: there is nothing to show, and that is no fault
-            assert (seen(glance, role)["value"], seen(glance, role)["value_age_s"]) == (None, None)
-        assert seen(glance, "tracker")["due"] == "2999-12-31"
-        assert asked == []  # looking is not reading
+            assert (device_of(glance, role)["value"], device_of(glance, role)["value_age_s"]) == (None, None)
+        assert device_of(glance, "tracker")["due"] == "2999-12-31"
+        assert questions == []  # looking is not reading
 
         read = await measure_point(glance.cell, "pose 1")
-        assert asked == ["tracker"]
-        told = seen(glance, "tracker")["value"]
-        assert told == {"position_m": list(read.readings[-1].position_m), "station": read.station}
-        assert seen(glance, "gauge")["value"].keys() == {"length_m", "sigma_m"}
+        assert questions == ["tracker"]
+        value = device_of(glance, "tracker")["value"]
+        assert value == {"position_m": list(read.readings[-1].position_m), "station": read.station}
+        assert device_of(glance, "gauge")["value"].keys() == {"length_m", "sigma_m"}
         contact = await cast(Any, glance.cell.probe).read_contact()
-        assert seen(glance, "probe")["value"] == {"closed": contact.closed}
+        assert device_of(glance, "probe")["value"] == {"closed": contact.closed}
 
 
-async def test_a_tracker_that_does_not_answer_is_said_and_holds_up_nobody(tmp_path: Path) -> None:
-    async with glancing(tmp_path, wired=False) as (glance, door, _):
-        await look_until(glance, lambda: seen(glance, "tracker")["state"] == "ready")
+async def test_a_silent_tracker_is_reported_and_delays_no_other_device(tmp_path: Path) -> None:
+    async with poll_instruments(tmp_path, wired=False) as (glance, fake_client, _):
+        await look_until(glance, lambda: device_of(glance, "tracker")["state"] == "ready")
         shown = next(each for each in glance.others if each.role == "tracker")
         heard_at_s = shown.heard_at_s
         assert heard_at_s is not None
-        await door.inject_fault("silent", device="at")
-        looks = 0
+        await fake_client.inject_fault("silent", device="at")
+        viewer = 0
 
-        def told() -> bool:
-            nonlocal looks
-            looks += seen(glance, "tracker")["state"] == "ready" and seen(glance, "tracker")["age_s"] > 2.0
-            return bool(seen(glance, "tracker")["state"] == "unreachable")
+        def is_unreachable() -> bool:
+            nonlocal viewer
+            viewer += (
+                device_of(glance, "tracker")["state"] == "ready"
+                and device_of(glance, "tracker")["age_s"] > 2.0
+            )
+            return bool(device_of(glance, "tracker")["state"] == "unreachable")
 
-        await look_until(glance, told)
-        assert looks > 2  # of the robot, while the tracker kept silent
-        assert seen(glance, "tracker")["message"]
-        assert seen(glance, "tracker")["age_s"] > 2.0  # its silence is not heard from it
+        await look_until(glance, is_unreachable)
+        assert viewer > 2  # of the robot, while the tracker kept silent
+        assert device_of(glance, "tracker")["message"]
+        assert device_of(glance, "tracker")["age_s"] > 2.0  # its silence is not heard from it
         assert glance.robot.heard_at_s is not None
 
 
-class Clock:
+class SteppedClock:
     """A clock that a test turns."""
 
     now_s = 100.0
@@ -126,12 +131,12 @@ class SlowTracker:
         self.doing: list[str] = []
 
     async def read_condition(self) -> Condition:
-        return await self._said("condition", Condition(Readiness.READY))
+        return await self._answer_when_let("condition", Condition(Readiness.READY))
 
     async def measure_point(self) -> PointReading:
-        return await self._said("point", PointReading((1.0, 2.0, 3.0), (1e-5,) * 3, 0.0, 1))
+        return await self._answer_when_let("point", PointReading((1.0, 2.0, 3.0), (1e-5,) * 3, 0.0, 1))
 
-    async def _said(self, what: str, answer: Any) -> Any:
+    async def _answer_when_let(self, what: str, answer: Any) -> Any:
         assert not self.doing, "a second question during one"
         self.doing.append(what)
         try:
@@ -143,11 +148,11 @@ class SlowTracker:
 
 def slow_cell() -> tuple[Cell, SlowTracker]:
     tracker = SlowTracker()
-    made = scene().cell
+    made = healthy_scene().cell
     return Cell("c", made.robot, made.operator, tracker=cast(Any, tracker)), tracker
 
 
-async def _until(true: Callable[[], Any], do: Callable[[], Awaitable[Any]]) -> None:
+async def _poll_until(true: Callable[[], Any], do: Callable[[], Awaitable[Any]]) -> None:
     async with asyncio.timeout(DEADLINE_S):
         while not true():
             await do()
@@ -156,22 +161,22 @@ async def _until(true: Callable[[], Any], do: Callable[[], Awaitable[Any]]) -> N
 
 async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
     cell, tracker = slow_cell()
-    clock = Clock()
+    clock = SteppedClock()
     glance = LivePoller(cell, clock=clock)
     await glance.poll_once()
     assert tracker.doing == ["condition"]
     reading = asyncio.create_task(cast(Any, glance.cell.tracker).measure_point())
     await asyncio.sleep(0)
     assert tracker.doing == ["condition"]
-    assert seen(glance, "tracker")["asked"]
+    assert device_of(glance, "tracker")["asked"]
     tracker.answers.release()
-    await _until(lambda: tracker.doing == ["point"], lambda: asyncio.sleep(0))
+    await _poll_until(lambda: tracker.doing == ["point"], lambda: asyncio.sleep(0))
     clock.now_s += 60.0
     await glance.poll_once()  # a run asks: nobody else does
     assert tracker.doing == ["point"]
     tracker.answers.release()
     assert (await reading).station == 1
-    assert not seen(glance, "tracker")["asked"]
+    assert not device_of(glance, "tracker")["asked"]
     await glance.cancel_polls()
 
 
@@ -179,13 +184,13 @@ async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
     cell, tracker = slow_cell()
     for _ in range(2):
         tracker.answers.release()
-    clock = Clock()
+    clock = SteppedClock()
     glance = LivePoller(cell, clock=clock)
     await cast(Any, glance.cell.tracker).measure_point()
     clock.now_s += 30.0
-    await _until(lambda: seen(glance, "tracker")["state"] == "ready", glance.poll_once)
-    told = seen(glance, "tracker")
-    assert (told["value_age_s"], told["age_s"]) == (30.0, 0.0)
+    await _poll_until(lambda: device_of(glance, "tracker")["state"] == "ready", glance.poll_once)
+    device_state = device_of(glance, "tracker")
+    assert (device_state["value_age_s"], device_state["age_s"]) == (30.0, 0.0)
     await glance.cancel_polls()
 
 
@@ -196,26 +201,26 @@ class TypedGauge:
     capabilities = GaugeCapabilities(
         range_m=3.0, resolution_m=1e-9, sigma_m=2e-5, answers_alone=False, typed=True
     )
-    asked = 0
+    question_count = 0
 
     async def read_condition(self) -> Condition:
         return Condition(Readiness.READY)
 
     async def read_distance(self) -> LengthReading:
-        self.asked += 1
+        self.question_count += 1
         return LengthReading(1.25, 2e-5, 0.0, 1_250_000_000)
 
 
-async def test_nobody_is_asked_to_type_what_only_a_screen_would_show() -> None:
-    made, gauge = scene().cell, TypedGauge()
-    held = {"gauge": DeviceCertificate("C-1", "2001-02-03", "2999-12-31")}
-    cell = Cell("c", made.robot, made.operator, gauge=cast(Any, gauge), certificates=held)
+async def test_no_typed_reading_is_requested_for_display_only() -> None:
+    made, gauge = healthy_scene().cell, TypedGauge()
+    certificates = {"gauge": DeviceCertificate("C-1", "2001-02-03", "2999-12-31")}
+    cell = Cell("c", made.robot, made.operator, gauge=cast(Any, gauge), certificates=certificates)
     glance = LivePoller(cell)
-    await _until(lambda: seen(glance, "gauge")["state"] == "ready", glance.poll_once)
-    assert gauge.asked == 0
-    assert (seen(glance, "gauge")["typed"], seen(glance, "gauge")["live"]) == (True, False)
+    await _poll_until(lambda: device_of(glance, "gauge")["state"] == "ready", glance.poll_once)
+    assert gauge.question_count == 0
+    assert (device_of(glance, "gauge")["typed"], device_of(glance, "gauge")["live"]) == (True, False)
     assert glance.observe_motion().settled is None  # nothing swings, and nothing waits for it
     assert (await cast(Any, glance.cell.gauge).read_distance()).value_m == 1.25
-    assert seen(glance, "gauge")["value"]["length_m"] == 1.25
-    assert seen(glance, "gauge")["due"] == "2999-12-31"
+    assert device_of(glance, "gauge")["value"]["length_m"] == 1.25
+    assert device_of(glance, "gauge")["due"] == "2999-12-31"
     await glance.cancel_polls()

@@ -8,9 +8,9 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page
 
-from tests.service.browsers import go
-from tests.service.test_pages import VIEWPORTS, Looking, looking_at_a_cell
-from tests.service.test_settings_pages import unfold
+from tests.service.browser_pages import go_to_page
+from tests.service.test_pages import VIEWPORTS, PageViewer, view_cell
+from tests.service.test_settings_pages import unfold_sections
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("keyboard_pages")]
 PLACES = (
@@ -38,33 +38,33 @@ HELD = """() => { const held = document.activeElement;
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
-    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
-        yield looks
+async def page_viewer(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[PageViewer]:
+    async with view_cell(tmp_path_factory.mktemp("cell")) as viewer:
+        yield viewer
 
 
-async def stops(page: Page) -> list[dict[str, Any]]:
+async def tab_stops(page: Page) -> list[dict[str, Any]]:
     """Press Tab until it has been everywhere; return where it went."""
     await page.evaluate(FORGET)
     found: list[dict[str, Any]] = []
     while len(found) < MOST_STOPS:
         await page.keyboard.press("Tab")
-        held = await page.evaluate(HELD)
-        if held is None:
+        held_elements = await page.evaluate(HELD)
+        if held_elements is None:
             break
-        found.append(held)
+        found.append(held_elements)
     return found
 
 
 @pytest.mark.parametrize("size", VIEWPORTS)
-async def test_tab_goes_as_one_reads_and_is_seen(looking: Looking, size: tuple[int, int]) -> None:
-    async with looking.page(size=size, locale="es") as page:
+async def test_tab_goes_as_one_reads_and_is_seen(page_viewer: PageViewer, size: tuple[int, int]) -> None:
+    async with page_viewer.open_page(size=size, locale="es") as page:
         for place in PLACES:
-            await go(page, place)
+            await go_to_page(page, place)
             if "procedure" in place:
                 await page.get_by_test_id("settings").wait_for()
-                await unfold(page)
-            found = await stops(page)
+                await unfold_sections(page)
+            found = await tab_stops(page)
             assert 5 < len(found) < MOST_STOPS, place
             assert [each["what"] for each in found if not each["drawn"]] == [], place
             assert [each["what"] for each in found if each["covered"]] == [], place

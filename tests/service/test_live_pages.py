@@ -9,9 +9,9 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
-from tests.service.browsers import comes, go, hold_to_rules
-from tests.service.test_pages import Looking, looking_at_a_cell
-from tests.service.test_view3d import feed
+from tests.service.browser_pages import go_to_page, hold_to_rules, wait_for_value
+from tests.service.test_pages import PageViewer, view_cell
+from tests.service.test_view3d import feed_question
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("live_pages")]
 CAPTURE = {
@@ -42,9 +42,9 @@ HIDDEN = """(hidden) => { Object.defineProperty(document, 'hidden', {value: hidd
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
-    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
-        yield looks
+async def page_viewer(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[PageViewer]:
+    async with view_cell(tmp_path_factory.mktemp("cell")) as viewer:
+        yield viewer
 
 
 def gauge_of(live: dict[str, Any]) -> dict[str, Any]:
@@ -52,23 +52,23 @@ def gauge_of(live: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-async def test_every_live_value_is_shown_and_none_that_is_old(looking: Looking) -> None:
+async def test_every_live_value_is_shown_and_none_that_is_old(page_viewer: PageViewer) -> None:
     """U2: the service tells ten values a second; the page shows each, and two dashes when no more come."""
-    told: list[str] = []
+    live_values: list[str] = []
     silent = False
 
-    def count(live: dict[str, Any]) -> None:
+    def note_value(live: dict[str, Any]) -> None:
         gauge = gauge_of(live)
         if silent:
             gauge["age_s"] = 60.0
         else:
-            told.append(f"{1000.0 + len(told):.2f}")
-            gauge |= {"value": {"length_m": float(told[-1]) * 1e-3}, "age_s": 0.0}
+            live_values.append(f"{1000.0 + len(live_values):.2f}")
+            gauge |= {"value": {"length_m": float(live_values[-1]) * 1e-3}, "age_s": 0.0}
 
-    await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
-    await looking.until(lambda session: session["prompt"])
-    async with looking.page() as page:
-        await feed(page, CAPTURE, count)
+    await page_viewer.send_order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+    await page_viewer.wait_until(lambda session: session["prompt"])
+    async with page_viewer.open_page() as page:
+        await feed_question(page, CAPTURE, note_value)
         await page.reload()
         gauge = page.get_by_test_id("prompt").get_by_test_id("gauge")
         await expect(gauge).to_have_attribute("data-stale", "false")
@@ -78,26 +78,26 @@ async def test_every_live_value_is_shown_and_none_that_is_old(looking: Looking) 
             shown: list[str] = await page.evaluate("window.__lengths")
             return [text for text in shown if text != "--"]  # this computer may be late
 
-        shown = await comes(lengths, lambda shown: len(shown) >= 50)
-        first = told.index(shown[0])
-        missed = set(told[first : told.index(shown[-1])]) - set(shown)
+        shown = await wait_for_value(lengths, lambda shown: len(shown) >= 50)
+        first = live_values.index(shown[0])
+        missed = set(live_values[first : live_values.index(shown[-1])]) - set(shown)
         assert len(missed) <= len(shown) // 5, missed  # two that come at once are drawn as one
         silent = True
         await expect(gauge).to_have_attribute("data-stale", "true")
         await expect(gauge.locator("output")).to_have_text("--")
         await expect(page.get_by_test_id("yes")).to_be_disabled()
-    await looking.order(op="stop")
-    await looking.until(lambda session: session["run"]["outcome"])
-    await looking.order(op="dismiss")
+    await page_viewer.send_order(op="stop")
+    await page_viewer.wait_until(lambda session: session["run"]["outcome"])
+    await page_viewer.send_order(op="dismiss")
 
 
-async def test_the_panel_says_of_each_device_what_it_is_and_what_is_wrong(looking: Looking) -> None:
+async def test_the_panel_says_of_each_device_what_it_is_and_what_is_wrong(page_viewer: PageViewer) -> None:
     """U23: state, age, what it said last, and when its calibration is due, by a word where it was."""
     changed: dict[str, Any] = {"due": "2999-12-31"}
-    async with looking.page() as page:
-        await feed(page, None, lambda live: gauge_of(live).update(changed))
+    async with page_viewer.open_page() as page:
+        await feed_question(page, None, lambda live: gauge_of(live).update(changed))
         await page.reload()
-        await go(page, "#/devices")
+        await go_to_page(page, "#/devices")
         for role in ("robot", "gauge"):
             panel = page.get_by_test_id(f"panel-{role}")
             await expect(panel).to_have_attribute("data-state", "ready")
@@ -118,61 +118,71 @@ async def test_the_panel_says_of_each_device_what_it_is_and_what_is_wrong(lookin
         await hold_to_rules(page, "a device that is wrong")
 
 
-async def test_the_picture_has_the_joints_that_the_service_tells(looking: Looking) -> None:
+async def test_the_picture_has_the_joints_that_the_service_tells(page_viewer: PageViewer) -> None:
     """U3: joint by joint, to a thousandth of a radian."""
-    told: list[list[float]] = []
+    joint_messages: list[list[float]] = []
 
-    def listen(live: dict[str, Any]) -> None:
-        told.extend(d["value"]["joints_rad"] for d in live["devices"] if d["role"] == "robot" and d["value"])
-
-    async with looking.page() as page:
-        await feed(page, None, listen)
-        await page.reload()
-        await comes(
-            lambda: page.evaluate("window.__robot?.joints_rad ?? null"),
-            lambda seen: seen and told and np.allclose(seen, told[-1], rtol=0.0, atol=1e-3),
+    def note_joints(live: dict[str, Any]) -> None:
+        joint_messages.extend(
+            d["value"]["joints_rad"] for d in live["devices"] if d["role"] == "robot" and d["value"]
         )
-        assert np.abs(told[-1]).max() > 0.01  # not the posture in which every arm is drawn first
+
+    async with page_viewer.open_page() as page:
+        await feed_question(page, None, note_joints)
+        await page.reload()
+        await wait_for_value(
+            lambda: page.evaluate("window.__robot?.joints_rad ?? null"),
+            lambda value: (
+                value and joint_messages and np.allclose(value, joint_messages[-1], rtol=0.0, atol=1e-3)
+            ),
+        )
+        assert np.abs(joint_messages[-1]).max() > 0.01  # not the posture in which every arm is drawn first
 
 
-async def test_the_screen_stays_on_while_a_run_goes_on_and_no_longer(looking: Looking) -> None:
-    async with looking.page() as page:
+async def test_the_screen_stays_on_while_a_run_goes_on_and_no_longer(page_viewer: PageViewer) -> None:
+    async with page_viewer.open_page() as page:
         await page.add_init_script(WAKE)
         await page.reload()
         await page.get_by_test_id("device-robot").wait_for()
 
-        async def held() -> list[str]:
+        async def read_wake_locks() -> list[str]:
             found: list[str] = await page.evaluate(HELD)
             return found
 
         assert await page.evaluate("window.__locks") == []
-        await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+        await page_viewer.send_order(
+            op="start", procedure="mastering_record", settings={}, hold_to_move=False
+        )
         await page.get_by_test_id("prompt").wait_for()
-        await comes(held, lambda kinds: kinds == ["screen"])
-        await go(page, "#/history")  # whatever is looked at meanwhile
+        await wait_for_value(read_wake_locks, lambda kinds: kinds == ["screen"])
+        await go_to_page(page, "#/history")  # whatever is looked at meanwhile
         await page.evaluate(HIDDEN, True)
-        assert await held() == []
+        assert await read_wake_locks() == []
         await page.evaluate(HIDDEN, False)
-        await comes(held, lambda kinds: kinds == ["screen"])
-        await looking.order(op="stop")
-        await comes(held, lambda kinds: not kinds)
+        await wait_for_value(read_wake_locks, lambda kinds: kinds == ["screen"])
+        await page_viewer.send_order(op="stop")
+        await wait_for_value(read_wake_locks, lambda kinds: not kinds)
         await page.evaluate(HIDDEN, True)
         await page.evaluate(HIDDEN, False)
-        assert await held() == []  # the page of a run that has ended keeps nothing on
-        await looking.order(op="dismiss")
+        assert await read_wake_locks() == []  # the page of a run that has ended keeps nothing on
+        await page_viewer.send_order(op="dismiss")
 
 
 @pytest.mark.parametrize("how", NO_WAKE)
-async def test_a_browser_that_cannot_keep_its_screen_on_runs_as_any_other(looking: Looking, how: str) -> None:
-    async with looking.page() as page:
+async def test_a_browser_that_cannot_keep_its_screen_on_runs_as_any_other(
+    page_viewer: PageViewer, how: str
+) -> None:
+    async with page_viewer.open_page() as page:
         await page.add_init_script(NO_WAKE[how])
-        await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+        await page_viewer.send_order(
+            op="start", procedure="mastering_record", settings={}, hold_to_move=False
+        )
         await page.reload()
         await page.get_by_test_id("prompt").wait_for()
         if how == "refused":
-            await comes(lambda: page.evaluate("window.__refused"), lambda times: times == 1)
+            await wait_for_value(lambda: page.evaluate("window.__refused"), lambda times: times == 1)
             await page.evaluate(HIDDEN, False)
-            await comes(lambda: page.evaluate("window.__refused"), lambda times: times == 2)
-        await looking.order(op="stop")
-        await looking.until(lambda session: session["run"]["outcome"])
-        await looking.order(op="dismiss")
+            await wait_for_value(lambda: page.evaluate("window.__refused"), lambda times: times == 2)
+        await page_viewer.send_order(op="stop")
+        await page_viewer.wait_until(lambda session: session["run"]["outcome"])
+        await page_viewer.send_order(op="dismiss")

@@ -24,12 +24,12 @@ from cellcal.service.site.link_files import close_session
 from cellcal.service.site.router import TASK as ROUTER
 from cellcal.service.site.router import host_router
 from cellcal.service.web.server import bind_address
-from tests.service.long_lived import InjectedError, is_back, raise_in
-from tests.service.sites import PATIENCE_S, Site, until
-from tests.service.test_supervision import comes
+from tests.service.long_lived_tasks import InjectedError, is_back, raise_in
+from tests.service.loopback_site import PATIENCE_S, LoopbackSite, wait_until
+from tests.service.test_supervision import poll_until
 
 
-def reached(site: Site) -> bool:
+def reached(site: LoopbackSite) -> bool:
     """Whether a cell of the site gets a session at its router."""
     try:
         close_session(zenoh.open(site.zenoh_of("cell-07")))
@@ -39,13 +39,13 @@ def reached(site: Site) -> bool:
 
 
 @contextlib.contextmanager
-def hosting(site: Site) -> Iterator[list[str]]:
+def hosting(site: LoopbackSite) -> Iterator[list[str]]:
     """Host the router in a thread of this process."""
     leave, said = threading.Event(), list[str]()
     thread = threading.Thread(target=host_router, args=(site.folder / "router", leave, said.append))
     thread.start()
     try:
-        until(lambda: said)
+        wait_until(lambda: said)
         yield said
     finally:
         leave.set()
@@ -54,22 +54,22 @@ def hosting(site: Site) -> Iterator[list[str]]:
 
 
 def test_the_router_goes_on_with_its_rules_when_its_work_raises(tmp_path: Path) -> None:
-    site = Site(tmp_path, "cell-07")
+    site = LoopbackSite(tmp_path, "cell-07")
     with hosting(site) as said:
         before = SUPERVISOR.failure_counts().get(ROUTER, 0)
-        until(lambda: raise_in(ROUTER))
-        until(lambda: is_back(ROUTER, before, lambda: True))
+        wait_until(lambda: raise_in(ROUTER))
+        wait_until(lambda: is_back(ROUTER, before, lambda: True))
         assert reached(site)
-        site.add("cell-08")  # and it takes in what is enrolled afterwards
-        until(lambda: "The rules have changed." in said[-1] and "2 cells" in said[-1])
-        until(lambda: reached(site))
+        site.add_cells("cell-08")  # and it takes in what is enrolled afterwards
+        wait_until(lambda: "The rules have changed." in said[-1] and "2 cells" in said[-1])
+        wait_until(lambda: reached(site))
     assert ROUTER not in SUPERVISOR.task_names()
 
 
 def test_a_router_that_cannot_listen_again_is_named_and_tries_until_it_can(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    site, opens = Site(tmp_path, "cell-07"), router._open_session
+    site, opens = LoopbackSite(tmp_path, "cell-07"), router._open_session
     refusing = threading.Event()
 
     def opened(*given: Any, **named: Any) -> zenoh.Session:
@@ -81,14 +81,14 @@ def test_a_router_that_cannot_listen_again_is_named_and_tries_until_it_can(
     with hosting(site) as said:
         before = SUPERVISOR.failure_counts().get(ROUTER, 0)
         refusing.set()
-        site.add("cell-08")
-        until(lambda: SUPERVISOR.failure_counts().get(ROUTER, 0) > before + 1)  # and again
+        site.add_cells("cell-08")
+        wait_until(lambda: SUPERVISOR.failure_counts().get(ROUTER, 0) > before + 1)  # and again
         assert "No space left" in next(
             one.message for one in SUPERVISOR.list_troubles() if one.task == ROUTER
         )
         refusing.clear()
-        until(lambda: len(said) > 1)
-        until(lambda: reached(site))
+        wait_until(lambda: len(said) > 1)
+        wait_until(lambda: reached(site))
 
 
 async def test_a_solver_that_dies_says_how_and_the_next_question_has_an_answer(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ async def test_a_solver_that_dies_says_how_and_the_next_question_has_an_answer(t
             assert process is not None
             os.kill(process.pid, signal.SIGSTOP)
             asking = asyncio.create_task(solver.ask_worker("review", run_id="none", config={}))
-            await comes(solver._turn.locked)
+            await poll_until(solver._turn.locked)
             os.kill(process.pid, number)
             os.kill(process.pid, signal.SIGCONT)
             with pytest.raises(SolverEndedError, match=f"signal {int(number)}"):
@@ -140,9 +140,9 @@ async def test_the_demos_tasks_are_named_and_come_back(
             raise InjectedError("a terminal that is gone")
 
     async with the_demo(tmp_path, say):
-        await comes(lambda: "address of the demo failed: InjectedError" in caplog.text)
-        await comes(lambda: len(said) > 2)
+        await poll_until(lambda: "address of the demo failed: InjectedError" in caplog.text)
+        await poll_until(lambda: len(said) > 2)
         assert said[0] == said[1]  # told again
-        await comes(partial(raise_in, "opening of the demo"))
-        await comes(lambda: "opening of the demo failed: InjectedError" in caplog.text)
-        await comes(lambda: SUPERVISOR.holder_of("opening of the demo"))
+        await poll_until(partial(raise_in, "opening of the demo"))
+        await poll_until(lambda: "opening of the demo failed: InjectedError" in caplog.text)
+        await poll_until(lambda: SUPERVISOR.holder_of("opening of the demo"))

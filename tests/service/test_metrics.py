@@ -20,10 +20,10 @@ from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.procedures.cells import pointing
-from tests.procedures.certified import cell_config, run_in
-from tests.service.doors import Clock, a_door
-from tests.service.sites import live_of, session_of
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import user_frame_scene
+from tests.service.loopback_site import live_of, session_of
+from tests.service.service_client import ServiceClock, open_service_client
 
 _SAMPLE = re.compile(r"([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{(.*)\})?[ \t]+(\S+)(?:[ \t]+(-?\d+))?")
 _LABEL = re.compile(r'([a-zA-Z_][a-zA-Z0-9_]*)="((?:[^"\\\n]|\\[\\n"])*)"(,|$)')
@@ -31,7 +31,7 @@ _KINDS = {"counter", "gauge", "histogram", "summary", "untyped"}
 
 
 @dataclass
-class Read:
+class ParsedExposition:
     """An exposition as a server reads it."""
 
     kinds: dict[str, str] = field(default_factory=dict)
@@ -40,18 +40,18 @@ class Read:
     def __call__(self, name: str, **labels: str) -> float:
         return self.values[name, frozenset(labels.items())]
 
-    def labelled(self, name: str) -> list[dict[str, str]]:
+    def labels_of(self, name: str) -> list[dict[str, str]]:
         return [dict(labels) for found, labels in self.values if found == name]
 
 
-def parsed(text: str) -> Read:
+def parse_exposition(text: str) -> ParsedExposition:
     """Read the text format 0.0.4 by its document.
 
     Each line ends with a newline, TYPE comes once and before the samples of its name, all lines of a name stand
     together, and no sample is there twice.
     """
     assert text == "" or text.endswith("\n")
-    read, closed, now, helped = Read(), set(), "", set()
+    read, closed, now, helped = ParsedExposition(), set(), "", set()
     for line in text.split("\n")[:-1]:
         assert line == line.strip()
         assert line
@@ -72,9 +72,9 @@ def parsed(text: str) -> Read:
             match = _SAMPLE.fullmatch(line)
             assert match, line
             name = match[1]
-            key = (name, frozenset(_labels(match[2] or "").items()))
+            key = (name, frozenset(_parse_labels(match[2] or "").items()))
             assert key not in read.values, line
-            read.values[key] = _number(match[3])
+            read.values[key] = _parse_number(match[3])
             assert read.kinds.get(name) != "counter" or read.values[key] >= 0
         if name != now:
             closed.add(now)
@@ -83,7 +83,7 @@ def parsed(text: str) -> Read:
     return read
 
 
-def _labels(text: str) -> dict[str, str]:
+def _parse_labels(text: str) -> dict[str, str]:
     found, at = {}, 0
     while at < len(text):
         match = _LABEL.match(text, at)
@@ -94,7 +94,7 @@ def _labels(text: str) -> dict[str, str]:
     return found
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     assert text in ("NaN", "+Inf", "-Inf") or re.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?", text), text
     return float(text.replace("Inf", "inf"))
 
@@ -107,7 +107,7 @@ def test_the_parser_gets_back_whatever_was_written() -> None:
     family = MetricFamily("a_name", "gauge", "A help\nwith \\ and a newline.")
     for k, value in enumerate(figures):
         family.add_sample(value, {"text": HOSTILE * k, "k": str(k)})
-    read = parsed(
+    read = parse_exposition(
         render_text(
             [
                 family,
@@ -118,7 +118,9 @@ def test_the_parser_gets_back_whatever_was_written() -> None:
     )
     for k, value in enumerate(figures):
         assert read("a_name", text=HOSTILE * k, k=str(k)) == value
-    assert math.isnan(parsed(render_text([MetricFamily("x", "gauge", "X.").add_sample(math.nan)]))("x"))
+    assert math.isnan(
+        parse_exposition(render_text([MetricFamily("x", "gauge", "X.").add_sample(math.nan)]))("x")
+    )
     assert set(read.kinds) == {"a_name", "n_total"}
     for name, kind in (("a b", "gauge"), ("1a", "gauge"), ("n", "counter"), ("n_total", "gauge")):
         with pytest.raises(ValueError, match="is no name"):
@@ -131,20 +133,20 @@ BROKEN = ["a 1", "a  \n", "a{b=c} 1\n", 'a{b="c} 1\n', "# TYPE a thing\n", "a 1\
 @pytest.mark.parametrize("broken", BROKEN)
 def test_the_parser_takes_nothing_else(broken: str) -> None:
     with pytest.raises(AssertionError):
-        parsed(broken)
+        parse_exposition(broken)
 
 
-def read_of(config: CellConfig, clock: Clock | None = None, **said: dict) -> Read:
-    meter = CellMetrics(config, clock=clock or Clock())
-    for kind, content in said.items():
+def read_of(config: CellConfig, clock: ServiceClock | None = None, **cell_states: dict) -> ParsedExposition:
+    meter = CellMetrics(config, clock=clock or ServiceClock())
+    for kind, content in cell_states.items():
         meter.on_event(kind, content)
-    return parsed(meter.render_metrics())
+    return parse_exposition(meter.render_metrics())
 
 
 def test_a_cell_that_stands_well_and_one_that_does_not(tmp_path: Path) -> None:
-    config, clock = cell_config(tmp_path), Clock()
+    config, clock = cell_config(tmp_path), ServiceClock()
     meter = CellMetrics(config, clock=clock)
-    silent = parsed(meter.render_metrics())
+    silent = parse_exposition(meter.render_metrics())
     assert (silent("cellcal_desk_up"), silent("cellcal_cell_up"), silent("cellcal_journal_events_total")) == (
         0,
         0,
@@ -152,24 +154,24 @@ def test_a_cell_that_stands_well_and_one_that_does_not(tmp_path: Path) -> None:
     )
     meter.on_event("session", session_of("cell-7"))
     meter.on_event("live", live_of())
-    well = parsed(meter.render_metrics())
+    well = parse_exposition(meter.render_metrics())
     assert well("cellcal_desk_up") == well("cellcal_cell_up") == 1
     assert well("cellcal_device_ready", device="wire", role="gauge") == 1
     assert well("cellcal_device_value_age_seconds", device="wire", role="gauge") == 0.01
     assert well("cellcal_alarms", code="any") == 0
     meter.on_event("live", live_of(state="stopped"))
-    stopped = parsed(meter.render_metrics())
+    stopped = parse_exposition(meter.render_metrics())
     assert stopped("cellcal_device_ready", device="fanuc", role="robot") == 0
     assert stopped("cellcal_device_state", device="fanuc", role="robot", state="stopped") == 1
     assert stopped("cellcal_alarms", code="device.stopped") == 1
     run = {"state": "running", "outcome": None, "procedure": "x"}
     meter.on_event("session", session_of("cell-7", run=run, prompt={"key": "k"}))
-    busy = parsed(meter.render_metrics())
+    busy = parse_exposition(meter.render_metrics())
     assert busy("cellcal_run_active") == busy("cellcal_waits_for_person") == 1
     clock.pass_by(CONTROLLER_SILENT_S + 0.1)
-    gone = parsed(meter.render_metrics())
+    gone = parse_exposition(meter.render_metrics())
     assert gone("cellcal_desk_up") == gone("cellcal_run_active") == 0
-    assert gone.labelled("cellcal_device_ready") == []  # what is not known is not shown as it was
+    assert gone.labels_of("cellcal_device_ready") == []  # what is not known is not shown as it was
 
 
 def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
@@ -178,7 +180,7 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
         "expanded_uncertainty_mm = 0.05\n"
     )
     config = cell_config(tmp_path, more=more)
-    outcome = asyncio.run(run_in(config, pointing(), "three_point_frame"))
+    outcome = asyncio.run(run_in(config, user_frame_scene(), "three_point_frame"))
     issue_certificate(config, outcome.run_id)
     with open_journal(config) as journal:
         header = {"procedure": "drift_check", "cell": {"devices": [{"identity": {"serial": "F-1"}}]}}
@@ -188,13 +190,13 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
         journal.append_all("drift-2", [NewEvent(EventKind.STARTED, header)])
         events = len(journal.list_events())
     meter = CellMetrics(config)
-    read = parsed(meter.render_metrics())
+    read = parse_exposition(meter.render_metrics())
     assert read("cellcal_runs", procedure="three_point_frame", outcome="passed") == 1
     assert read("cellcal_runs", procedure="drift_check", outcome="interrupted") == 1
     assert read("cellcal_journal_events_total") == events
     assert read("cellcal_drift_change_rms_meters", robot_serial="F-1") == 0.00012
     assert read("cellcal_drift_change_max_meters", robot_serial="F-1") == 0.0003
-    assert {one["procedure"] for one in read.labelled("cellcal_certificate_timestamp_seconds")} == {
+    assert {one["procedure"] for one in read.labels_of("cellcal_certificate_timestamp_seconds")} == {
         "three_point_frame", "drift_check",
     }  # fmt: skip
     assert all(
@@ -205,7 +207,7 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
     )  # date -ud 2027-02-02 +%s
     with open_journal(config) as journal:
         journal.append_all("drift-2", [NewEvent(EventKind.ENDED, {"verdict": "refused"})])
-    again = parsed(meter.render_metrics())  # read on, not anew
+    again = parse_exposition(meter.render_metrics())  # read on, not anew
     assert again("cellcal_runs", procedure="drift_check", outcome="refused") == 1
     assert (
         "cellcal_runs",
@@ -215,7 +217,7 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
     assert again.kinds["process_cpu_seconds_total"] == "counter"
 
 
-def test_a_journal_that_cannot_be_read_is_said_and_hides_nothing_else(tmp_path: Path) -> None:
+def test_an_unreadable_journal_is_reported_and_hides_no_other_metric(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
     journal_path(config).parent.mkdir()
     journal_path(config).write_text("no database at all")
@@ -230,16 +232,18 @@ def test_an_outbox_that_cannot_be_read_hides_nothing_else(tmp_path: Path) -> Non
     (tmp_path / "data" / "webhook_outbox.sqlite").write_text("no database at all")
     read = read_of(read_cell_file(path), session=session_of("cell-7"))
     assert read("cellcal_cell_up") == 1
-    assert read.labelled("cellcal_webhook_waiting") == []
+    assert read.labels_of("cellcal_webhook_waiting") == []
 
 
-async def test_who_may_read_it(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        answer = await door.client.get("/metrics")
+async def test_reading_metrics_needs_permission(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
+        answer = await service_client.client.get("/metrics")
         assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
-        parsed(answer.text)
-        assert (await door.client.get("/metrics", headers={"host": "evil.example"})).status_code == 421
-        elsewhere = httpx.ASGITransport(door.app, client=("192.168.0.9", 4))
+        parse_exposition(answer.text)
+        assert (
+            await service_client.client.get("/metrics", headers={"host": "evil.example"})
+        ).status_code == 421
+        elsewhere = httpx.ASGITransport(service_client.app, client=("192.168.0.9", 4))
         async with httpx.AsyncClient(transport=elsewhere, base_url="http://127.0.0.1") as far:
             assert (await far.get("/metrics")).status_code == 403
             assert (await far.get("/api/session")).status_code == 401
@@ -268,7 +272,7 @@ async def test_with_a_token_only_its_holder_reads_it_from_here_or_from_afar(tmp_
                 answer = await browser.get("/metrics", headers=headers)
                 assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer"), wrong
             right = await browser.get("/metrics", headers={"authorization": f"Bearer {token}"})
-            assert parsed(right.text)("cellcal_desk_up") == 0
+            assert parse_exposition(right.text)("cellcal_desk_up") == 0
     for short in ("", "short", None):
         (tmp_path / "token").unlink() if short is None else (tmp_path / "token").write_text(short)
         async with httpx.AsyncClient(
@@ -279,9 +283,9 @@ async def test_with_a_token_only_its_holder_reads_it_from_here_or_from_afar(tmp_
 
 
 async def test_no_secret_and_no_name_of_a_person_is_in_it(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        config = read_cell_file(door.app.state.house.settings.cell_file)
-        door.app.state.meter.heard("session", session_of("cell-7", controlled_by="Tom"))
-        text = (await door.client.get("/metrics")).text
+    async with open_service_client(tmp_path) as service_client:
+        config = read_cell_file(service_client.app.state.house.settings.cell_file)
+        service_client.app.state.meter.received_keys("session", session_of("cell-7", controlled_by="Tom"))
+        text = (await service_client.client.get("/metrics")).text
         assert pepper_of(config.cell.data_dir).hex() not in text
         assert not any(name in text for name in ("Tom", "Emil", "Ada"))

@@ -15,17 +15,17 @@ from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.journal_files import journal_path, open_journal
-from tests.procedures.cells import touching
-from tests.procedures.certified import cell_config, run_in
-from tests.service.browsers import hold_to_rules
-from tests.service.desks import RECORD, at_desk, take_the_record
-from tests.service.steps import Pendant, at_the_pages
+from tests.procedures.certified_runs import cell_config, run_in
+from tests.procedures.procedure_scenes import tool_touch_scene
+from tests.service.browser_pages import hold_to_rules
+from tests.service.cell_process_session import RECORD, open_session, take_the_record
+from tests.service.step_page_actions import FakePendant, at_the_pages
 
 
-async def cut(folder: Path) -> tuple[CellConfig, str]:
+async def cut_journal_end(folder: Path) -> tuple[CellConfig, str]:
     """Return a cell whose journal lost its last event after a certificate was issued."""
     config = cell_config(folder)
-    outcome = await run_in(config, touching(), "six_point_tcp")
+    outcome = await run_in(config, tool_touch_scene(), "six_point_tcp")
     issue_certificate(config, outcome.run_id)
     cut_off(journal_path(config))
     return config, outcome.run_id
@@ -48,36 +48,39 @@ SAID = {
 async def test_show_and_backup_tell_it_as_runs_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    config, run_id = await cut(tmp_path)
+    config, run_id = await cut_journal_end(tmp_path)
     cell = str(config.path)
     for words in (["runs", "--cell", cell], ["show", run_id, "--cell", cell]):
         assert run_command_line(words) == ExitCode.SIGNATURE, words
         assert "end of the journal is missing" in " ".join(capsys.readouterr().err.split())
-    kept = tmp_path / "kept"
-    kept.mkdir()
-    assert run_command_line(["backup", cell, "--to", str(kept)]) != ExitCode.PASS
+    backup_folder = tmp_path / "kept"
+    backup_folder.mkdir()
+    assert run_command_line(["backup", cell, "--to", str(backup_folder)]) != ExitCode.PASS
     assert "end of the journal is missing" in " ".join(capsys.readouterr().err.split())
-    assert not list(kept.iterdir())
-    assert run_command_line(["backup", cell, "--to", str(kept), "--accept-missing-end"]) == ExitCode.PASS
-    assert list(kept.iterdir())
+    assert not list(backup_folder.iterdir())
+    assert (
+        run_command_line(["backup", cell, "--to", str(backup_folder), "--accept-missing-end"])
+        == ExitCode.PASS
+    )
+    assert list(backup_folder.iterdir())
 
 
-async def test_at_the_desk_nothing_begins_until_a_person_has_accepted_it(tmp_path: Path) -> None:
-    async with at_desk(tmp_path) as person:
+async def test_no_run_begins_until_a_person_has_accepted_the_missing_end(tmp_path: Path) -> None:
+    async with open_session(tmp_path) as person:
         await take_the_record(person)
-        cut_off(journal_path(person.desk._config))
-        refused = await person.order(RECORD)
+        cut_off(journal_path(person.cell_process._config))
+        refused = await person.send_order(RECORD)
         assert (refused["ok"], refused["code"]) == (False, "store.end_missing")
         assert person.session["run"] is None
-        assert (await person.order(RECORD | {"accept_missing_end": True}))["ok"]
-        await person.until(lambda session: session["prompt"])
-        await person.order({"op": "stop"})
+        assert (await person.send_order(RECORD | {"accept_missing_end": True}))["ok"]
+        await person.wait_until(lambda session: session["prompt"])
+        await person.send_order({"op": "stop"})
         assert "end of the journal is missing" in person.session["journal_end"]
         run_id = person.session["run"]["id"]
-        accepted = accepted_in(person.desk._config, run_id)
+        accepted = accepted_in(person.cell_process._config, run_id)
         assert [who for who, _ in accepted] == ["Anna"]
         assert ".json was issued after an event that it does not have" in accepted[0][1]
-        with open_journal(person.desk._config) as journal:
+        with open_journal(person.cell_process._config) as journal:
             given = [one for one in list_sign_offs(journal.list_events(run_id)) if one["did"] == "accepted"]
         assert "end of the journal is missing" in given[0]["what"]
         assert given[0]["at_utc"]
@@ -91,22 +94,22 @@ def accepted_in(config: CellConfig, run_id: str) -> list[tuple[str, str]]:
 
 
 async def test_going_on_with_a_run_is_accepted_in_its_journal_too(tmp_path: Path) -> None:
-    async with at_desk(tmp_path) as person:
-        config = person.desk._config
-        await person.order(RECORD)
-        await person.until(lambda session: session["prompt"])
+    async with open_session(tmp_path) as person:
+        config = person.cell_process._config
+        await person.send_order(RECORD)
+        await person.wait_until(lambda session: session["prompt"])
         run_id = person.session["run"]["id"]
-        await person.order({"op": "stop"})
-        await person.order({"op": "dismiss"})
+        await person.send_order({"op": "stop"})
+        await person.send_order({"op": "dismiss"})
         await take_the_record(person)
         cut_off(journal_path(config))
-        refused = await person.order({"op": "resume", "run_id": run_id})
+        refused = await person.send_order({"op": "resume", "run_id": run_id})
         assert refused["code"] == "store.end_missing"
         assert accepted_in(config, run_id) == []
         resume = {"op": "resume", "run_id": run_id, "accept_missing_end": True}
-        assert (await person.order(resume))["ok"]
-        await person.until(lambda _: accepted_in(config, run_id))
-        await person.order({"op": "stop"})
+        assert (await person.send_order(resume))["ok"]
+        await person.wait_until(lambda _: accepted_in(config, run_id))
+        await person.send_order({"op": "stop"})
 
 
 async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: Path) -> None:
@@ -115,7 +118,7 @@ async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: P
         await _record_by(pendant)
         cut_off(journal_path(config))
         for locale, said in SAID.items():
-            async with pendant.looks.page("#/procedure/mastering_record", locale=locale) as page:
+            async with pendant.viewer.open_page("#/procedure/mastering_record", locale=locale) as page:
                 await page.get_by_test_id("start").click()
                 dialog = page.get_by_test_id("dialog")
                 for words in said:
@@ -124,33 +127,33 @@ async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: P
                 await hold_to_rules(page, "the dialog of a missing end")
                 await page.get_by_test_id("dialog-close").click()
                 await expect(dialog).to_have_count(0)
-                assert (await pendant.looks.session())["run"] is None
+                assert (await pendant.viewer.read_session())["run"] is None
                 if locale == "zh":
                     await _go_on_all_the_same(pendant, page, config)
-                refused = [line for line in pendant.looks.complaints if "409" in line]
+                refused = [line for line in pendant.viewer.complaints if "409" in line]
                 assert refused  # the browser's own words for a refusal
-                pendant.looks.complaints.clear()
-            pendant.nobody_has_control()
+                pendant.viewer.complaints.clear()
+            pendant.release_control()
 
 
-async def _go_on_all_the_same(pendant: Pendant, page: Page, config: CellConfig) -> None:
+async def _go_on_all_the_same(pendant: FakePendant, page: Page, config: CellConfig) -> None:
     await page.get_by_test_id("start").click()
     await page.get_by_test_id("accept-missing-end").click()
-    session = await pendant.looks.until(lambda session: session["prompt"])
+    session = await pendant.viewer.wait_until(lambda session: session["prompt"])
     await expect(page.get_by_test_id("dialog")).to_have_count(0)
     assert len(accepted_in(config, session["run"]["id"])) == 1
     await page.get_by_test_id("stop").click()
-    await pendant.looks.until(lambda session: session["run"]["outcome"])
+    await pendant.viewer.wait_until(lambda session: session["run"]["outcome"])
 
 
-async def _record_by(pendant: Pendant) -> None:
+async def _record_by(pendant: FakePendant) -> None:
     """Take a record, whose certificate then knows an event that will be missing."""
-    await pendant.looks.until(lambda session: session["connection"]["connected"])
-    await pendant.looks.order(**(RECORD | {"hold_to_move": False}))
+    await pendant.viewer.wait_until(lambda session: session["connection"]["connected"])
+    await pendant.viewer.send_order(**(RECORD | {"hold_to_move": False}))
     for key in ("wire_is_hooked", "accept_plan"):
-        session = await pendant.looks.until(
+        session = await pendant.viewer.wait_until(
             lambda session, key=key: (session["prompt"] or {}).get("key") == key
         )
-        await pendant.looks.order(op="answer", prompt_id=session["prompt"]["id"], value="yes")
-    await pendant.looks.until(lambda session: session["run"]["outcome"])
-    await pendant.looks.order(op="dismiss")
+        await pendant.viewer.send_order(op="answer", prompt_id=session["prompt"]["id"], value="yes")
+    await pendant.viewer.wait_until(lambda session: session["run"]["outcome"])
+    await pendant.viewer.send_order(op="dismiss")

@@ -18,8 +18,8 @@ from cellcal.service.site.outbox import SiteOutbox
 from cellcal.service.site.signed_messages import MessageSigner, SignedMessage
 from cellcal.service.site.site_store import ReceivedEvent, SiteStore
 from cellcal.service.site.unstored import MOST_WAITING, TASK, UnstoredEvents
-from tests.service.sites import PATIENCE_S, Site, opened, until
-from tests.service.test_fleet import Hall
+from tests.service.loopback_site import PATIENCE_S, LoopbackSite, open_bus, wait_until
+from tests.service.test_fleet import PlayedFleet
 
 BODY = {"id": "x:y", "active": True, "source": "y", "text": "true", "code": "x", "remedy": ""}
 
@@ -31,29 +31,29 @@ def told_of(listener: FleetListener) -> str:
 def test_events_that_came_while_the_store_failed_are_stored_later_and_cells_stay_visible(
     tmp_path: Path,
 ) -> None:
-    site, file = Site(tmp_path, "cell-07", "cell-08"), tmp_path / "s.sqlite"
+    site, file = LoopbackSite(tmp_path, "cell-07", "cell-08"), tmp_path / "s.sqlite"
     with (
-        site.router(),
-        FleetListener(site.monitor, file, patience_s=PATIENCE_S) as listener,
-        opened(site.zenoh_of("cell-07")) as cell,
+        site.start_router(),
+        FleetListener(site.monitor_folder, file, patience_s=PATIENCE_S) as listener,
+        open_bus(site.zenoh_of("cell-07")) as cell,
         closing(sqlite3.connect(file, isolation_level=None)) as other,
     ):
-        keys, config = site.keys("cell-07"), site.cells["cell-07"]
+        keys, config = site.station_keys("cell-07"), site.cells["cell-07"]
         with SiteOutbox(config.cell.data_dir) as outbox:
             sealer = MessageSigner(station_key(config.cell.data_dir), "cell-07", outbox.epoch)
         first = sealer.sign_message(keys.alarm_key, 1, BODY)
-        until(lambda: (cell.put(keys.alarm_key, first), listener.event_numbers("cell-07"))[1])
+        wait_until(lambda: (cell.put(keys.alarm_key, first), listener.event_numbers("cell-07"))[1])
         other.execute("ALTER TABLE event RENAME TO away")
         for seq in range(2, 30):
             cell.put(keys.alarm_key, sealer.sign_message(keys.alarm_key, seq, BODY | {"text": str(seq)}))
-        until(lambda: "the monitor's store takes nothing just now" in told_of(listener))
+        wait_until(lambda: "the monitor's store takes nothing just now" in told_of(listener))
         assert TASK in [trouble.task for trouble in SUPERVISOR.list_troubles()]
-        until(
+        wait_until(
             lambda: listener.fleet.cell_views(time.monotonic())[0].alarms[0]["text"] == "29"
         )  # shown all the same
         other.execute("ALTER TABLE away RENAME TO event")
-        until(lambda: listener.event_numbers("cell-07") == list(range(1, 30)))
-        until(lambda: "works again" in told_of(listener))
+        wait_until(lambda: listener.event_numbers("cell-07") == list(range(1, 30)))
+        wait_until(lambda: "works again" in told_of(listener))
         assert TASK not in [trouble.task for trouble in SUPERVISOR.list_troubles()]
 
 
@@ -64,7 +64,7 @@ def received(cell: str, seq: int, body: Any = None) -> ReceivedEvent:
 
 
 def test_an_event_that_cannot_be_stored_is_its_cells_alone(tmp_path: Path) -> None:
-    hall = Hall(tmp_path, 2)
+    hall = PlayedFleet(tmp_path, 2)
     good, bad = hall.names
     with SiteStore(Path(":memory:")) as store:
 
@@ -80,7 +80,7 @@ def test_an_event_that_cannot_be_stored_is_its_cells_alone(tmp_path: Path) -> No
 
 
 def test_what_waits_is_bounded_and_tried_again_after_a_pause_only(tmp_path: Path) -> None:
-    hall, now, tried = Hall(tmp_path, 1), [100.0], []
+    hall, now, tried = PlayedFleet(tmp_path, 1), [100.0], []
 
     def refuse(_: Sequence[ReceivedEvent]) -> None:
         tried.append(1)
@@ -114,7 +114,7 @@ def test_what_waits_is_bounded_and_tried_again_after_a_pause_only(tmp_path: Path
     ids=lambda error: type(error).__name__,
 )  # fmt: skip
 def test_what_one_cell_breaks_is_named_at_it_and_ends_no_loop(tmp_path: Path, error: Exception) -> None:
-    hall = Hall(tmp_path, 2)
+    hall = PlayedFleet(tmp_path, 2)
     for cell in hall.names:
         with hall.fleet.blame_cell(cell):
             if cell == hall.names[0]:
@@ -125,26 +125,26 @@ def test_what_one_cell_breaks_is_named_at_it_and_ends_no_loop(tmp_path: Path, er
 def test_a_cell_that_refuses_to_tell_what_is_missing_does_not_keep_the_monitor_from_asking_others(
     tmp_path: Path,
 ) -> None:
-    site = Site(tmp_path, "cell-07", "cell-08")
+    site = LoopbackSite(tmp_path, "cell-07", "cell-08")
     before = SUPERVISOR.failure_counts().get("monitor: asking", 0)
     with (
-        site.router(),
-        FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
-        opened(site.zenoh_of("cell-07")) as cell,
+        site.start_router(),
+        FleetListener(site.monitor_folder, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+        open_bus(site.zenoh_of("cell-07")) as cell,
     ):
-        keys = site.keys("cell-07")
+        keys = site.station_keys("cell-07")
         refusing = cell.declare_queryable(
             keys.answer_key("outbox"), lambda query: query.reply_err(b'{"message": "my outbox is broken"}')
         )
-        until(lambda: _asked(listener, "cell-07") and "my outbox is broken" in told_of(listener))
+        wait_until(lambda: _asked(listener, "cell-07") and "my outbox is broken" in told_of(listener))
         refusing.undeclare()
         assert {flaw["cell"] for flaw in listener.fleet.flaws if "outbox is broken" in flaw["what"]} == {
             "cell-07"
         }
         assert SUPERVISOR.failure_counts().get("monitor: asking", 0) == before
-        with site.publishing("cell-08"):
-            site.journal("cell-08", "drift_check-0123456789ab", 3)
-            until(lambda: listener.event_numbers("cell-08"))
+        with site.publish_cell("cell-08"):
+            site.append_to_journal("cell-08", "drift_check-0123456789ab", 3)
+            wait_until(lambda: listener.event_numbers("cell-08"))
 
 
 def _asked(listener: FleetListener, cell: str) -> bool:

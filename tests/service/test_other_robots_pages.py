@@ -12,10 +12,10 @@ import pytest_asyncio
 from playwright.async_api import Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
-from tests.service.browsers import LOCALES, go, hold_to_rules, speaks
-from tests.service.doors import Clock
-from tests.service.shop import Shop, a_shop
-from tests.service.test_people_pages import OneQuestion
+from tests.service.browser_pages import LOCALES, go_to_page, hold_to_rules, wait_for_language
+from tests.service.service_client import ServiceClock
+from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets
+from tests.service.test_people_pages import OneQuestionProcess
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("other_robots_pages")]
 
@@ -40,20 +40,20 @@ SAID = {
 }
 
 
-class TwoRobots(OneQuestion):
+class TwoRobotsProcess(OneQuestionProcess):
     """The desk of two robots: with ur selected nothing is under way; with fanuc the watch has begun a run."""
 
     selected = "ur"
 
     @property
     def session(self) -> dict[str, Any]:
-        told = super().session
+        session_state = super().session
         robots = [{"name": name, "model": "m", "serial": name} for name in ("fanuc", "ur")]
-        told |= {"robots": robots, "robot": self.selected, "losses": [LOSS]}
+        session_state |= {"robots": robots, "robot": self.selected, "losses": [LOSS]}
         if self.selected == "ur":
-            return told | {"run": None, "prompt": None}
-        prompt = told["prompt"] | {"key": "saved_counts", "text": COUNTS, "step": "the saved counts"}
-        return told | {"run": told["run"] | {"who": "watch"}, "prompt": prompt}
+            return session_state | {"run": None, "prompt": None}
+        prompt = session_state["prompt"] | {"key": "saved_counts", "text": COUNTS, "step": "the saved counts"}
+        return session_state | {"run": session_state["run"] | {"who": "watch"}, "prompt": prompt}
 
     def tell_live(self) -> None:
         """Tell of both robots; the one that is not selected stands in a protective stop."""
@@ -79,21 +79,25 @@ COUNTS = (
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ServiceWithTablets]:
     path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
-    async with a_shop(path, desk=TwoRobots, clock=Clock()) as opened:
+    async with open_service_with_tablets(
+        path, process_double=TwoRobotsProcess, clock=ServiceClock()
+    ) as opened:
         yield opened
         assert opened.complaints == []
 
 
-async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_named(shop: Shop) -> None:
-    desk: TwoRobots = shop.app.state.house.link
-    async with shop.tablet("Tom") as page:
-        desk.ask("saved_counts")
+async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_named(
+    tablet_service: ServiceWithTablets,
+) -> None:
+    process_double: TwoRobotsProcess = tablet_service.app.state.house.link
+    async with tablet_service.signed_in_tablet("Tom") as page:
+        process_double.ask_question("saved_counts")
         for locale in LOCALES:
-            await _speak(page, locale)
-            await go(page, "#/devices")
-            desk.tell_live()
+            await _change_language(page, locale)
+            await go_to_page(page, "#/devices")
+            process_double.tell_live()
             await expect(page.get_by_test_id("other-fanuc")).to_contain_text(SAID[locale][0])
             panel = page.get_by_test_id("panel-third")
             await expect(panel).to_contain_text(re.compile(SAID[locale][0], re.IGNORECASE))
@@ -101,10 +105,10 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await expect(page.get_by_test_id("loss")).to_contain_text(LOST[locale])
             await hold_to_rules(page, locale)
         await page.get_by_test_id("loss").get_by_role("button").click()
-        await shop.until(lambda _: desk.selected == "fanuc")
+        await tablet_service.wait_until(lambda _: process_double.selected == "fanuc")
         for locale in LOCALES:
-            await _speak(page, locale)
-            await go(page, "#/history")
+            await _change_language(page, locale)
+            await go_to_page(page, "#/history")
             await expect(page.get_by_test_id("alone")).to_be_visible()
             await page.get_by_test_id("alone").get_by_role("link").click()
             await expect(page.get_by_test_id("run-who")).to_contain_text(SAID[locale][2])
@@ -112,6 +116,6 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await hold_to_rules(page, locale)
 
 
-async def _speak(page: Page, locale: str) -> None:
+async def _change_language(page: Page, locale: str) -> None:
     await page.get_by_test_id("language").select_option(locale)
-    await speaks(page, locale)
+    await wait_for_language(page, locale)

@@ -22,7 +22,7 @@ from playwright.async_api import Browser, Page, expect
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.browsers import (
+from tests.service.browser_pages import (
     COUNT_ASKED,
     LOCALES,
     NO_WEBGL,
@@ -30,15 +30,15 @@ from tests.service.browsers import (
     PATIENCE_S,
     ROOT,
     at_rest,
-    chromium,
-    comes,
-    go,
+    go_to_page,
     hold_to_rules,
-    served,
-    speaks,
+    open_chromium,
+    serve_app,
+    wait_for_language,
+    wait_for_value,
 )
-from tests.service.described import Described
-from tests.service.desks import a_cell
+from tests.service.cell_process_session import a_cell
+from tests.service.openapi_check import DescribedApi
 
 VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
 MOST_BYTES = 450_000
@@ -64,17 +64,17 @@ CHECKED: dict[str, Any] = {
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 
 
-class Looking:
+class PageViewer:
     """A browser at the service, and what it asked for and complained of."""
 
     def __init__(self, browser: Browser, url: str) -> None:
         self.browser, self.url = browser, url
         self.client = httpx.AsyncClient(base_url=url, timeout=PATIENCE_S)
         self.complaints: list[str] = []
-        self.asked: set[str] = set()
+        self.requested_hosts: set[str] = set()
 
     @asynccontextmanager
-    async def page(
+    async def open_page(
         self, at: str = "#/", locale: str = "en", size: tuple[int, int] = (1280, 800)
     ) -> AsyncIterator[Page]:
         """Open a page of its own, wait until live values flow, and hold it to a clean console."""
@@ -87,7 +87,7 @@ class Looking:
         page = await context.new_page()
         page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("request", lambda request: self.asked.add(request.url))
+        page.on("request", lambda request: self.requested_hosts.add(request.url))
         try:
             await page.goto(f"{self.url}/{at}")
             await page.get_by_test_id("device-robot").wait_for()
@@ -95,64 +95,64 @@ class Looking:
         finally:
             await context.close()
         assert self.complaints == []
-        assert {httpx.URL(url).host for url in self.asked if not url.startswith(("blob:", "data:"))} == {
-            "127.0.0.1"
-        }
+        assert {
+            httpx.URL(url).host for url in self.requested_hosts if not url.startswith(("blob:", "data:"))
+        } == {"127.0.0.1"}
 
-    async def order(self, **order: Any) -> None:
+    async def send_order(self, **order: Any) -> None:
         """Give an order as a person does: who looked at an older session looks again."""
         async with asyncio.timeout(PATIENCE_S):
             while True:
-                rev = (await self.session())["rev"]
-                asked = {"id": uuid4().hex, "rev": rev, "order": order}
-                answer = await self.client.post("/api/commands", json=asked)
+                rev = (await self.read_session())["rev"]
+                envelope = {"id": uuid4().hex, "rev": rev, "order": order}
+                answer = await self.client.post("/api/commands", json=envelope)
                 if answer.status_code != 409:
                     break
         assert answer.status_code == 200, answer.text
 
-    async def session(self) -> dict[str, Any]:
+    async def read_session(self) -> dict[str, Any]:
         """Return the present session."""
         return dict((await self.client.get("/api/session")).json()["session"])
 
-    async def until(self, true: Any) -> dict[str, Any]:
+    async def wait_until(self, true: Any) -> dict[str, Any]:
         """Wait for a session of which something is true."""
         async with asyncio.timeout(PATIENCE_S):
             while True:
                 with suppress(httpx.TransportError, TypeError):
-                    session = await self.session()
+                    session = await self.read_session()
                     if true(session):
                         return session
                 await asyncio.sleep(0.05)
 
 
 @asynccontextmanager
-async def looking_at(app: FastAPI) -> AsyncIterator[Looking]:
+async def view_service(app: FastAPI) -> AsyncIterator[PageViewer]:
     """Serve an app and open a browser at it, until its cell is connected."""
-    async with served(app) as url, chromium() as browser:
-        looks = Looking(browser, url)
-        looks.client.event_hooks = {"response": [Described(app).check]}
-        async with looks.client:
-            await looks.until(lambda session: session["connection"]["connected"])
-            yield looks
+    async with serve_app(app) as url, open_chromium() as browser:
+        viewer = PageViewer(browser, url)
+        viewer.client.event_hooks = {"response": [DescribedApi(app).check_answer]}
+        async with viewer.client:
+            await viewer.wait_until(lambda session: session["connection"]["connected"])
+            yield viewer
 
 
 @asynccontextmanager
-async def looking_at_a_cell(folder: Path) -> AsyncIterator[Looking]:
+async def view_cell(folder: Path) -> AsyncIterator[PageViewer]:
     """Serve a fake cell, and look at it in Chromium."""
     async with (
         a_cell(folder) as (path, _),
-        looking_at(create_app(ServiceSettings(path, open_access=True))) as looks,
+        view_service(create_app(ServiceSettings(path, open_access=True))) as viewer,
     ):
-        yield looks
+        yield viewer
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
-    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
-        yield looks
+async def page_viewer(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[PageViewer]:
+    async with view_cell(tmp_path_factory.mktemp("cell")) as viewer:
+        yield viewer
 
 
-async def _shown(page: Page, robot: str = "fanuc") -> dict[str, Any]:
+async def _shown_picture(page: Page, robot: str = "fanuc") -> dict[str, Any]:
     """Return what the picture shows, once it shows that robot in some posture."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
@@ -162,52 +162,54 @@ async def _shown(page: Page, robot: str = "fanuc") -> dict[str, Any]:
             await asyncio.sleep(0.05)
 
 
-async def test_the_picture_stands_as_the_robot_does_and_follows_it(looking: Looking) -> None:
-    async with looking.page() as page:
+async def test_the_picture_stands_as_the_robot_does_and_follows_it(page_viewer: PageViewer) -> None:
+    async with page_viewer.open_page() as page:
         for robot, model in (("fanuc", "fanuc_m6ib"), ("ur", "ur10e")):
-            await looking.order(op="select_robot", robot=robot)
-            shown = await _shown(page, robot)
+            await page_viewer.send_order(op="select_robot", robot=robot)
+            shown = await _shown_picture(page, robot)
             # The picture's own chain of links ends where the solver's model puts the flange, FANUC's coupling too.
             flange_m = load_model(model).base_flange(np.array([shown["joints_rad"]]))[0, :3, 3]
             assert np.allclose(shown["flange_m"], flange_m, atol=1e-6)
-        await looking.order(op="select_robot", robot="fanuc")
+        await page_viewer.send_order(op="select_robot", robot="fanuc")
         await page.get_by_test_id("joints").locator("summary").click()
-        shown = await _shown(page)
+        shown = await _shown_picture(page)
         await expect(page.get_by_test_id("joints").locator("dd")).to_have_count(6)
-        await comes(
-            lambda: _degrees_told(page),
-            lambda told: np.allclose(np.rad2deg(shown["joints_rad"]), told, atol=0.02),
+        await wait_for_value(
+            lambda: _shown_degrees(page),
+            lambda value: np.allclose(np.rad2deg(shown["joints_rad"]), value, atol=0.02),
         )
 
 
-async def _degrees_told(page: Page) -> list[float]:
+async def _shown_degrees(page: Page) -> list[float]:
     texts = await page.get_by_test_id("joints").locator("dd").all_inner_texts()
     return [float(text.rstrip("°")) for text in texts]
 
 
-async def test_a_still_robot_costs_no_picture_and_a_moving_one_few(looking: Looking) -> None:
-    async with looking.page() as page:
-        await _shown(page)
-        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_texts("en")["doubt_waits"])
+async def test_a_still_robot_costs_no_picture_and_a_moving_one_few(page_viewer: PageViewer) -> None:
+    async with page_viewer.open_page() as page:
+        await _shown_picture(page)
+        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_page_texts("en")["doubt_waits"])
         await at_rest(page)  # frames and the doubt of the tool come late, and are drawn
-        before = await comes(lambda: _frames_after(page, 300), lambda seen: seen[0] == seen[1])
+        before = await wait_for_value(lambda: _frames_after(page, 300), lambda value: value[0] == value[1])
         assert await _frames_after(page, 1000) == [before[1], before[1]]
         await page.evaluate(
             "() => { for (let i = 0; i < 60; i++) document.querySelector('.turns button').click(); }"
         )
-        drawn = await comes(lambda: _frames_after(page, 300), lambda seen: before[1] < seen[0] == seen[1])
+        drawn = await wait_for_value(
+            lambda: _frames_after(page, 300), lambda value: before[1] < value[0] == value[1]
+        )
         assert drawn[1] <= before[1] + 4  # sixty wishes in one moment
 
 
 async def _frames_after(page: Page, wait_ms: int) -> list[int]:
     """Return how many pictures were drawn, and how many after a while."""
-    first = (await _shown(page))["frames"]
+    first = (await _shown_picture(page))["frames"]
     await page.wait_for_timeout(wait_ms)
-    return [first, (await _shown(page))["frames"]]
+    return [first, (await _shown_picture(page))["frames"]]
 
 
-async def test_without_webgl_there_are_numbers(looking: Looking) -> None:
-    async with looking.page() as page:
+async def test_without_webgl_there_are_numbers(page_viewer: PageViewer) -> None:
+    async with page_viewer.open_page() as page:
         await page.add_init_script(NO_WEBGL)
         await page.reload()
         await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
@@ -215,106 +217,108 @@ async def test_without_webgl_there_are_numbers(looking: Looking) -> None:
         assert await page.evaluate("window.__robot === undefined")
 
 
-async def test_every_page_is_for_everybody_in_four_languages(looking: Looking) -> None:
+async def test_every_page_is_for_everybody_in_four_languages(page_viewer: PageViewer) -> None:
     places = ("#/", "#/procedure/mastering_record", "#/history", "#/devices")
     for locale in LOCALES:
-        async with looking.page(locale=locale) as page:
-            await speaks(page, locale)
+        async with page_viewer.open_page(locale=locale) as page:
+            await wait_for_language(page, locale)
             ways = await page.locator("nav a").all_inner_texts()
             assert len(set(ways)) == len(ways) == 4, f"two buttons that lead elsewhere read alike: {ways}"
             for place in places:
-                await go(page, place)
+                await go_to_page(page, place)
                 await hold_to_rules(page, f"{place} in {locale}")
 
 
-async def test_a_run_from_its_start_to_its_place_in_the_history(looking: Looking) -> None:
+async def test_a_run_from_its_start_to_its_place_in_the_history(page_viewer: PageViewer) -> None:
     """The main buttons stay in view beside the picture; an ended run shows its readings."""
-    await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
-    session = await looking.until(lambda session: session["prompt"])
+    await page_viewer.send_order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
+    session = await page_viewer.wait_until(lambda session: session["prompt"])
     for size in VIEWPORTS:
-        async with looking.page(size=size) as page:
-            await _shown(page)
+        async with page_viewer.open_page(size=size) as page:
+            await _shown_picture(page)
             for button in ("yes", "no", "stop"):
-                await comes(
+                await wait_for_value(
                     page.get_by_test_id(button).bounding_box,
                     lambda box, height=size[1]: box is not None and box["y"] + box["height"] <= height,
                 )
     for locale in LOCALES:
-        async with looking.page(locale=locale) as page:
-            await speaks(page, locale)
+        async with page_viewer.open_page(locale=locale) as page:
+            await wait_for_language(page, locale)
             await hold_to_rules(page, f"the run in {locale}")
-    async with looking.page(f"#/history/{session['run']['id']}") as page:
+    async with page_viewer.open_page(f"#/history/{session['run']['id']}") as page:
         await expect(page.get_by_test_id("verdict")).to_have_attribute("data-verdict", "running")
-    await looking.order(op="stop")
-    run_id = (await looking.until(lambda session: session["run"]["outcome"]))["run"]["id"]
+    await page_viewer.send_order(op="stop")
+    run_id = (await page_viewer.wait_until(lambda session: session["run"]["outcome"]))["run"]["id"]
     assert run_id == session["run"]["id"]
-    await looking.order(op="dismiss")
-    readings = (await looking.client.get(f"/api/runs/{run_id}/points")).json()["readings"]
+    await page_viewer.send_order(op="dismiss")
+    readings = (await page_viewer.client.get(f"/api/runs/{run_id}/points")).json()["readings"]
     assert readings
-    async with looking.page(f"#/history/{run_id}") as page:
+    async with page_viewer.open_page(f"#/history/{run_id}") as page:
         await expect(page.get_by_test_id("readings").locator("tbody tr")).to_have_count(len(readings))
         await hold_to_rules(page, "the details of a run")
 
 
-async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Looking) -> None:
+async def test_points_not_used_are_marked_by_shape_and_said_in_words(page_viewer: PageViewer) -> None:
     names = [f"capture {i + 1}" for i in range(12)]
     dots = [{"name": n, "value_m": 1e-4 * (i + 1), "used": i != 7, "reason": ""} for i, n in enumerate(names)]
     dots[7]["reason"] = "does not fit the others"
     common = {"at_utc": "2026-01-05T08:00:00Z", "length_m": 1.0, "samples": 5}
-    told = [common | {"step": dot["name"], "used": dot["used"], "reason": dot["reason"]} for dot in dots]
-    measured = {"readings": told, "series": [{"kind": "spread", "what": "", "points": dots}]}
+    expected_rows = [
+        common | {"step": dot["name"], "used": dot["used"], "reason": dot["reason"]} for dot in dots
+    ]
+    measured = {"readings": expected_rows, "series": [{"kind": "spread", "what": "", "points": dots}]}
     run: dict[str, Any] = {"run_id": "r", "procedure": "drift_check", "started_utc": common["at_utc"]}
     run |= {"begun_by": "watch", "begun_as": []}
     run |= {"state": "passed", "reason": "", "spec": {}, "findings": [], "result": None, "judgement": None}
-    async with looking.page() as page:
+    async with page_viewer.open_page() as page:
         await page.route("**/api/runs/r", lambda route: route.fulfill(json=run))
         await page.route("**/api/runs/r/points", lambda route: route.fulfill(json=measured))
         await page.route("**/api/runs/r/review", lambda route: route.fulfill(json=NO_REVIEW))
         await page.route("**/api/runs/r/certificate/check", lambda route: route.fulfill(json=CHECKED))
-        await go(page, "#/history/r")
+        await go_to_page(page, "#/history/r")
         plot = page.get_by_test_id("plot")
         await expect(plot.locator("svg[role=img] circle")).to_have_count(11)
         await expect(plot.get_by_test_id("rejected")).to_have_count(1)
         await expect(page.get_by_test_id("readings")).to_contain_text("does not fit the others")
 
 
-async def test_a_cold_page_with_its_picture_is_light(looking: Looking) -> None:
+async def test_a_cold_page_with_its_picture_is_light(page_viewer: PageViewer) -> None:
     sizes: list[int] = []
-    async with looking.page() as page:
-        await _shown(page)  # or the first load would be counted, too
+    async with page_viewer.open_page() as page:
+        await _shown_picture(page)  # or the first load would be counted, too
         line = await page.context.new_cdp_session(page)
         await line.send("Network.enable")
-        line.on("Network.loadingFinished", lambda told: sizes.append(int(told["encodedDataLength"])))
+        line.on("Network.loadingFinished", lambda value: sizes.append(int(value["encodedDataLength"])))
         await line.send("Network.clearBrowserCache")
         await page.reload()
-        await _shown(page)
-        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_texts("en")["doubt_waits"])
+        await _shown_picture(page)
+        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_page_texts("en")["doubt_waits"])
         await at_rest(page)
     assert 100_000 < sum(sizes) <= MOST_BYTES
 
 
 async def test_every_language_has_every_text_and_its_blanks() -> None:
-    texts = {locale: _texts(locale) for locale in LOCALES}
+    texts = {locale: _page_texts(locale) for locale in LOCALES}
     for locale in LOCALES:
         assert texts[locale].keys() == texts["en"].keys()
         for key, text in texts[locale].items():
             assert text.strip(), (locale, key)
-            assert _blanks(text) == _blanks(texts["en"][key]), (locale, key)
+            assert _placeholders(text) == _placeholders(texts["en"][key]), (locale, key)
 
 
-def _texts(locale: str) -> dict[str, str]:
+def _page_texts(locale: str) -> dict[str, str]:
     found: dict[str, str] = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
     return found
 
 
-def _blanks(text: str) -> list[str]:
+def _placeholders(text: str) -> list[str]:
     return sorted(re.findall(r"\{(\w+)\}", text))
 
 
-async def test_the_catalogue_is_packed_for_whoever_takes_it_so(looking: Looking) -> None:
+async def test_the_catalogue_is_compressed_for_clients_that_accept_it(page_viewer: PageViewer) -> None:
     """The schemas of all settings are the most that a first page is told; they repeat themselves."""
-    plain = await looking.client.get("/api/procedures", headers={"accept-encoding": "identity"})
-    packed = await looking.client.get("/api/procedures", headers={"accept-encoding": "gzip"})
+    plain = await page_viewer.client.get("/api/procedures", headers={"accept-encoding": "identity"})
+    packed = await page_viewer.client.get("/api/procedures", headers={"accept-encoding": "gzip"})
     assert "content-encoding" not in plain.headers
     assert packed.headers["content-encoding"] == "gzip"
     assert packed.num_bytes_downloaded < len(plain.content) / 4
@@ -323,12 +327,12 @@ async def test_the_catalogue_is_packed_for_whoever_takes_it_so(looking: Looking)
 
 @pytest.mark.parametrize("locale", LOCALES)
 async def test_the_first_page_says_when_a_drift_check_is_due_and_that_it_was(
-    looking: Looking, locale: str
+    page_viewer: PageViewer, locale: str
 ) -> None:
-    async with looking.page(locale=locale) as page:
+    async with page_viewer.open_page(locale=locale) as page:
         due = page.get_by_test_id("due-drift_check")
         await expect(due).to_have_attribute("data-late", "false")
-        found = (await looking.client.get("/api/procedures")).json()
+        found = (await page_viewer.client.get("/api/procedures")).json()
         late = [{**each, "due": "2020-01-31"} if each["due"] else each for each in found]
         await page.route("**/api/procedures*", lambda route: route.fulfill(json=late))
         await page.reload()

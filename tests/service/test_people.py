@@ -27,7 +27,7 @@ from cellcal.service.people.naming import clean_name, refuse_weak
 from cellcal.service.people.pin_hashing import PEPPER_NAME, PinHasher, pepper_of
 from cellcal.service.people.rate_limits import DAY_S
 from cellcal.service.people.roles import KEEPS, MOVES, WRITES, Role
-from tests.service.doors import PINS, Clock, quick, with_people
+from tests.service.service_client import PINS, ServiceClock, cheap_hasher, with_people
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 
@@ -54,17 +54,17 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
         "told_correction": "accept_mastering",
         "shown_tool": "accept_tool",
     }
-    seen = set()
+    question_keys = set()
     for path in PROCEDURES.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         if not writing.search(text):
             continue
-        asked = set(re.findall(r'"(accept_[a-z_]+)",', text))
-        asked |= {key for name, key in elsewhere.items() if f"{name}(" in text}
-        assert asked & WRITES, path.name
-        assert asked <= WRITES | {"accept_plan", "accept_parameters"}, path.name
-        seen |= asked & WRITES
-    assert seen == WRITES
+        keys_in_text = set(re.findall(r'"(accept_[a-z_]+)",', text))
+        keys_in_text |= {key for name, key in elsewhere.items() if f"{name}(" in text}
+        assert keys_in_text & WRITES, path.name
+        assert keys_in_text <= WRITES | {"accept_plan", "accept_parameters"}, path.name
+        question_keys |= keys_in_text & WRITES
+    assert question_keys == WRITES
 
 
 # PINs at rest
@@ -72,19 +72,19 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
 
 def test_a_pin_is_kept_as_argon2id_with_a_pepper_that_is_elsewhere(tmp_path: Path) -> None:
     hasher = PinHasher(pepper_of(tmp_path))
-    kept = hasher.hash_secret("314159")
-    assert kept.startswith("$argon2id$v=19$m=65536,t=3,p=4$")
-    assert hasher.is_right(kept, "314159")
-    assert not hasher.is_right(kept, "314158")
-    assert not PinHasher(bytes(32)).is_right(kept, "314159")
+    stored_hash = hasher.hash_secret("314159")
+    assert stored_hash.startswith("$argon2id$v=19$m=65536,t=3,p=4$")
+    assert hasher.is_right(stored_hash, "314159")
+    assert not hasher.is_right(stored_hash, "314158")
+    assert not PinHasher(bytes(32)).is_right(stored_hash, "314159")
     assert (tmp_path / PEPPER_NAME).stat().st_mode & 0o777 == 0o600
     assert pepper_of(tmp_path) == hasher.pepper
     assert not hasher.is_right("no hash", "314159")
 
 
 def test_no_secret_stands_in_the_register_in_clear(tmp_path: Path) -> None:
-    entrance = with_people(Authenticator(tmp_path))
-    token = entrance.accounts.create_enrolment("tablet", "test")
+    authenticator = with_people(Authenticator(tmp_path))
+    token = authenticator.accounts.create_enrolment("tablet", "test")
     raw = (tmp_path / REGISTER_NAME).read_bytes()
     pepper = (tmp_path / PEPPER_NAME).read_bytes()
     assert all(pin.encode() not in raw for pin in PINS.values())
@@ -105,17 +105,17 @@ def test_the_pepper_may_come_from_the_service_manager(
 
 
 @pytest.mark.parametrize("fault", ["open to others", "cut", "another"])
-def test_a_pepper_that_is_not_right_is_said(tmp_path: Path, fault: str) -> None:
-    entrance = with_people(Authenticator(tmp_path, make_hasher=quick))
+def test_a_pepper_that_is_not_right_is_reported(tmp_path: Path, fault: str) -> None:
+    authenticator = with_people(Authenticator(tmp_path, make_hasher=cheap_hasher))
     path = tmp_path / PEPPER_NAME
     if fault == "open to others":
         path.chmod(0o644)
     else:
         path.write_bytes(bytes(16 if fault == "cut" else 32))
-    session = entrance.from_console(entrance.console_token())
-    with pytest.raises(PeopleError, match="pepper") as told:
-        entrance.sign_in(session, "Tom", PINS["Tom"])
-    assert not isinstance(told.value, WrongSecretError)
+    session = authenticator.from_console(authenticator.console_token())
+    with pytest.raises(PeopleError, match="pepper") as error_info:
+        authenticator.sign_in(session, "Tom", PINS["Tom"])
+    assert not isinstance(error_info.value, WrongSecretError)
 
 
 @pytest.mark.parametrize(
@@ -148,15 +148,17 @@ def test_a_name_that_cannot_be_read_or_is_the_service_s_own_is_refused(name: str
 # guesses
 
 
-def test_one_person_s_pin_is_guessed_at_most_thirty_times_a_day_by_whoever_tries(tmp_path: Path) -> None:
-    clock = Clock()
+def test_one_person_s_pin_is_guessed_at_most_thirty_times_a_day_from_all_devices(tmp_path: Path) -> None:
+    clock = ServiceClock()
     register = AccountStore(tmp_path, clock)
-    tried = _tried(register, clock, every_s=300.0, name=lambda _: "Tom", device=lambda n: f"device {n % 50}")
+    tried = _count_tries(
+        register, clock, every_s=300.0, name=lambda _: "Tom", device=lambda n: f"device {n % 50}"
+    )
     assert 20 <= tried <= 30
 
 
 def test_a_success_does_not_give_more_than_the_day_s_share(tmp_path: Path) -> None:
-    clock = Clock()
+    clock = ServiceClock()
     register = AccountStore(tmp_path, clock)
     failed = 0
     for n in range(400):
@@ -173,17 +175,23 @@ def test_a_success_does_not_give_more_than_the_day_s_share(tmp_path: Path) -> No
 
 
 def test_one_device_and_the_whole_station_have_their_share(tmp_path: Path) -> None:
-    clock = Clock()
+    clock = ServiceClock()
     device = AccountStore(tmp_path / "device", clock)
-    assert 20 < _tried(device, clock, every_s=600.0, name=lambda n: f"p{n}", device=lambda _: "tablet") <= 60
+    assert (
+        20
+        < _count_tries(device, clock, every_s=600.0, name=lambda n: f"p{n}", device=lambda _: "tablet")
+        <= 60
+    )
     station = AccountStore(tmp_path / "station", clock)
     named = {"name": lambda n: f"p{n}", "device": lambda n: f"d{n}"}
-    assert _tried(station, clock, every_s=600.0, **named) == 100
+    assert _count_tries(station, clock, every_s=600.0, **named) == 100
     clock.pass_by(DAY_S)
     station.note_guess("somebody", "somewhere")
 
 
-def _tried(register: AccountStore, clock: Clock, *, every_s: float, name: object, device: object) -> int:
+def _count_tries(
+    register: AccountStore, clock: ServiceClock, *, every_s: float, name: object, device: object
+) -> int:
     tried = 0
     for n in range(int(DAY_S / every_s) - 1):
         clock.pass_by(every_s)
@@ -196,14 +204,14 @@ def _tried(register: AccountStore, clock: Clock, *, every_s: float, name: object
 
 
 def test_many_guesses_at_once_are_no_more(tmp_path: Path) -> None:
-    register = AccountStore(tmp_path, Clock())
+    register = AccountStore(tmp_path, ServiceClock())
     let_through: list[int] = []
 
-    def guess() -> None:
+    def guess_pin() -> None:
         with contextlib.suppress(TooManyGuessesError):
             let_through.append(register.note_guess("Tom", "tablet"))
 
-    threads = [threading.Thread(target=guess) for _ in range(16)]
+    threads = [threading.Thread(target=guess_pin) for _ in range(16)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -211,8 +219,8 @@ def test_many_guesses_at_once_are_no_more(tmp_path: Path) -> None:
     assert len(let_through) == 5
 
 
-def test_a_clock_that_is_set_back_locks_nobody_out_for_years(tmp_path: Path) -> None:
-    clock = Clock()
+def test_a_clock_that_is_set_back_causes_no_lockout_for_years(tmp_path: Path) -> None:
+    clock = ServiceClock()
     register = AccountStore(tmp_path, clock)
     clock.pass_by(20 * 365 * DAY_S)
     for _ in range(5):
@@ -224,7 +232,7 @@ def test_a_clock_that_is_set_back_locks_nobody_out_for_years(tmp_path: Path) -> 
 
 
 def test_guesses_are_counted_over_a_restart_and_taken_back_by_a_reset(tmp_path: Path) -> None:
-    clock = Clock()
+    clock = ServiceClock()
     with_people(Authenticator(tmp_path, wall_clock=clock))
     for _ in range(5):
         AccountStore(tmp_path, clock).note_guess("Tom", "tablet")
@@ -248,9 +256,9 @@ def test_a_name_is_given_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["no database", "newer"])
-def test_a_register_that_cannot_be_read_lets_nobody_in(tmp_path: Path, fault: str) -> None:
-    entrance = Authenticator(tmp_path)
-    session = entrance.from_console(entrance.console_token())
+def test_an_unreadable_register_allows_no_sign_in(tmp_path: Path, fault: str) -> None:
+    authenticator = Authenticator(tmp_path)
+    session = authenticator.from_console(authenticator.console_token())
     if fault == "newer":
         with sqlite3.connect(tmp_path / REGISTER_NAME) as database:
             database.execute("PRAGMA user_version = 99")
@@ -258,49 +266,51 @@ def test_a_register_that_cannot_be_read_lets_nobody_in(tmp_path: Path, fault: st
     else:
         (tmp_path / REGISTER_NAME).write_bytes(b"not a database, whatever its name says" * 100)
     with pytest.raises(PeopleError):
-        entrance.authenticate(session)
+        authenticator.authenticate(session)
 
 
 # commands
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Path:
+def cell_file(tmp_path: Path) -> Path:
     return write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
 
 
 @pytest.fixture
-def cellcal(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    def run(*arguments: str, typed: str = "") -> int:
+def run_cellcal(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    def run_command(*arguments: str, typed: str = "") -> int:
         monkeypatch.setattr("sys.stdin", io.StringIO(typed))
         return run_command_line(arguments)
 
-    return run
+    return run_command
 
 
 def test_people_are_added_listed_and_removed_by_command(
-    cell: Path, cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
+    cell_file: Path, run_cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    add = ("people", "add", "Anna", "--cell", str(cell), "--role", "technician", "--secret-stdin")
-    assert cellcal(*add, typed="123456\n") != 0
-    assert cellcal(*add, typed="314159\n") == 0
-    cellcal("people", "list", "--cell", str(cell), "--json")
+    add = ("people", "add", "Anna", "--cell", str(cell_file), "--role", "technician", "--secret-stdin")
+    assert run_cellcal(*add, typed="123456\n") != 0
+    assert run_cellcal(*add, typed="314159\n") == 0
+    run_cellcal("people", "list", "--cell", str(cell_file), "--json")
     listed = capsys.readouterr()
     assert '"people": [{"name": "Anna", "role": "technician"}]' in listed.out
-    entrance = Authenticator(read_cell_file(cell).cell.data_dir)
-    session = entrance.sign_in(entrance.from_console(entrance.console_token()), "Anna", "314159")
-    assert entrance.authenticate(session).role is Role.TECHNICIAN
-    assert cellcal("people", "remove", "Anna", "--cell", str(cell)) == 0
-    assert entrance.authenticate(session).role is Role.VIEWER
+    authenticator = Authenticator(read_cell_file(cell_file).cell.data_dir)
+    session = authenticator.sign_in(
+        authenticator.from_console(authenticator.console_token()), "Anna", "314159"
+    )
+    assert authenticator.authenticate(session).role is Role.TECHNICIAN
+    assert run_cellcal("people", "remove", "Anna", "--cell", str(cell_file)) == 0
+    assert authenticator.authenticate(session).role is Role.VIEWER
     assert "314159" not in listed.out + listed.err
 
 
 def test_a_device_is_invited_with_an_address_for_https_or_this_computer_only(
-    cell: Path, cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
+    cell_file: Path, run_cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    invite = ("people", "enrol-device", "tablet 3", "--cell", str(cell), "--url")
-    assert cellcal(*invite, "http://cell7.plant:8470") == 2
-    assert cellcal(*invite, "https://cell7.plant:8470") == 0
+    invite = ("people", "enrol-device", "tablet 3", "--cell", str(cell_file), "--url")
+    assert run_cellcal(*invite, "http://cell7.plant:8470") == 2
+    assert run_cellcal(*invite, "https://cell7.plant:8470") == 0
     assert re.fullmatch(r"https://cell7\.plant:8470/#/enrol/[\w-]{43}\n", capsys.readouterr().out)
 
 
@@ -326,49 +336,47 @@ def certificate_for(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 def test_beyond_this_computer_all_of_tls_an_administrator_and_names_are_wanted(
-    cell: Path, tmp_path: Path
+    cell_file: Path, tmp_path: Path
 ) -> None:
     certificate, key = certificate_for(tmp_path, "cell7")
-    data_dir = read_cell_file(cell).cell.data_dir
-    for given in (
+    data_dir = read_cell_file(cell_file).cell.data_dir
+    for each_options in (
         ListenAddress("0.0.0.0"),
         ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)),
         ListenAddress("::", certificate, key),
         ListenAddress("cell7.plant", hosts=("cell7.plant",)),
     ):
         with pytest.raises(CellError, match="not this computer alone"):
-            refuse_unguarded(cell, given)
+            refuse_unguarded(cell_file, each_options)
     with_people(Authenticator(data_dir))
-    refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
+    refuse_unguarded(cell_file, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
     with pytest.raises(CellError, match="allow-host"):
-        refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key))
+        refuse_unguarded(cell_file, ListenAddress("0.0.0.0", certificate, key))
     with pytest.raises(CellError, match="TLS"):
-        refuse_unguarded(cell, ListenAddress("0.0.0.0", hosts=("cell7.plant",)))
+        refuse_unguarded(cell_file, ListenAddress("0.0.0.0", hosts=("cell7.plant",)))
     AccountStore(data_dir).remove_person("Ada", "test")
     with pytest.raises(CellError, match="administrator"):
-        refuse_unguarded(cell, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
+        refuse_unguarded(cell_file, ListenAddress("0.0.0.0", certificate, key, ("cell7.plant",)))
 
 
-def test_a_certificate_that_cannot_be_used_is_said_before_anybody_connects(
-    cell: Path, tmp_path: Path
-) -> None:
+def test_an_unusable_certificate_is_reported_before_serving(cell_file: Path, tmp_path: Path) -> None:
     certificate, key = certificate_for(tmp_path, "cell7")
     _, other = certificate_for(tmp_path, "other")
     for pair in ((certificate, other), (tmp_path / "none.pem", key), (certificate, None)):
         with pytest.raises(CellError):
-            refuse_unguarded(cell, ListenAddress("127.0.0.1", *pair))
+            refuse_unguarded(cell_file, ListenAddress("127.0.0.1", *pair))
     for name in ("*", "https://cell7", "cell7:8470", ""):
         with pytest.raises(CellError, match="host"):
-            refuse_unguarded(cell, ListenAddress("127.0.0.1", hosts=(name,)))
+            refuse_unguarded(cell_file, ListenAddress("127.0.0.1", hosts=(name,)))
     key.chmod(0o644)
     with pytest.raises(CellError, match="other users"):
-        refuse_unguarded(cell, ListenAddress("127.0.0.1", certificate, key))
+        refuse_unguarded(cell_file, ListenAddress("127.0.0.1", certificate, key))
 
 
 def test_serve_refuses_the_network_without_its_guards(
-    cell: Path, cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
+    cell_file: Path, run_cellcal: Callable[..., int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cellcal("serve", str(cell), "--host", "0.0.0.0", "--port", "1") == 2
-    told = capsys.readouterr().err.replace("\n", " ")
+    assert run_cellcal("serve", str(cell_file), "--host", "0.0.0.0", "--port", "1") == 2
+    message = capsys.readouterr().err.replace("\n", " ")
     for missing in ("TLS certificate", "administrator", "--allow-host"):
-        assert missing in told
+        assert missing in message

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.service.people.roles import Role
-from tests.service.browsers import PATIENCE_MS, chromium
-from tests.service.doors import PINS, a_door
-from tests.service.test_guard_wall import listening
+from tests.service.browser_pages import PATIENCE_MS, open_chromium
+from tests.service.service_client import PINS, open_service_client
+from tests.service.test_guard_wall import serve_on_socket
 
 SIGN_IN = """async ([token, name, secret]) => {
     const post = async (path, content) => (await fetch('/api/sign-in/' + path, {
@@ -31,19 +31,19 @@ FORGE = """(url) => fetch(url + '/api/commands', {method: 'POST', credentials: '
     .then((answer) => answer.status, (error) => String(error))"""
 
 
-class Recorder:
+class AnswerRecorder:
     """ASGI middleware that writes down what was answered: a browser does not tell a page of another origin."""
 
     def __init__(self, app: Any, statuses: list[tuple[str, int]]) -> None:
         self.app, self.statuses = app, statuses
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        async def noted(message: Any) -> None:
+        async def send_noted(message: Any) -> None:
             if message["type"] == "http.response.start":
                 self.statuses.append((scope["path"], message["status"]))
             await send(message)
 
-        await self.app(scope, receive, noted)
+        await self.app(scope, receive, send_noted)
 
 
 async def _a_page(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -60,17 +60,17 @@ async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_o
 ) -> None:
     statuses: list[tuple[str, int]] = []
     async with AsyncExitStack() as stack:
-        door = await stack.enter_async_context(a_door(tmp_path))
-        door.app.add_middleware(Recorder, statuses=statuses)
-        address = await stack.enter_async_context(listening(door))
-        browser = await stack.enter_async_context(chromium())
+        service_client = await stack.enter_async_context(open_service_client(tmp_path))
+        service_client.app.add_middleware(AnswerRecorder, statuses=statuses)
+        address = await stack.enter_async_context(serve_on_socket(service_client))
+        browser = await stack.enter_async_context(open_chromium())
         page = await browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         await page.goto(f"http://{address}/icon.svg")
-        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
-        person, seen = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
+        token = service_client.authenticator.accounts.create_enrolment("tablet 3", "test")
+        person, visible_cookies = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
         assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
-        assert seen == ""
+        assert visible_cookies == ""
         other = await asyncio.start_server(_a_page, "127.0.0.1", 0)
         await page.goto(
             f"http://127.0.0.1:{other.sockets[0].getsockname()[1]}/"

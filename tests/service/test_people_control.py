@@ -8,14 +8,14 @@ from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S, HoldButton
 from cellcal.service.people.errors import ElsewhereError
 from cellcal.service.people.session_control import REQUEST_GRANTED_S, SessionControl, SessionHolder
 from cellcal.service.web.websocket import HeartbeatNumbers
-from tests.service.doors import Clock, Door, a_door, another_browser
+from tests.service.service_client import ServiceClient, ServiceClock, another_browser, open_service_client
 
 TOM, TINA, EMIL = SessionHolder("1", "Tom"), SessionHolder("2", "Tina"), SessionHolder("3", "Emil")
 PAUSE, STOP = {"op": "pause"}, {"op": "stop"}
 
 
-def test_whoever_orders_first_has_control_until_it_is_given() -> None:
-    control = SessionControl(Clock())
+def test_the_first_to_order_has_control_until_handing_it_over() -> None:
+    control = SessionControl(ServiceClock())
     control.take_control(TOM)
     control.take_control(TOM)
     with pytest.raises(ElsewhereError, match="Tom"):
@@ -31,8 +31,8 @@ def test_whoever_orders_first_has_control_until_it_is_given() -> None:
     }  # fmt: skip
 
 
-def test_a_request_that_nobody_answers_is_granted_to_whoever_still_asks() -> None:
-    clock = Clock()
+def test_an_unanswered_request_is_granted_to_a_requester_who_still_asks() -> None:
+    clock = ServiceClock()
     control = SessionControl(clock)
     control.take_control(TOM)
     control.request_control(TINA)
@@ -54,7 +54,7 @@ def test_a_request_that_nobody_answers_is_granted_to_whoever_still_asks() -> Non
 
 
 def test_a_request_can_be_refused_or_taken_back() -> None:
-    control = SessionControl(Clock())
+    control = SessionControl(ServiceClock())
     control.take_control(TOM)
     control.request_control(TINA)
     control.answer_request(TOM.id, give=False)
@@ -66,8 +66,8 @@ def test_a_request_can_be_refused_or_taken_back() -> None:
     assert not control.to_json(TINA.id)["asking_mine"]
 
 
-def test_whoever_may_order_nothing_any_more_has_no_control() -> None:
-    control = SessionControl(Clock())
+def test_control_ends_when_permission_to_order_ends() -> None:
+    control = SessionControl(ServiceClock())
     control.take_control(TOM)
     control.request_control(TINA)
     control.drop_inactive(lambda seat: seat != TOM.id)
@@ -80,7 +80,7 @@ def test_whoever_may_order_nothing_any_more_has_no_control() -> None:
 
 
 def test_a_word_that_lay_in_a_broken_link_moves_nothing() -> None:
-    clock = Clock()
+    clock = ServiceClock()
     beats = HeartbeatNumbers(clock)
     assert beats.age_s(0) == float("inf")
     first = beats.next_number()
@@ -92,7 +92,7 @@ def test_a_word_that_lay_in_a_broken_link_moves_nothing() -> None:
 
 
 def test_a_word_that_was_long_on_its_way_holds_the_button_only_for_what_is_left_of_it() -> None:
-    clock = Clock()
+    clock = ServiceClock()
     hold = HoldButton(lambda: None, clock)
     hold.update_state(is_held=True, age_s=0.3)
     assert hold.is_held
@@ -108,93 +108,93 @@ def test_a_word_that_was_long_on_its_way_holds_the_button_only_for_what_is_left_
     assert not hold.is_held
 
 
-async def two(door: Door, first: str, second: str) -> Door:
+async def sign_in_two(service_client: ServiceClient, first: str, second: str) -> ServiceClient:
     """Sign two people in, each at a browser of their own; return the second's view."""
-    await door.from_console()
-    await door.sign_in(first)
-    other = Door(door.app, another_browser(door.app), door.clock)
+    await service_client.from_console()
+    await service_client.sign_in(first)
+    other = ServiceClient(service_client.app, another_browser(service_client.app), service_client.clock)
     await other.from_console()
     await other.sign_in(second)
     return other
 
 
 async def test_only_one_of_two_screens_orders_and_both_may_stop(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as tom:
-        tina = await two(tom, "Tom", "Tina")
-        assert (await tom.order(PAUSE)).json()["code"] == "desk.gone"  # it went on to the desk
-        refused = await tina.order(PAUSE)
+    async with open_service_client(tmp_path) as tom:
+        tina = await sign_in_two(tom, "Tom", "Tina")
+        assert (await tom.send_order(PAUSE)).json()["code"] == "desk.gone"  # it went on to the desk
+        refused = await tina.send_order(PAUSE)
         assert (refused.status_code, refused.json()["code"]) == (409, "people.elsewhere")
         assert "Tom" in refused.json()["message"]
-        for door in (tom, tina):
-            assert (await door.order(STOP)).json()["code"] == "desk.stop_unconfirmed"
-        assert (await tina.post("/api/control", {"do": "ask"})).json()["asking_mine"]
-        assert (await tina.post("/api/control", {"do": "give"})).json()["holder"] == "Tom"
-        assert (await tom.post("/api/control", {"do": "refuse"})).json()["mine"]
-        await tina.post("/api/control", {"do": "ask"})
+        for service_client in (tom, tina):
+            assert (await service_client.send_order(STOP)).json()["code"] == "desk.stop_unconfirmed"
+        assert (await tina.post_json("/api/control", {"do": "ask"})).json()["asking_mine"]
+        assert (await tina.post_json("/api/control", {"do": "give"})).json()["holder"] == "Tom"
+        assert (await tom.post_json("/api/control", {"do": "refuse"})).json()["mine"]
+        await tina.post_json("/api/control", {"do": "ask"})
         tom.app.state.house.control.clock = lambda: float("inf")
-        assert (await tina.post("/api/control", {"do": "ask"})).json()[
+        assert (await tina.post_json("/api/control", {"do": "ask"})).json()[
             "mine"
         ] is False  # it is long forgotten
 
 
 async def test_control_is_free_when_its_holder_leaves_idles_or_is_removed(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as tom:
-        tina = await two(tom, "Tom", "Tina")
+    async with open_service_client(tmp_path) as tom:
+        tina = await sign_in_two(tom, "Tom", "Tina")
         for leaves in ("signs out", "idles", "is removed"):
-            assert (await tom.order(PAUSE)).json()["code"] == "desk.gone"
-            assert (await tina.order(PAUSE)).json()["code"] == "people.elsewhere"
+            assert (await tom.send_order(PAUSE)).json()["code"] == "desk.gone"
+            assert (await tina.send_order(PAUSE)).json()["code"] == "people.elsewhere"
             if leaves == "signs out":
-                await tom.post("/api/sign-in/leave", {})
+                await tom.post_json("/api/sign-in/leave", {})
             elif leaves == "idles":
                 tom.clock.pass_by(301.0)
-                await tina.post("/api/sign-in/confirm", {"secret": "141421"})
+                await tina.post_json("/api/sign-in/confirm", {"secret": "141421"})
             else:
-                tom.entrance.accounts.remove_person("Tom", "test")
-            assert (await tina.order(PAUSE)).json()["code"] == "desk.gone", leaves
-            await tina.post("/api/sign-in/leave", {})
+                tom.authenticator.accounts.remove_person("Tom", "test")
+            assert (await tina.send_order(PAUSE)).json()["code"] == "desk.gone", leaves
+            await tina.post_json("/api/sign-in/leave", {})
             await tina.sign_in("Tina")
             await tom.sign_in("Tom")
 
 
 @pytest.mark.parametrize("name", ["Vera", "Ada"])
-async def test_whoever_only_looks_on_gets_no_control(tmp_path: Path, name: str) -> None:
-    async with a_door(tmp_path) as door:
-        other = await two(door, "Tom", name)
-        await door.order(PAUSE)
-        for asks in (other, door):
-            answer = await asks.post("/api/control", {"do": "ask"})
+async def test_a_viewer_gets_no_control(tmp_path: Path, name: str) -> None:
+    async with open_service_client(tmp_path) as service_client:
+        other = await sign_in_two(service_client, "Tom", name)
+        await service_client.send_order(PAUSE)
+        for asks in (other, service_client):
+            answer = await asks.post_json("/api/control", {"do": "ask"})
             assert answer.status_code == (403 if asks is other else 200)
-        door.clock.pass_by(301.0)
-        assert (await door.post("/api/control", {"do": "ask"})).json()["code"] == "people.pin"
+        service_client.clock.pass_by(301.0)
+        assert (await service_client.post_json("/api/control", {"do": "ask"})).json()["code"] == "people.pin"
 
 
 async def test_the_second_person_approves_at_the_own_screen_or_at_the_first_s(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as tom:
-        tina = await two(tom, "Tom", "Tina")
-        yes = tom.shows("accept_mastering")
-        assert (await tina.order(yes, press="early")).json()["code"] == "people.second_person"
-        assert (await tom.order(yes, press="2")).json()[
+    async with open_service_client(tmp_path) as tom:
+        tina = await sign_in_two(tom, "Tom", "Tina")
+        yes = tom.show_question("accept_mastering")
+        assert (await tina.send_order(yes, press="early")).json()["code"] == "people.second_person"
+        assert (await tom.send_order(yes, press="2")).json()[
             "code"
         ] == "desk.gone"  # Tina has control; Tom approves
-        yes = tom.shows("accept_mastering", rev=2, prompt_id="run:2")
+        yes = tom.show_question("accept_mastering", rev=2, prompt_id="run:2")
         press = {"id": "3", "rev": 2, "order": yes}
         second = {"pressed": press, "name": "Tom", "secret": "314159"}
-        assert (await tina.post("/api/commands/second", second)).json()["code"] == "desk.stale"
-        assert (await tina.order(yes, rev=2, press="3")).json()["code"] == "people.second_person"
-        wrong = await tina.post("/api/commands/second", second | {"secret": "111222"})
+        assert (await tina.post_json("/api/commands/second", second)).json()["code"] == "desk.stale"
+        assert (await tina.send_order(yes, rev=2, press="3")).json()["code"] == "people.second_person"
+        wrong = await tina.post_json("/api/commands/second", second | {"secret": "111222"})
         assert wrong.json()["code"] == "people.wrong"
-        same = await tina.post("/api/commands/second", second | {"name": "Tina", "secret": "141421"})
+        same = await tina.post_json("/api/commands/second", second | {"name": "Tina", "secret": "141421"})
         assert same.json()["code"] == "desk.stale"
-        viewer = await tina.post("/api/commands/second", second | {"name": "Vera", "secret": "271828"})
+        viewer = await tina.post_json("/api/commands/second", second | {"name": "Vera", "secret": "271828"})
         assert viewer.json()["code"] == "people.role"
-        assert (await tina.post("/api/commands/second", second)).json()["code"] == "desk.gone"
+        assert (await tina.post_json("/api/commands/second", second)).json()["code"] == "desk.gone"
 
 
 async def test_a_wait_says_how_long(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
         for _ in range(5):
-            assert (await door.sign_in("Tom", "000999")).status_code == 403
-        refused = await door.sign_in("Tom")
+            assert (await service_client.sign_in("Tom", "000999")).status_code == 403
+        refused = await service_client.sign_in("Tom")
         assert refused.status_code == 429
         assert int(refused.headers["retry-after"]) == 3600

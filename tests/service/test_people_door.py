@@ -7,7 +7,14 @@ import pytest
 
 from cellcal.service.people.errors import NotAllowedError, NotSignedInError, WrongSecretError
 from cellcal.service.people.roles import Role
-from tests.service.doors import PINS, Clock, Tablet, a_door, another_browser, url64
+from tests.service.service_client import (
+    PINS,
+    ServiceClock,
+    TabletKey,
+    another_browser,
+    encode_base64url,
+    open_service_client,
+)
 
 # what people try to put into names, notes and settings
 XSS = [
@@ -23,22 +30,22 @@ XSS = [
 
 
 async def test_before_people_are_set_up_the_console_is_the_technician(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        assert (await door.client.get("/api/session")).status_code == 401
-        await door.from_console()
-        told = (await door.client.get("/api/session")).json()["person"]
-        assert (told["name"], told["role"]) == ("local technician", "technician")
-        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+    async with open_service_client(tmp_path, people=False) as service_client:
+        assert (await service_client.client.get("/api/session")).status_code == 401
+        await service_client.from_console()
+        person_answer = (await service_client.client.get("/api/session")).json()["person"]
+        assert (person_answer["name"], person_answer["role"]) == ("local technician", "technician")
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
 
 
 async def test_the_console_s_address_works_once_and_a_new_one_is_shown(tmp_path: Path) -> None:
     shown: list[str] = []
-    async with a_door(tmp_path, people=False) as door:
-        door.entrance.on_console_token = shown.append
-        token = door.entrance.console_token()
-        first = await door.client.get("/api/sign-in/console", params={"token": token})
+    async with open_service_client(tmp_path, people=False) as service_client:
+        service_client.authenticator.on_console_token = shown.append
+        token = service_client.authenticator.console_token()
+        first = await service_client.client.get("/api/sign-in/console", params={"token": token})
         assert (first.status_code, first.headers["location"]) == (303, "/")
-        async with another_browser(door.app) as other:
+        async with another_browser(service_client.app) as other:
             for used in (token, "", "x" * 43):
                 answer = await other.get("/api/sign-in/console", params={"token": used})
                 assert answer.status_code in (403, 422)
@@ -48,94 +55,98 @@ async def test_the_console_s_address_works_once_and_a_new_one_is_shown(tmp_path:
 
 
 async def test_once_people_are_set_up_the_console_alone_looks_on(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        assert (await door.client.get("/api/session")).json()["person"]["role"] == "viewer"
-        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "person"
-        assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
-        assert (await door.sign_in("Tom")).status_code == 200
-        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "nothing"
-        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        assert (await service_client.client.get("/api/session")).json()["person"]["role"] == "viewer"
+        assert (await service_client.client.get("/api/sign-in")).json()["wanted"] == "person"
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "people.role"
+        assert (await service_client.send_order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
+        assert (await service_client.sign_in("Tom")).status_code == 200
+        assert (await service_client.client.get("/api/sign-in")).json()["wanted"] == "nothing"
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
 
 
-async def test_setting_people_up_ends_the_rights_of_whoever_sits_at_the_console(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False) as door:
-        await door.from_console()
-        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
-        door.entrance.accounts.add_person("Ada", Role.ADMIN, "kept", "test")
-        assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
+async def test_setting_people_up_ends_the_rights_of_the_console(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path, people=False) as service_client:
+        await service_client.from_console()
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
+        service_client.authenticator.accounts.add_person("Ada", Role.ADMIN, "kept", "test")
+        assert (await service_client.send_order({"op": "pause"}, press="2")).json()["code"] == "people.role"
 
 
 async def test_signing_in_changes_the_token_so_that_one_known_before_is_worth_nothing(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        before = dict(door.client.cookies)
-        await door.sign_in("Tom")
-        assert dict(door.client.cookies) != before
-        async with another_browser(door.app) as thief:
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        before = dict(service_client.client.cookies)
+        await service_client.sign_in("Tom")
+        assert dict(service_client.client.cookies) != before
+        async with another_browser(service_client.app) as thief:
             thief.cookies.update(before)
             assert (await thief.get("/api/session")).status_code == 401
-        signed_in = dict(door.client.cookies)
-        assert (await door.post("/api/sign-in/leave", {})).status_code == 200
-        assert (await door.client.get("/api/session")).json()["person"]["role"] == "viewer"
-        async with another_browser(door.app) as thief:
+        signed_in = dict(service_client.client.cookies)
+        assert (await service_client.post_json("/api/sign-in/leave", {})).status_code == 200
+        assert (await service_client.client.get("/api/session")).json()["person"]["role"] == "viewer"
+        async with another_browser(service_client.app) as thief:
             thief.cookies.update(signed_in)
             assert (await thief.get("/api/session")).status_code == 401
 
 
 async def test_a_pin_is_worth_nothing_on_a_device_that_is_not_enrolled(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        assert (await door.sign_in("Tom")).status_code == 401
-        assert not door.client.cookies
+    async with open_service_client(tmp_path) as service_client:
+        assert (await service_client.sign_in("Tom")).status_code == 401
+        assert not service_client.client.cookies
 
 
 # devices
 
 
 async def test_an_enrolled_device_comes_in_and_a_revoked_one_is_out_at_once(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        tablet = Tablet()
-        await tablet.enrol(door)
-        assert (await tablet.come_in(door)).status_code == 200
-        person = (await door.client.get("/api/session")).json()["person"]
+    async with open_service_client(tmp_path) as service_client:
+        tablet = TabletKey()
+        await tablet.enrol_device(service_client)
+        assert (await tablet.come_in(service_client)).status_code == 200
+        person = (await service_client.client.get("/api/session")).json()["person"]
         assert (person["name"], person["role"]) == ("tablet 3", "viewer")
-        await door.sign_in("Emil")
-        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
-        door.entrance.accounts.revoke_device(tablet.id, "test")
-        assert (await door.order({"op": "stop"}, press="2")).status_code == 401
-        assert (await tablet.come_in(door)).status_code == 403
+        await service_client.sign_in("Emil")
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
+        service_client.authenticator.accounts.revoke_device(tablet.id, "test")
+        assert (await service_client.send_order({"op": "stop"}, press="2")).status_code == 401
+        assert (await tablet.come_in(service_client)).status_code == 403
 
 
 async def test_an_enrolment_is_used_once_and_within_ten_minutes(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
-        given = {"token": token, "public_key": Tablet().spki}
-        assert (await door.post("/api/sign-in/devices", given)).status_code == 200
-        assert (await door.post("/api/sign-in/devices", given)).status_code == 403
-        late = door.entrance.accounts.create_enrolment("tablet 4", "test")
-        door.clock.pass_by(601.0)
-        assert (await door.post("/api/sign-in/devices", given | {"token": late})).status_code == 403
-        assert [device.name for device in door.entrance.accounts.list_devices()] == ["tablet 3"]
+    async with open_service_client(tmp_path) as service_client:
+        token = service_client.authenticator.accounts.create_enrolment("tablet 3", "test")
+        enrolment = {"token": token, "public_key": TabletKey().spki}
+        assert (await service_client.post_json("/api/sign-in/devices", enrolment)).status_code == 200
+        assert (await service_client.post_json("/api/sign-in/devices", enrolment)).status_code == 403
+        late = service_client.authenticator.accounts.create_enrolment("tablet 4", "test")
+        service_client.clock.pass_by(601.0)
+        assert (
+            await service_client.post_json("/api/sign-in/devices", enrolment | {"token": late})
+        ).status_code == 403
+        assert [device.name for device in service_client.authenticator.accounts.list_devices()] == [
+            "tablet 3"
+        ]
 
 
 async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        tablet, stranger = Tablet(), Tablet()
-        await tablet.enrol(door)
+    async with open_service_client(tmp_path) as service_client:
+        tablet, stranger = TabletKey(), TabletKey()
+        await tablet.enrol_device(service_client)
 
         async def proof(**other: Any) -> int:
-            challenge = door.entrance.create_challenge()
-            door.clock.pass_by(other.pop("late_s", 0.0))
+            challenge = service_client.authenticator.create_challenge()
+            service_client.clock.pass_by(other.pop("late_s", 0.0))
             signature = other.pop("by", tablet).signature(challenge, other.pop("origin", "http://127.0.0.1"))
-            given = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
-            answer = await door.post("/api/sign-in/device", given)
+            proof_body = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
+            answer = await service_client.post_json("/api/sign-in/device", proof_body)
             status = answer.status_code
             if status == 200:  # what is wanted next, which a page need not ask for
-                told = (await door.client.get("/api/sign-in")).json()
-                assert answer.json() == {"ok": True, **told}
-                assert told["wanted"] == "person"
-            again = (await door.post("/api/sign-in/device", given)).status_code
+                challenge_answer = (await service_client.client.get("/api/sign-in")).json()
+                assert answer.json() == {"ok": True, **challenge_answer}
+                assert challenge_answer["wanted"] == "person"
+            again = (await service_client.post_json("/api/sign-in/device", proof_body)).status_code
             assert again in (403, 422)
             return status
 
@@ -145,7 +156,14 @@ async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: P
         assert await proof(origin="https://evil.example") == 403
         assert await proof(challenge="x" * 43) == 403
         assert await proof(device="unknown") == 403
-        for signature in ("", "x", url64(bytes(64)), url64(bytes(63)), url64(b"\xff" * 64), "é" * 10):
+        for signature in (
+            "",
+            "x",
+            encode_base64url(bytes(64)),
+            encode_base64url(bytes(63)),
+            encode_base64url(b"\xff" * 64),
+            "é" * 10,
+        ):
             assert await proof(signature=signature) in (403, 422)
 
 
@@ -163,81 +181,93 @@ async def test_only_a_key_on_p_256_is_enrolled(tmp_path: Path, curve: str) -> No
     if curve in makers:
         form = serialization.PublicFormat.SubjectPublicKeyInfo
         raw = makers[curve]().public_key().public_bytes(serialization.Encoding.DER, form)
-    async with a_door(tmp_path) as door:
-        token = door.entrance.accounts.create_enrolment("tablet 3", "test")
+    async with open_service_client(tmp_path) as service_client:
+        token = service_client.authenticator.accounts.create_enrolment("tablet 3", "test")
         assert (
-            await door.post("/api/sign-in/devices", {"token": token, "public_key": url64(raw)})
+            await service_client.post_json(
+                "/api/sign-in/devices", {"token": token, "public_key": encode_base64url(raw)}
+            )
         ).status_code == 403
-        assert door.entrance.accounts.list_devices() == ()
+        assert service_client.authenticator.accounts.list_devices() == ()
 
 
 # time
 
 
 async def test_a_screen_left_alone_shows_and_stops_and_wants_the_pin_for_the_rest(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
         for _ in range(3):  # whoever works is not locked out
-            door.clock.pass_by(290.0)
-            assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
-        door.clock.pass_by(301.0)
-        told = (await door.client.get("/api/session")).json()["person"]
-        assert (told["name"], told["role"], told["locked"]) == ("Tom", "viewer", True)
+            service_client.clock.pass_by(290.0)
+            assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
+        service_client.clock.pass_by(301.0)
+        person_answer = (await service_client.client.get("/api/session")).json()["person"]
+        assert (person_answer["name"], person_answer["role"], person_answer["locked"]) == (
+            "Tom",
+            "viewer",
+            True,
+        )
         for _ in range(2):  # asking does not unlock
-            assert (await door.order({"op": "go_on"})).json()["code"] == "people.pin"
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
-        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "pin"
-        assert (await door.post("/api/sign-in/confirm", {"secret": "000000"})).status_code == 403
-        assert (await door.post("/api/sign-in/confirm", {"secret": PINS["Tina"]})).status_code == 403
-        assert (await door.post("/api/sign-in/confirm", {"secret": PINS["Tom"]})).status_code == 200
-        assert (await door.order({"op": "go_on"})).json()["code"] == "desk.gone"
+            assert (await service_client.send_order({"op": "go_on"})).json()["code"] == "people.pin"
+        assert (await service_client.send_order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
+        assert (await service_client.client.get("/api/sign-in")).json()["wanted"] == "pin"
+        assert (
+            await service_client.post_json("/api/sign-in/confirm", {"secret": "000000"})
+        ).status_code == 403
+        assert (
+            await service_client.post_json("/api/sign-in/confirm", {"secret": PINS["Tina"]})
+        ).status_code == 403
+        assert (
+            await service_client.post_json("/api/sign-in/confirm", {"secret": PINS["Tom"]})
+        ).status_code == 200
+        assert (await service_client.send_order({"op": "go_on"})).json()["code"] == "desk.gone"
 
 
 async def test_after_twelve_hours_a_session_is_over_however_much_it_was_used(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
         for _ in range(12 * 15):
-            door.clock.pass_by(239.0)
-            await door.order({"op": "pause"})
-        assert (await door.client.get("/api/session")).status_code == 200
-        door.clock.pass_by(12 * 15 + 1.0)
-        assert (await door.client.get("/api/session")).status_code == 401
+            service_client.clock.pass_by(239.0)
+            await service_client.send_order({"op": "pause"})
+        assert (await service_client.client.get("/api/session")).status_code == 200
+        service_client.clock.pass_by(12 * 15 + 1.0)
+        assert (await service_client.client.get("/api/session")).status_code == 401
 
 
 async def test_leaving_does_not_make_a_session_longer(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
         for _ in range(4):
-            door.clock.pass_by(3 * 3600.0 + 1.0)
-            left = await door.post("/api/sign-in/leave", {})
-        assert left.status_code == 401
+            service_client.clock.pass_by(3 * 3600.0 + 1.0)
+            answer = await service_client.post_json("/api/sign-in/leave", {})
+        assert answer.status_code == 401
 
 
 async def test_a_new_pin_or_role_ends_what_was_signed_in_with_the_old(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        door.entrance.accounts.reset_person("Tom", Role.VIEWER, "kept", "test")
-        assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
-        await door.sign_in("Tina")
-        door.entrance.accounts.remove_person("Tina", "test")
-        assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
-        assert (await door.sign_in("Tina")).status_code == 403
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        service_client.authenticator.accounts.reset_person("Tom", Role.VIEWER, "kept", "test")
+        assert (await service_client.send_order({"op": "pause"})).json()["code"] == "people.role"
+        await service_client.sign_in("Tina")
+        service_client.authenticator.accounts.remove_person("Tina", "test")
+        assert (await service_client.send_order({"op": "pause"}, press="2")).json()["code"] == "people.role"
+        assert (await service_client.sign_in("Tina")).status_code == 403
 
 
-async def test_a_restart_asks_everybody_again_and_forgets_nobody(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        tablet = Tablet()
-        await tablet.enrol(door)
-        kept = dict(door.client.cookies)
-    async with a_door(tmp_path / "again", people=False) as again:
-        again.entrance.data_dir = door.entrance.data_dir
-        again.entrance.accounts.path = door.entrance.accounts.path
-        again.client.cookies.update(kept)
+async def test_a_restart_ends_sessions_and_keeps_accounts(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        tablet = TabletKey()
+        await tablet.enrol_device(service_client)
+        old_cookies = dict(service_client.client.cookies)
+    async with open_service_client(tmp_path / "again", people=False) as again:
+        again.authenticator.data_dir = service_client.authenticator.data_dir
+        again.authenticator.accounts.path = service_client.authenticator.accounts.path
+        again.client.cookies.update(old_cookies)
         assert (await again.client.get("/api/session")).status_code == 401
         assert (await tablet.come_in(again)).status_code == 200
         assert (await again.sign_in("Tom")).status_code == 200
@@ -247,38 +277,41 @@ async def test_a_restart_asks_everybody_again_and_forgets_nobody(tmp_path: Path)
 
 
 async def test_five_wrong_pins_then_one_an_hour_also_for_the_right_one(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        wrong = [(await door.sign_in("Tom", f"00000{n}")).status_code for n in range(6)]
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        wrong = [(await service_client.sign_in("Tom", f"00000{n}")).status_code for n in range(6)]
         assert wrong == [403] * 5 + [429]
-        assert (await door.sign_in("Tom")).json()["code"] == "people.wait"
-        assert (await door.client.get("/api/session")).status_code == 200
-        assert (await door.order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
-        assert (await door.sign_in("Tina")).status_code == 200  # others are not locked out
-        door.clock.pass_by(3601.0)
-        assert (await door.sign_in("Tom", "000009")).status_code == 403
-        assert (await door.sign_in("Tom")).status_code == 429
-        door.clock.pass_by(3601.0)
-        assert (await door.sign_in("Tom")).status_code == 200
-        assert (await door.sign_in("Tom", "000000")).status_code == 403  # five anew
-        assert (await door.sign_in("Tom")).status_code == 200
+        assert (await service_client.sign_in("Tom")).json()["code"] == "people.wait"
+        assert (await service_client.client.get("/api/session")).status_code == 200
+        assert (await service_client.send_order({"op": "stop"})).json()["code"] == "desk.stop_unconfirmed"
+        assert (await service_client.sign_in("Tina")).status_code == 200  # others are not locked out
+        service_client.clock.pass_by(3601.0)
+        assert (await service_client.sign_in("Tom", "000009")).status_code == 403
+        assert (await service_client.sign_in("Tom")).status_code == 429
+        service_client.clock.pass_by(3601.0)
+        assert (await service_client.sign_in("Tom")).status_code == 200
+        assert (await service_client.sign_in("Tom", "000000")).status_code == 403  # five anew
+        assert (await service_client.sign_in("Tom")).status_code == 200
 
 
 async def test_another_device_gives_no_more_guesses(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
         for n in range(5):
-            await door.sign_in("Tom", f"00000{n}")
-        tablet = Tablet()
-        await tablet.enrol(door)
-        await tablet.come_in(door)
-        assert (await door.sign_in("Tom")).status_code == 429
+            await service_client.sign_in("Tom", f"00000{n}")
+        tablet = TabletKey()
+        await tablet.enrol_device(service_client)
+        await tablet.come_in(service_client)
+        assert (await service_client.sign_in("Tom")).status_code == 429
 
 
-async def test_what_is_wrong_is_not_told_apart(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        answers = [await door.sign_in("Tom", "000000"), await door.sign_in("Nobody", "000000")]
+async def test_sign_in_errors_do_not_reveal_what_was_wrong(tmp_path: Path) -> None:
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        answers = [
+            await service_client.sign_in("Tom", "000000"),
+            await service_client.sign_in("Nobody", "000000"),
+        ]
         assert answers[0].json() == answers[1].json()
         assert [a.status_code for a in answers] == [403, 403]
 
@@ -287,57 +320,71 @@ async def test_what_is_wrong_is_not_told_apart(tmp_path: Path) -> None:
 
 
 async def test_moves_are_approved_with_the_pin_just_entered(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        assert (await door.order(door.shows("accept_plan"))).json()["code"] == "desk.gone"
-        door.clock.pass_by(121.0)
-        assert (await door.order(door.shows("wire_is_hooked"), press="2")).json()["code"] == "desk.gone"
-        answer = await door.order(door.shows("approve_move"), press="3")
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        assert (await service_client.send_order(service_client.show_question("accept_plan"))).json()[
+            "code"
+        ] == "desk.gone"
+        service_client.clock.pass_by(121.0)
+        assert (
+            await service_client.send_order(service_client.show_question("wire_is_hooked"), press="2")
+        ).json()["code"] == "desk.gone"
+        answer = await service_client.send_order(service_client.show_question("approve_move"), press="3")
         assert (answer.status_code, answer.json()["code"]) == (401, "people.pin")
-        await door.post("/api/sign-in/confirm", {"secret": PINS["Tom"]})
-        assert (await door.order(door.shows("approve_move"), press="4")).json()["code"] == "desk.gone"
+        await service_client.post_json("/api/sign-in/confirm", {"secret": PINS["Tom"]})
+        assert (
+            await service_client.send_order(service_client.show_question("approve_move"), press="4")
+        ).json()["code"] == "desk.gone"
 
 
 @pytest.mark.parametrize("key", ["accept_mastering", "accept_tool", "accept_something_new"])
 async def test_a_controller_is_written_by_an_engineer_or_by_two(tmp_path: Path, key: str) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Emil")
-        assert (await door.order(door.shows(key))).json()["code"] == "desk.gone"
-        await door.sign_in("Tom")
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Emil")
+        assert (await service_client.send_order(service_client.show_question(key))).json()[
+            "code"
+        ] == "desk.gone"
+        await service_client.sign_in("Tom")
         for press in ("2", "3"):  # one person twice is one person
-            answer = await door.order(door.shows(key), press=press)
+            answer = await service_client.send_order(service_client.show_question(key), press=press)
             assert (answer.status_code, answer.json()["code"]) == (409, "people.second_person")
-        await door.sign_in("Tina")
-        assert (await door.order(door.shows(key), press="4")).json()["code"] == "desk.gone"
+        await service_client.sign_in("Tina")
+        assert (await service_client.send_order(service_client.show_question(key), press="4")).json()[
+            "code"
+        ] == "desk.gone"
 
 
 async def test_a_first_approval_is_for_that_question_only(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        await door.order(door.shows("accept_tool"))
-        await door.sign_in("Tina")
-        other = await door.order(door.shows("accept_tool", rev=2, prompt_id="run:2"), rev=2, press="2")
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        await service_client.send_order(service_client.show_question("accept_tool"))
+        await service_client.sign_in("Tina")
+        other = await service_client.send_order(
+            service_client.show_question("accept_tool", rev=2, prompt_id="run:2"), rev=2, press="2"
+        )
         assert other.json()["code"] == "people.second_person"
 
 
 async def test_a_yes_to_what_is_not_shown_is_not_passed_on(tmp_path: Path) -> None:
-    async with a_door(tmp_path) as door:
-        await door.from_console()
-        await door.sign_in("Tom")
-        yes = door.shows("wire_is_hooked", rev=7)
+    async with open_service_client(tmp_path) as service_client:
+        await service_client.from_console()
+        await service_client.sign_in("Tom")
+        yes = service_client.show_question("wire_is_hooked", rev=7)
         for order, rev in ((yes, 8), (yes | {"prompt_id": "run:2"}, 7)):
-            answer = await door.order(order, rev=rev)
+            answer = await service_client.send_order(order, rev=rev)
             assert (answer.status_code, answer.json()["code"]) == (409, "desk.stale")
-        assert (await door.order(yes, rev=7)).json()["code"] == "desk.gone"
-        door.shows("accept_mastering", rev=9, prompt_id="run:3")
-        assert (await door.order(yes, rev=7)).json()["code"] == "desk.gone"  # the same press, sent again
-        assert (await door.order(yes, rev=7, press="other")).json()["code"] == "desk.stale"
+        assert (await service_client.send_order(yes, rev=7)).json()["code"] == "desk.gone"
+        service_client.show_question("accept_mastering", rev=9, prompt_id="run:3")
+        assert (await service_client.send_order(yes, rev=7)).json()[
+            "code"
+        ] == "desk.gone"  # the same press, sent again
+        assert (await service_client.send_order(yes, rev=7, press="other")).json()["code"] == "desk.stale"
 
 
-def test_in_whose_name_an_order_goes_to_the_desk() -> None:
+def test_an_order_carries_the_name_of_its_sender() -> None:
     from cellcal.service.cell_process.messages import AnswerPrompt, PauseRun
     from cellcal.service.people.authentication import LOCAL_PERSON, Person
     from cellcal.service.people.authorization import OrderAuthorizer
@@ -361,18 +408,18 @@ def test_in_whose_name_an_order_goes_to_the_desk() -> None:
 
 @pytest.mark.parametrize("text", XSS)
 async def test_what_people_write_comes_back_as_json_only(tmp_path: Path, text: str) -> None:
-    async with a_door(tmp_path) as door:
-        door.entrance.accounts.add_person(text, Role.TECHNICIAN, "kept", "test")
-        await door.from_console()
+    async with open_service_client(tmp_path) as service_client:
+        service_client.authenticator.accounts.add_person(text, Role.TECHNICIAN, "kept", "test")
+        await service_client.from_console()
         dry = {"procedure": text, "settings": {text: text}}
         for answer in (
-            await door.client.get("/api/sign-in/people"),
-            await door.sign_in(text, text),
-            await door.post("/api/dry-runs", dry),
-            await door.post("/api/dry-runs", dry | {"procedure": "mastering_record"}),
-            await door.order({"op": text}),
-            await door.client.get("/api/trend", params={"procedure": text, "robot_serial": text}),
-            await door.client.get("/api/runs/" + text.replace("/", "%2f")),
+            await service_client.client.get("/api/sign-in/people"),
+            await service_client.sign_in(text, text),
+            await service_client.post_json("/api/dry-runs", dry),
+            await service_client.post_json("/api/dry-runs", dry | {"procedure": "mastering_record"}),
+            await service_client.send_order({"op": text}),
+            await service_client.client.get("/api/trend", params={"procedure": text, "robot_serial": text}),
+            await service_client.client.get("/api/runs/" + text.replace("/", "%2f")),
         ):
             assert answer.headers["content-type"] == "application/json"
             assert answer.headers["x-content-type-options"] == "nosniff"
@@ -381,18 +428,22 @@ async def test_what_people_write_comes_back_as_json_only(tmp_path: Path, text: s
 
 
 async def test_open_access_is_for_demos(tmp_path: Path) -> None:
-    async with a_door(tmp_path, people=False, open_access=True) as door:
-        assert (await door.client.get("/api/session")).json()["person"]["name"] == "local technician"
-        other_page = await door.client.get("/api/session", headers={"origin": "http://evil.example"})
+    async with open_service_client(tmp_path, people=False, open_access=True) as service_client:
+        assert (await service_client.client.get("/api/session")).json()["person"][
+            "name"
+        ] == "local technician"
+        other_page = await service_client.client.get(
+            "/api/session", headers={"origin": "http://evil.example"}
+        )
         assert other_page.status_code == 403
 
 
-def test_who_is_unknown_is_told_so(tmp_path: Path) -> None:
+def test_an_unknown_device_is_reported_as_unknown(tmp_path: Path) -> None:
     from cellcal.service.people.authentication import Authenticator
 
-    entrance = Authenticator(tmp_path, clock=Clock(), wall_clock=Clock())
+    authenticator = Authenticator(tmp_path, clock=ServiceClock(), wall_clock=ServiceClock())
     for token in (None, "", "x", "x" * 5000):
         with pytest.raises(NotSignedInError):
-            entrance.authenticate(token)
+            authenticator.authenticate(token)
     with pytest.raises(WrongSecretError):
-        entrance.from_console("anything")
+        authenticator.from_console("anything")

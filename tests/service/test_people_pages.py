@@ -16,14 +16,19 @@ from playwright.async_api import Page, Route, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.people.sessions import FRESH_S, IDLE_S
-from tests.service.browsers import LOCALES, hold_to_rules, speaks
-from tests.service.doors import PINS, Clock
-from tests.service.shop import Shop, a_shop, give_pin, sign_in
+from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
+from tests.service.service_client import PINS, ServiceClock
+from tests.service.service_with_tablets import (
+    ServiceWithTablets,
+    give_pin,
+    open_service_with_tablets,
+    sign_in,
+)
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("people_pages")]
 
 
-class OneQuestion:
+class OneQuestionProcess:
     """Stands where the desk's process is: asks the same question anew, and keeps who said yes to it."""
 
     def __init__(self, app: FastAPI) -> None:
@@ -56,17 +61,17 @@ class OneQuestion:
             "prompt": None if self.outcome else prompt,
         }  # fmt: skip
 
-    def ask(self, key: str) -> None:
+    def ask_question(self, key: str) -> None:
         """Ask something else."""
         self.key, self.outcome = key, None
-        self._tell()
+        self._publish_session()
 
-    def end(self, verdict: str, reason: str, remedy: str) -> None:
+    def end_run(self, verdict: str, reason: str, remedy: str) -> None:
         """Let the run end so."""
         self.outcome = {"verdict": verdict, "reason": reason, "remedy": remedy}
-        self._tell()
+        self._publish_session()
 
-    def _tell(self) -> None:
+    def _publish_session(self) -> None:
         self.rev += 1
         self._app.state.house.screens.broadcast("session", self.session)
 
@@ -75,88 +80,92 @@ class OneQuestion:
         if order["op"] == "hold":
             return {"ok": True, "rev": self.rev}
         self.orders.append((order["op"], command["who"]))
-        self.ask(self.key)
+        self.ask_question(self.key)
         return {"ok": True, "rev": self.rev}
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ServiceWithTablets]:
     path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
-    async with a_shop(path, desk=OneQuestion, clock=Clock()) as opened:
+    async with open_service_with_tablets(
+        path, process_double=OneQuestionProcess, clock=ServiceClock()
+    ) as opened:
         yield opened
         assert opened.complaints == []
 
 
 @pytest_asyncio.fixture(loop_scope="module", autouse=True)
-async def desk(shop: Shop) -> AsyncIterator[OneQuestion]:
-    double: OneQuestion = shop.app.state.house.link
+async def one_question(tablet_service: ServiceWithTablets) -> AsyncIterator[OneQuestionProcess]:
+    double: OneQuestionProcess = tablet_service.app.state.house.link
     double.orders.clear()
-    shop.nobody_has_control()
+    tablet_service.release_control()
     yield double
-    shop.entrance.accounts._clock = shop.entrance.wall_clock
-    shop.entrance.sessions._clock = shop.entrance.clock
+    tablet_service.entrance.accounts._clock = tablet_service.entrance.wall_clock
+    tablet_service.entrance.sessions._clock = tablet_service.entrance.clock
 
 
 @asynccontextmanager
-async def unknown(shop: Shop, **settings: Any) -> AsyncIterator[Page]:
-    async with shop.context(**settings) as context:
+async def unknown_tablet(tablet_service: ServiceWithTablets, **settings: Any) -> AsyncIterator[Page]:
+    async with tablet_service.browser_context(**settings) as context:
         page = await context.new_page()
-        page.on("pageerror", lambda error: shop.complaints.append(str(error)))
+        page.on("pageerror", lambda error: tablet_service.complaints.append(str(error)))
         yield page
 
 
-async def shown(page: Page, test_id: str) -> None:
+async def expect_shown(page: Page, test_id: str) -> None:
     await expect(page.get_by_test_id(test_id)).to_be_visible()
 
 
-async def gone(page: Page, test_id: str) -> None:
+async def expect_gone(page: Page, test_id: str) -> None:
     await expect(page.get_by_test_id(test_id)).to_have_count(0)
 
 
-async def disabled(page: Page, test_id: str) -> None:
+async def expect_disabled(page: Page, test_id: str) -> None:
     await expect(page.get_by_test_id(test_id)).to_be_disabled()
 
 
-async def enabled(page: Page, test_id: str) -> None:
+async def expect_enabled(page: Page, test_id: str) -> None:
     await expect(page.get_by_test_id(test_id)).to_be_enabled()
 
 
-async def test_a_browser_that_nobody_knows_sees_nothing_until_it_is_enrolled(shop: Shop) -> None:
-    async with unknown(shop) as page:
-        await page.goto(f"http://127.0.0.1:{shop.port}/")
-        await shown(page, "unknown-device")
+async def test_an_unenrolled_browser_sees_nothing(tablet_service: ServiceWithTablets) -> None:
+    async with unknown_tablet(tablet_service) as page:
+        await page.goto(f"http://127.0.0.1:{tablet_service.port}/")
+        await expect_shown(page, "unknown-device")
         await expect(page.locator("body")).not_to_contain_text("cell 7")
-        await page.goto(f"http://127.0.0.1:{shop.port}/#/enrol/no-such-token")
+        await page.goto(f"http://127.0.0.1:{tablet_service.port}/#/enrol/no-such-token")
         await page.get_by_test_id("enrol-device").click()
-        await shown(page, "enrol-fault")
-        await shop.enrol(page, "tablet 3")
+        await expect_shown(page, "enrol-fault")
+        await tablet_service.enrol_tablet(page, "tablet 3")
         await expect(page).not_to_have_url(re.compile("enrol/+[^/]"))  # the token is nobody's to read
         await page.reload()  # the key is kept: it comes in by itself, looks on and may ask for a stop
         await page.evaluate("location.hash = '#/'")
-        await shown(page, "looks-on")
-        await disabled(page, "yes")
-        await enabled(page, "stop")
+        await expect_shown(page, "looks-on")
+        await expect_disabled(page, "yes")
+        await expect_enabled(page, "stop")
         await page.get_by_test_id("to-sign-in").click()
-        await shown(page, "people")
+        await expect_shown(page, "people")
 
 
-async def test_an_answer_from_before_the_enrolment_ends_no_session(shop: Shop) -> None:
+async def test_an_answer_from_before_the_enrolment_ends_no_session(
+    tablet_service: ServiceWithTablets,
+) -> None:
     """It says that the device is unknown, so the device proves itself again: not over whoever signed in meanwhile."""
-    asked, answered = asyncio.Event(), asyncio.Event()
+    requested, answered = asyncio.Event(), asyncio.Event()
 
-    async def late(route: Route) -> None:
+    async def delay_answer(route: Route) -> None:
         answer = await route.fetch()
-        asked.set()
+        requested.set()
         await asyncio.sleep(2.0)
         await route.fulfill(response=answer)
         answered.set()
 
-    async with unknown(shop) as page:
-        await page.goto(f"http://127.0.0.1:{shop.port}/")
-        await shown(page, "unknown-device")
-        await page.route("**/api/sign-in", late, times=1)
-        await asked.wait()
-        await shop.enrol(page, "tablet that looked early")
+    async with unknown_tablet(tablet_service) as page:
+        await page.goto(f"http://127.0.0.1:{tablet_service.port}/")
+        await expect_shown(page, "unknown-device")
+        await page.route("**/api/sign-in", delay_answer, times=1)
+        await requested.wait()
+        await tablet_service.enrol_tablet(page, "tablet that looked early")
         await sign_in(page, "Tom")
         await answered.wait()
         await page.wait_for_timeout(500)  # what follows from the answer may happen
@@ -164,158 +173,176 @@ async def test_an_answer_from_before_the_enrolment_ends_no_session(shop: Shop) -
         await expect(page.get_by_test_id("who")).to_have_attribute("data-role", "technician")
 
 
-async def test_a_person_signs_in_orders_and_signs_out(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("wire_is_hooked")
-    async with shop.tablet("Tom") as page:
+async def test_a_person_signs_in_orders_and_signs_out(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("wire_is_hooked")
+    async with tablet_service.signed_in_tablet("Tom") as page:
         await page.get_by_test_id("yes").click()
-        await shop.until(lambda _: desk.orders)
-        assert desk.orders == [("answer", "Tom")]
+        await tablet_service.wait_until(lambda _: one_question.orders)
+        assert one_question.orders == [("answer", "Tom")]
         await page.get_by_test_id("sign-out").click()
-        await shown(page, "sign-in")
+        await expect_shown(page, "sign-in")
         await page.get_by_test_id("look-on").click()
-        await disabled(page, "yes")
+        await expect_disabled(page, "yes")
         await page.get_by_test_id("stop").click()
-        await shop.until(lambda _: len(desk.orders) == 2)
-        assert desk.orders[1] == ("stop", "tablet of Tom")
+        await tablet_service.wait_until(lambda _: len(one_question.orders) == 2)
+        assert one_question.orders[1] == ("stop", "tablet of Tom")
 
 
-async def test_wrong_pins_are_told_and_then_have_to_wait(shop: Shop) -> None:
-    async with unknown(shop) as page:
-        await shop.enrol(page, "tablet 4")
+async def test_wrong_pins_are_reported_and_then_delayed(tablet_service: ServiceWithTablets) -> None:
+    async with unknown_tablet(tablet_service) as page:
+        await tablet_service.enrol_tablet(page, "tablet 4")
         await page.evaluate("location.hash = '#/sign-in'")
         await page.get_by_test_id("person").filter(has_text="Tina").click()
-        now_s = shop.entrance.wall_clock()
-        shop.entrance.accounts._clock = lambda: now_s  # an hour, also where keys are pressed slowly
+        now_s = tablet_service.entrance.wall_clock()
+        tablet_service.entrance.accounts._clock = lambda: now_s  # an hour, also where keys are pressed slowly
         for _ in range(5):
             await give_pin(page, "999000")
-            await shown(page, "secret-fault")
+            await expect_shown(page, "secret-fault")
         await give_pin(page, PINS["Tina"])
         await expect(page.get_by_test_id("secret-fault")).to_contain_text("60 min")
-        shop.entrance.accounts._clock = lambda: now_s + 3601.0
+        tablet_service.entrance.accounts._clock = lambda: now_s + 3601.0
         await give_pin(page, PINS["Tina"])
         await page.locator("[data-testid=who][data-role=technician]").wait_for()
 
 
 @pytest.mark.parametrize("name", ["Vera", "Ada"])
-async def test_what_a_role_may_not_do_is_not_offered(shop: Shop, desk: OneQuestion, name: str) -> None:
-    desk.ask("wire_is_hooked")
-    async with shop.tablet(name) as page:
-        await shown(page, "looks-on")
+async def test_what_a_role_may_not_do_is_not_offered(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess, name: str
+) -> None:
+    one_question.ask_question("wire_is_hooked")
+    async with tablet_service.signed_in_tablet(name) as page:
+        await expect_shown(page, "looks-on")
         for button in ("yes", "no", "hold"):
-            await disabled(page, button)
+            await expect_disabled(page, button)
             await page.get_by_test_id(button).click(force=True)
-        await enabled(page, "stop")
+        await expect_enabled(page, "stop")
         await page.get_by_test_id("stop").click()
-        await shop.until(lambda _: desk.orders)
-        assert desk.orders == [("stop", name)]  # nothing that was pressed before it came
+        await tablet_service.wait_until(lambda _: one_question.orders)
+        assert one_question.orders == [("stop", name)]  # nothing that was pressed before it came
 
 
-async def test_an_approval_asks_for_the_pin_and_then_goes_through(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("accept_plan")
-    async with shop.tablet("Tom") as page:
-        now_s = shop.entrance.clock()
-        shop.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+async def test_an_approval_asks_for_the_pin_and_then_goes_through(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("accept_plan")
+    async with tablet_service.signed_in_tablet("Tom") as page:
+        now_s = tablet_service.entrance.clock()
+        tablet_service.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
         await page.get_by_test_id("yes").click()
-        await shown(page, "dialog")
-        await shown(page, "dialog-stop")
+        await expect_shown(page, "dialog")
+        await expect_shown(page, "dialog-stop")
         await page.get_by_test_id("dialog-close").click()
-        await gone(page, "dialog")
-        assert desk.orders == []
+        await expect_gone(page, "dialog")
+        assert one_question.orders == []
         await page.get_by_test_id("yes").click()
         await give_pin(page, PINS["Tom"])
-        await shop.until(lambda _: desk.orders)
-        await gone(page, "dialog")
-        assert desk.orders == [("answer", "Tom")]
+        await tablet_service.wait_until(lambda _: one_question.orders)
+        await expect_gone(page, "dialog")
+        assert one_question.orders == [("answer", "Tom")]
 
 
-async def test_the_dialog_for_the_pin_comes_with_its_pad(shop: Shop, desk: OneQuestion) -> None:
+async def test_the_dialog_for_the_pin_comes_with_its_pad(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
     """A pad that comes later moves the buttons below it: a press that has begun ends beside what it was meant for."""
-    desk.ask("accept_plan")
-    asked, may_come = asyncio.Event(), asyncio.Event()
+    one_question.ask_question("accept_plan")
+    requested, may_come = asyncio.Event(), asyncio.Event()
 
-    async def slow(route: Route) -> None:
-        asked.set()
+    async def delay_script(route: Route) -> None:
+        requested.set()
         await may_come.wait()
         await route.continue_()
 
-    async with shop.tablet("Tom") as page:
-        now_s = shop.entrance.clock()
-        shop.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
-        await page.route("**/api/sign-in/people", slow)
+    async with tablet_service.signed_in_tablet("Tom") as page:
+        now_s = tablet_service.entrance.clock()
+        tablet_service.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+        await page.route("**/api/sign-in/people", delay_script)
         await page.get_by_test_id("yes").click()
-        await asked.wait()
+        await requested.wait()
         assert await page.get_by_test_id("dialog").count() == 0
         may_come.set()
-        await shown(page, "dialog")
+        await expect_shown(page, "dialog")
         assert await page.get_by_test_id("secret").is_visible()
         await page.get_by_test_id("dialog-close").click()
-        await gone(page, "dialog")
+        await expect_gone(page, "dialog")
 
 
-async def test_a_screen_left_alone_still_stops_and_the_pin_opens_it(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("wire_is_hooked")
-    async with shop.tablet("Emil") as page:
-        now_s = shop.entrance.clock()
-        shop.entrance.sessions._clock = lambda: now_s + IDLE_S + 30.0
-        await shown(page, "locked")
-        await disabled(page, "yes")
-        await enabled(page, "stop")
+async def test_a_screen_left_alone_still_stops_and_the_pin_opens_it(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("wire_is_hooked")
+    async with tablet_service.signed_in_tablet("Emil") as page:
+        now_s = tablet_service.entrance.clock()
+        tablet_service.entrance.sessions._clock = lambda: now_s + IDLE_S + 30.0
+        await expect_shown(page, "locked")
+        await expect_disabled(page, "yes")
+        await expect_enabled(page, "stop")
         await page.get_by_test_id("unlock").click()
         await give_pin(page, PINS["Emil"])
-        await enabled(page, "yes")
-        await gone(page, "locked")
+        await expect_enabled(page, "yes")
+        await expect_gone(page, "locked")
 
 
-async def test_writing_takes_a_second_person_beside_the_first(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("accept_mastering")
-    async with shop.tablet("Tom") as page:
+async def test_writing_takes_a_second_person_beside_the_first(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("accept_mastering")
+    async with tablet_service.signed_in_tablet("Tom") as page:
         await page.get_by_test_id("yes").click()
-        await shown(page, "dialog")
+        await expect_shown(page, "dialog")
         names = page.get_by_test_id("dialog").get_by_test_id("person").locator("strong")
         await expect(names).to_have_text(["Emil", "Tina"])  # no viewer, no admin, not Tom
         await page.get_by_test_id("person").filter(has_text="Tina").click()
         await give_pin(page, "000999")
-        await shown(page, "secret-fault")
-        assert desk.orders == []
+        await expect_shown(page, "secret-fault")
+        assert one_question.orders == []
         await give_pin(page, PINS["Tina"])
-        await gone(page, "dialog")
-        assert desk.orders == [("answer", "Tom and Tina")]
+        await expect_gone(page, "dialog")
+        assert one_question.orders == [("answer", "Tom and Tina")]
 
 
-async def test_the_second_person_may_approve_at_a_screen_of_their_own(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("accept_mastering")
-    async with shop.tablet("Tom") as tom, shop.tablet("Tina") as tina:
+async def test_the_second_person_may_approve_at_a_screen_of_their_own(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("accept_mastering")
+    async with tablet_service.signed_in_tablet("Tom") as tom, tablet_service.signed_in_tablet("Tina") as tina:
         await tom.get_by_test_id("yes").click()
-        await shown(tom, "dialog")
-        await shown(tina, "second-wanted")
-        await disabled(tina, "no")
+        await expect_shown(tom, "dialog")
+        await expect_shown(tina, "second-wanted")
+        await expect_disabled(tina, "no")
         await tina.get_by_test_id("yes").click()
-        await gone(tom, "dialog")
-        assert desk.orders == [("answer", "Tom and Tina")]
+        await expect_gone(tom, "dialog")
+        assert one_question.orders == [("answer", "Tom and Tina")]
 
 
-async def test_an_engineer_writes_alone_with_a_passphrase(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("accept_mastering")
-    async with shop.tablet("Emil") as page:
+async def test_an_engineer_writes_alone_with_a_passphrase(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("accept_mastering")
+    async with tablet_service.signed_in_tablet("Emil") as page:
         await page.get_by_test_id("yes").click()
-        await shop.until(lambda _: desk.orders)
-        assert desk.orders == [("answer", "Emil")]
+        await tablet_service.wait_until(lambda _: one_question.orders)
+        assert one_question.orders == [("answer", "Emil")]
 
 
-async def test_the_pages_of_people_are_for_everybody_in_four_languages(shop: Shop, desk: OneQuestion) -> None:
-    desk.ask("accept_mastering")
-    async with unknown(shop) as page:
-        await page.goto(f"http://127.0.0.1:{shop.port}/")
-        await shown(page, "unknown-device")
+async def test_the_pages_of_people_are_for_everybody_in_four_languages(
+    tablet_service: ServiceWithTablets, one_question: OneQuestionProcess
+) -> None:
+    one_question.ask_question("accept_mastering")
+    async with unknown_tablet(tablet_service) as page:
+        await page.goto(f"http://127.0.0.1:{tablet_service.port}/")
+        await expect_shown(page, "unknown-device")
         await in_every_language(page, "unknown")
-        token = shop.entrance.accounts.create_enrolment("tablet", "test")
+        token = tablet_service.entrance.accounts.create_enrolment("tablet", "test")
         await page.evaluate("hash => { location.hash = hash; }", f"#/enrol/{token}")
-        await shown(page, "enrol")
+        await expect_shown(page, "enrol")
         await in_every_language(page, "enrol")
         await page.get_by_test_id("enrol-device").click()
-        await shown(page, "enrolled")
+        await expect_shown(page, "enrolled")
         await page.evaluate("location.hash = '#/sign-in'")
-        await shown(page, "people")
+        await expect_shown(page, "people")
         await in_every_language(page, "names")
         await page.get_by_test_id("person").filter(has_text="Tom").click()
         await page.set_viewport_size({"width": 800, "height": 1280})
@@ -323,12 +350,12 @@ async def test_the_pages_of_people_are_for_everybody_in_four_languages(shop: Sho
         await page.get_by_test_id("other-person").click()
         await sign_in(page, "Tom")
         await page.get_by_test_id("yes").click()
-        await shown(page, "dialog")
+        await expect_shown(page, "dialog")
         await in_every_language(page, "a second person")
 
 
 async def in_every_language(page: Page, where: str) -> None:
     for locale in LOCALES:
         await page.get_by_test_id("language").select_option(locale)
-        await speaks(page, locale)
+        await wait_for_language(page, locale)
         await hold_to_rules(page, f"{where} in {locale}")

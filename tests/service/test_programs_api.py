@@ -28,9 +28,9 @@ from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.people.roles import RIGHTS, Right, Role
 from cellcal.service.web.middleware import MOST_BYTES
-from tests.example_projects import FOLDER, TOOL, cells, poses_of, tips_at_fixture
+from tests.example_projects import FOLDER, TOOL, example_cells, poses_of, tips_at_fixture
 from tests.machine_speed import stretched_s
-from tests.service.doors import ROLES, Door, a_door
+from tests.service.service_client import ROLES, ServiceClient, open_service_client
 
 SOURCES = {path.name: path.read_bytes() for path in sorted((FOLDER / "cell_1" / "programs").glob("*.LS"))}
 NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
@@ -40,12 +40,12 @@ STILL = {"position_m": [0.0, 0.0, 0.0], "quaternion": [1.0, 0.0, 0.0, 0.0]}
 PATIENCE_S = stretched_s(120.0)
 
 
-def carried(files: Mapping[str, bytes]) -> list[dict[str, str]]:
+def uploaded_files(files: Mapping[str, bytes]) -> list[dict[str, str]]:
     return [{"name": name, "content_base64": base64.b64encode(data).decode()} for name, data in files.items()]
 
 
-def beside(folder: str, *names: str) -> list[dict[str, str]]:
-    return carried({name: (FOLDER / folder / name).read_bytes() for name in names})
+def project_files(folder: str, *names: str) -> list[dict[str, str]]:
+    return uploaded_files({name: (FOLDER / folder / name).read_bytes() for name in names})
 
 
 def without_coordinates(program: bytes) -> bytes:
@@ -53,32 +53,36 @@ def without_coordinates(program: bytes) -> bytes:
 
 
 @asynccontextmanager
-async def an_engineer(folder: Path, *, projects: bool = True) -> AsyncIterator[Door]:
+async def an_engineer(folder: Path, *, projects: bool = True) -> AsyncIterator[ServiceClient]:
     if projects:
         shutil.copytree(FOLDER, folder / "projects")
-    async with a_door(folder) as door:
-        assert (await door.from_console()).status_code == 303
-        assert (await door.sign_in("Emil")).status_code == 200
+    async with open_service_client(folder) as service_client:
+        assert (await service_client.from_console()).status_code == 303
+        assert (await service_client.sign_in("Emil")).status_code == 200
         try:
-            yield door
+            yield service_client
         finally:
-            if hasattr(door.app.state, "programs"):
-                await door.app.state.programs.leave()
+            if hasattr(service_client.app.state, "programs"):
+                await service_client.app.state.programs.remove_cell()
 
 
-async def made(door: Door, **wanted: Any) -> dict[str, Any]:
-    begun = await door.post("/api/programs/jobs", wanted)
+async def run_job(service_client: ServiceClient, **request: Any) -> dict[str, Any]:
+    begun = await service_client.post_json("/api/programs/jobs", request)
     assert begun.status_code == 202, begun.text
     async with asyncio.timeout(PATIENCE_S):
         while True:
-            told: dict[str, Any] = (await door.client.get(f"/api/programs/jobs/{begun.json()['id']}")).json()
-            if told["state"] not in ("waiting", "running"):
-                return told
+            job: dict[str, Any] = (
+                await service_client.client.get(f"/api/programs/jobs/{begun.json()['id']}")
+            ).json()
+            if job["state"] not in ("waiting", "running"):
+                return job
             await asyncio.sleep(0.05)
 
 
-async def taken(door: Door, job: Mapping[str, Any]) -> tuple[str, dict[str, bytes]]:
-    answer = await door.client.get(f"/api/programs/jobs/{job['id']}/programs.zip")
+async def download_result(
+    service_client: ServiceClient, job: Mapping[str, Any]
+) -> tuple[str, dict[str, bytes]]:
+    answer = await service_client.client.get(f"/api/programs/jobs/{job['id']}/programs.zip")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "application/zip"
     name = re.fullmatch(r'attachment; filename="([\w-]+)\.zip"', answer.headers["content-disposition"])
@@ -89,20 +93,20 @@ async def taken(door: Door, job: Mapping[str, Any]) -> tuple[str, dict[str, byte
 
 
 async def test_a_clone_differs_in_coordinates_only_and_stands_where_the_master_stood(tmp_path: Path) -> None:
-    async with an_engineer(tmp_path) as door:
-        job = await made(door, do="clone", cell=CELL_1, clone=CELL_7, own_files=True)
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(service_client, do="clone", cell=CELL_1, clone=CELL_7, own_files=True)
         assert job["state"] == "done", job
-        name, files = await taken(door, job)
+        name, files = await download_result(service_client, job)
         report = {path.rpartition("/")[2]: data for path, data in files.items() if "/report/" in path}
         new = {path.rpartition("/")[2]: data for path, data in files.items() if "/programs/" in path}
 
         assert new.keys() == SOURCES.keys()
         for file, source in SOURCES.items():
-            kept = tmp_path / "projects" / "cell_1" / "programs" / file
-            assert kept.read_bytes() == source, "a source was written"
+            source_path = tmp_path / "projects" / "cell_1" / "programs" / file
+            assert source_path.read_bytes() == source, "a source was written"
             assert new[file] != source
             assert without_coordinates(new[file]) == without_coordinates(source)
-            master, clone = cells()
+            master, clone = example_cells()
             apart = tips_at_fixture(clone, new[file])[:, :3, 3] - tips_at_fixture(master, source)[:, :3, 3]
             assert np.linalg.norm(apart, axis=1).max() < 0.4e-3
         # where it is unpacked, nothing can be in the place of a source
@@ -114,13 +118,15 @@ async def test_a_clone_differs_in_coordinates_only_and_stands_where_the_master_s
         assert str(tmp_path).encode() not in b"".join(files.values())
 
 
-async def test_the_page_of_a_report_is_in_the_language_of_who_asked_and_the_data_in_english(
+async def test_a_report_page_is_in_the_language_of_the_request_and_its_data_in_english(
     tmp_path: Path,
 ) -> None:
-    async with an_engineer(tmp_path) as door:
-        job = await made(door, do="clone", cell=CELL_1, clone=CELL_7, own_files=True, language="de")
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(
+            service_client, do="clone", cell=CELL_1, clone=CELL_7, own_files=True, language="de"
+        )
         assert job["state"] == "done", job
-        _, files = await taken(door, job)
+        _, files = await download_result(service_client, job)
         report = {
             path.rpartition("/")[2]: data.decode() for path, data in files.items() if "/report/" in path
         }
@@ -131,17 +137,19 @@ async def test_the_page_of_a_report_is_in_the_language_of_who_asked_and_the_data
         assert " cloned to " in json.loads(report["report.json"])["title"]
 
 
-async def test_a_preview_tells_old_and_new_of_every_point_by_page(tmp_path: Path) -> None:
+async def test_a_preview_lists_old_and_new_of_every_point_by_page(tmp_path: Path) -> None:
     many = {f"SPOTS_{i}.LS": SOURCES["DOOR_SPOTS.LS"] for i in range(8)}
-    async with an_engineer(tmp_path) as door:
-        job = await made(door, do="compensate", cell=CELL_7, files=carried(many))
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(service_client, do="compensate", cell=CELL_7, files=uploaded_files(many))
         at = f"/api/programs/jobs/{job['id']}/points"
-        first, second = [(await door.client.get(at, params={"page": page})).json() for page in (1, 2)]
-        of_one = (await door.client.get(at, params={"program": 3})).json()
-        beyond = await door.client.get(at, params={"page": 3})
-        files = (await taken(door, job))[1]
-        spec = (await door.client.get("/openapi.json")).json()
-        bench = (await door.client.get("/api/programs")).json()
+        first, second = [
+            (await service_client.client.get(at, params={"page": page})).json() for page in (1, 2)
+        ]
+        of_one = (await service_client.client.get(at, params={"program": 3})).json()
+        beyond = await service_client.client.get(at, params={"page": 3})
+        files = (await download_result(service_client, job))[1]
+        spec = (await service_client.client.get("/openapi.json")).json()
+        bench = (await service_client.client.get("/api/programs")).json()
     _is_as_described(spec, bench, job, first)
     preview = job["preview"]
     assert (first["total"], first["pages"], preview["page_size"]) == (128, 2, 100)
@@ -171,7 +179,7 @@ def _is_as_described(
     spec: dict[str, Any], bench: dict[str, Any], job: dict[str, Any], points: dict[str, Any]
 ) -> None:
     shapes = spec["components"]["schemas"]
-    for told, shape in (
+    for content, shape in (
         (bench, "Bench"),
         (bench["robots"][0], "Here"),
         (bench["projects"][1], "KeptProject"),
@@ -182,7 +190,7 @@ def _is_as_described(
         (points, "PointsMade"),
         (points["points"][0], "PointMade"),
     ):
-        assert told.keys() == shapes[shape]["properties"].keys(), shape
+        assert content.keys() == shapes[shape]["properties"].keys(), shape
     assert bench["projects"][1] == {
         "name": "door line, cell 7", "serial": "F-118020", "master": "door line, cell 1", "programs": 0,
         "readable": True,
@@ -197,19 +205,21 @@ async def test_points_that_fail_are_named_and_left_and_a_bad_file_says_where_it_
 ) -> None:
     source = SOURCES["DOOR_SPOTS.LS"]
     bad = SOURCES["RACK_PICK.LS"].replace(b"X =   600.000  mm", b"X =   6o0.000  mm", 1)
-    files = carried({"DOOR_SPOTS.LS": source, "RACK_PICK.LS": bad, "NOTES.TXT": b"not a program"})
-    files += carried({"door_spots.ls": source, "../../etc/cron.d/HEM.LS": SOURCES["HEM_SEAL.LS"]})
+    files = uploaded_files({"DOOR_SPOTS.LS": source, "RACK_PICK.LS": bad, "NOTES.TXT": b"not a program"})
+    files += uploaded_files({"door_spots.ls": source, "../../etc/cron.d/HEM.LS": SOURCES["HEM_SEAL.LS"]})
     far = {**STILL, "position_m": [0.82, 0.0, 0.0]}
-    async with an_engineer(tmp_path) as door:
-        job = await made(door, do="move", cell=CELL_1, offset=far, frame="2", files=files)
-        points = (await door.client.get(f"/api/programs/jobs/{job['id']}/points")).json()["points"]
-        _, new = await taken(door, job)
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(service_client, do="move", cell=CELL_1, offset=far, frame="2", files=files)
+        points = (await service_client.client.get(f"/api/programs/jobs/{job['id']}/points")).json()["points"]
+        _, new = await download_result(service_client, job)
     preview = job["preview"]
-    left = [point for point in points if point["verdict"] != "fits"]
-    assert len(left) == preview["counts"]["left"] == preview["verdicts"]["reach"] > 0
+    left_points = [point for point in points if point["verdict"] != "fits"]
+    assert len(left_points) == preview["counts"]["left"] == preview["verdicts"]["reach"] > 0
     assert preview["counts"]["changed"] > 0
-    assert all(point["reason"].startswith("unreachable") and point["shift_m"] is None for point in left)
-    assert all(point["after_m"] == point["before_m"] for point in left)
+    assert all(
+        point["reason"].startswith("unreachable") and point["shift_m"] is None for point in left_points
+    )
+    assert all(point["after_m"] == point["before_m"] for point in left_points)
     refused = {one["file"]: one for one in preview["refused"]}
     assert refused.keys() == {"RACK_PICK.LS", "NOTES.TXT", "door_spots.ls"}
     line = bad[: bad.index(b"6o0")].count(b"\n") + 1
@@ -232,33 +242,48 @@ def _stand_at_the_moved_work(points: list[dict[str, Any]], program: bytes) -> No
         point["point"] for point in points if point["verdict"] == "fits" and point["program"] == "DOOR_SPOTS"
     }
     rows = [i for i in range(16) if f"P[{i + 1}]" in fitting]
-    master, shift = cells()[0], np.eye(4)
+    master, shift = example_cells()[0], np.eye(4)
     shift[0, 3] = 0.82
     change = master.entered_frame @ shift @ inverse_transform(master.entered_frame)
     before, after = (tips_at_fixture(master, each) for each in (SOURCES["DOOR_SPOTS.LS"], program))
-    wanted = inverse_transform(master.base_fixture) @ change @ master.base_fixture @ before
+    expected_tips = inverse_transform(master.base_fixture) @ change @ master.base_fixture @ before
     assert rows
-    assert np.linalg.norm((wanted - after)[rows, :3, 3], axis=1).max() < 0.3e-3
+    assert np.linalg.norm((expected_tips - after)[rows, :3, 3], axis=1).max() < 0.3e-3
 
 
 async def test_a_project_that_came_along_gives_the_same_and_names_nothing_else(tmp_path: Path) -> None:
-    project = beside("cell_7", "project.toml", "robot.toml", "door_fixture.aln.json")
-    files = carried(SOURCES)
+    project = project_files("cell_7", "project.toml", "robot.toml", "door_fixture.aln.json")
+    files = uploaded_files(SOURCES)
     (tmp_path / "secret.toml").write_text("[[parameter]]\nname = 'nobody may read this'\n", encoding="utf-8")
     text = (FOLDER / "cell_7" / "project.toml").read_text(encoding="utf-8")
-    async with an_engineer(tmp_path) as door:
-        job = await made(door, do="compensate", cell={"kind": "carried", "files": project}, files=files)
-        new = {path.rpartition("/")[2]: data for path, data in (await taken(door, job))[1].items()}
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(
+            service_client, do="compensate", cell={"kind": "carried", "files": project}, files=files
+        )
+        new = {
+            path.rpartition("/")[2]: data
+            for path, data in (await download_result(service_client, job))[1].items()
+        }
         for named in (str(tmp_path / "secret.toml"), "../../secret.toml", "missing.toml"):
-            told = text.replace('"robot.toml"', json.dumps(named))
-            cell = {"kind": "carried", "files": [*carried({"project.toml": told.encode()}), *project[1:]]}
-            answer = await door.post("/api/programs/jobs", {"do": "compensate", "cell": cell, "files": files})
+            project_text = text.replace('"robot.toml"', json.dumps(named))
+            cell = {
+                "kind": "carried",
+                "files": [*uploaded_files({"project.toml": project_text.encode()}), *project[1:]],
+            }
+            answer = await service_client.post_json(
+                "/api/programs/jobs", {"do": "compensate", "cell": cell, "files": files}
+            )
             assert answer.status_code == 422
             assert "did not come along" in answer.json()["message"]
         for line in (f'backup = "{tmp_path}"', f'parameter_store = "{tmp_path}"'):
-            told = text.replace("[robot]", f"[robot]\n{line}")
-            cell = {"kind": "carried", "files": [*carried({"project.toml": told.encode()}), *project[1:]]}
-            answer = await door.post("/api/programs/jobs", {"do": "compensate", "cell": cell, "files": files})
+            project_text = text.replace("[robot]", f"[robot]\n{line}")
+            cell = {
+                "kind": "carried",
+                "files": [*uploaded_files({"project.toml": project_text.encode()}), *project[1:]],
+            }
+            answer = await service_client.post_json(
+                "/api/programs/jobs", {"do": "compensate", "cell": cell, "files": files}
+            )
             assert "a folder of the service's computer" in answer.json()["message"]
     cell = read_project(FOLDER / "cell_7" / "project.toml")
     carrier = compensation_transfer(cell, ProgramDirection.UPLOAD, BRAND.configurations)
@@ -270,19 +295,19 @@ async def test_this_cell_compensates_by_its_own_parameters_and_entered_tools(tmp
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
     text = path.read_text(encoding="utf-8").replace('model = "fanuc_m6ib"', 'model = "fanuc_r2000ic_165f"')
     tool = {"name": "1", "position_m": TOOL[:3, 3].tolist(), "quaternion": [2.0, 0.0, 0.0, 0.0]}
-    frame = {**STILL, "name": "2", "position_m": cells()[0].entered_frame[:3, 3].tolist()}
+    frame = {**STILL, "name": "2", "position_m": example_cells()[0].entered_frame[:3, 3].tolist()}
     other = SOURCES["RACK_PICK.LS"].replace(b"UT : 1,", b"UT : 3,")
-    files = carried({"HEM_SEAL.LS": SOURCES["HEM_SEAL.LS"], "RACK_PICK.LS": other})
-    async with an_engineer(tmp_path) as door:
+    files = uploaded_files({"HEM_SEAL.LS": SOURCES["HEM_SEAL.LS"], "RACK_PICK.LS": other})
+    async with an_engineer(tmp_path) as service_client:
         path.write_text(text, encoding="utf-8")
         robot = next(each for each in read_cell_file(path).robots if each.name == "fanuc")
         here = {"kind": "here", "name": "fanuc", "tools": [tool], "frames": [frame]}
-        without = await made(door, do="compensate", cell=here, files=files)
+        without = await run_job(service_client, do="compensate", cell=here, files=files)
         _save_parameters(tmp_path, robot.serial)
-        job = await made(door, do="compensate", cell=here, files=files)
-        told = (await door.client.get("/api/programs")).json()["robots"][0]
+        job = await run_job(service_client, do="compensate", cell=here, files=files)
+        robot_entry = (await service_client.client.get("/api/programs")).json()["robots"][0]
     assert without["fault"]["message"] == f"no parameters of {robot.serial} were saved in this cell."
-    assert told["version"] == 1
+    assert robot_entry["version"] == 1
     assert job["preview"]["parameters"].startswith(f"{robot.serial}, 1, ")
     assert job["preview"]["collisions_checked"] is True  # the cell file tells of a floor
     assert job["preview"]["counts"] == {"changed": 20, "unchanged": 0, "left": 4}
@@ -296,38 +321,43 @@ def _save_parameters(folder: Path, serial: str) -> None:
 
 
 async def test_engineers_and_administrators_make_and_all_others_look(tmp_path: Path) -> None:
-    wanted = {"do": "compensate", "cell": CELL_7, "files": carried({"A.LS": SOURCES["RACK_PICK.LS"]})}
-    async with an_engineer(tmp_path) as door:
-        at = f"/api/programs/jobs/{(await made(door, **wanted))['id']}"
+    request = {"do": "compensate", "cell": CELL_7, "files": uploaded_files({"A.LS": SOURCES["RACK_PICK.LS"]})}
+    async with an_engineer(tmp_path) as service_client:
+        at = f"/api/programs/jobs/{(await run_job(service_client, **request))['id']}"
         for name, role in ROLES.items():
-            assert (await door.sign_in(name)).status_code == 200
+            assert (await service_client.sign_in(name)).status_code == 200
             may = role in (Role.ENGINEER, Role.ADMIN)
             assert (Right.MAKE_PROGRAMS in RIGHTS[role]) == may
             for path in ("/api/programs", at, f"{at}/points"):
-                assert (await door.client.get(path)).status_code == 200
-            lacking = await door.post("/api/programs/jobs", {**wanted, "files": []})
-            stopped, archive = await door.post(f"{at}/stop", {}), await door.client.get(f"{at}/programs.zip")
+                assert (await service_client.client.get(path)).status_code == 200
+            lacking = await service_client.post_json("/api/programs/jobs", {**request, "files": []})
+            stopped, archive = (
+                await service_client.post_json(f"{at}/stop", {}),
+                await service_client.client.get(f"{at}/programs.zip"),
+            )
             answers = [answer.status_code for answer in (lacking, stopped, archive)]
             assert answers == ([422, 200, 200] if may else [403, 403, 403]), name
             assert lacking.json()["code"] == ("usage" if may else "people.role")
 
 
-async def test_only_whoever_may_make_may_send_much_and_not_too_much(tmp_path: Path) -> None:
-    async with an_engineer(tmp_path) as door:
-        large = carried({"A.LS": b"x" * (MOST_BYTES + 1)})
-        wanted = {"do": "clone", "cell": CELL_7, "files": large}
-        assert "two cells" in (await door.post("/api/programs/jobs", wanted)).json()["message"]
+async def test_large_uploads_need_permission_and_have_a_limit(tmp_path: Path) -> None:
+    async with an_engineer(tmp_path) as service_client:
+        large = uploaded_files({"A.LS": b"x" * (MOST_BYTES + 1)})
+        request = {"do": "clone", "cell": CELL_7, "files": large}
+        assert (
+            "two cells" in (await service_client.post_json("/api/programs/jobs", request)).json()["message"]
+        )
         halves = dict.fromkeys(("A.LS", "B.LS"), b"x" * (MOST_FILE_BYTES // 2 + 1))
-        answer = await door.post(
-            "/api/programs/jobs", {**wanted, "do": "compensate", "files": carried(halves)}
+        answer = await service_client.post_json(
+            "/api/programs/jobs", {**request, "do": "compensate", "files": uploaded_files(halves)}
         )
         assert (answer.status_code, "larger than 6 MB" in answer.text) == (422, True)
-        await door.sign_in("Tom")
-        assert (await door.post("/api/programs/jobs", wanted)).status_code == 413
+        await service_client.sign_in("Tom")
+        assert (await service_client.post_json("/api/programs/jobs", request)).status_code == 413
 
 
 @pytest.mark.parametrize(
-    ("wanted", "sentence"),
+    ("request", "sentence"),
     [
         ({"do": "compensate", "cell": CELL_7}, "no program came along"),
         ({"do": "move", "cell": CELL_7, "own_files": True}, "a move takes an offset"),
@@ -344,25 +374,29 @@ async def test_only_whoever_may_make_may_send_much_and_not_too_much(tmp_path: Pa
     ],
 )
 async def test_what_does_not_fit_together_is_refused_at_once(
-    tmp_path: Path, wanted: dict[str, Any], sentence: str
+    tmp_path: Path, request: dict[str, Any], sentence: str
 ) -> None:
-    async with an_engineer(tmp_path) as door:
-        answer = await door.post("/api/programs/jobs", wanted)
+    async with an_engineer(tmp_path) as service_client:
+        answer = await service_client.post_json("/api/programs/jobs", request)
         assert answer.status_code == 422
         assert sentence in answer.json()["message"]
         assert answer.json()["remedy"]
-        assert (await door.client.get("/api/programs")).json()["jobs"] == []
+        assert (await service_client.client.get("/api/programs")).json()["jobs"] == []
 
 
 async def test_a_job_can_be_stopped_and_leaves_nothing(tmp_path: Path) -> None:
-    async with an_engineer(tmp_path) as door:
-        wanted = {"do": "compensate", "cell": CELL_7, "files": carried(SOURCES)}
-        begun = (await door.post("/api/programs/jobs", wanted)).json()
-        folder = door.app.state.programs.find(begun["id"]).folder
+    async with an_engineer(tmp_path) as service_client:
+        request = {"do": "compensate", "cell": CELL_7, "files": uploaded_files(SOURCES)}
+        begun = (await service_client.post_json("/api/programs/jobs", request)).json()
+        folder = service_client.app.state.programs.find(begun["id"]).folder
         assert folder.is_dir()
-        stopped = (await door.post(f"/api/programs/jobs/{begun['id']}/stop", {})).json()
+        stopped = (await service_client.post_json(f"/api/programs/jobs/{begun['id']}/stop", {})).json()
         assert stopped["state"] == "stopped"
-        assert (await door.client.get(f"/api/programs/jobs/{begun['id']}/programs.zip")).status_code == 422
-        assert (await door.client.get(f"/api/programs/jobs/{begun['id']}/points")).status_code == 422
-        await door.app.state.programs.leave()
+        assert (
+            await service_client.client.get(f"/api/programs/jobs/{begun['id']}/programs.zip")
+        ).status_code == 422
+        assert (
+            await service_client.client.get(f"/api/programs/jobs/{begun['id']}/points")
+        ).status_code == 422
+        await service_client.app.state.programs.remove_cell()
         assert not folder.exists()

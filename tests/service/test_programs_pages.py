@@ -14,16 +14,16 @@ from playwright.async_api import Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from tests.example_projects import FOLDER
-from tests.service.browsers import LOCALES, hold_to_rules, speaks
-from tests.service.doors import Clock
-from tests.service.shop import Shop, a_shop, sign_in
+from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
+from tests.service.service_client import ServiceClock
+from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets, sign_in
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("programs_pages")]
 PROGRAMS = FOLDER / "cell_1" / "programs"
 NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
 
 
-class Idle:
+class IdleProcess:
     """Stands where the desk's process is: the cell is there, and no run is."""
 
     session: dict[str, Any] = {  # noqa: RUF012  nobody writes to it
@@ -44,13 +44,13 @@ class Idle:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ServiceWithTablets]:
     folder = tmp_path_factory.mktemp("cell")
     shutil.copytree(FOLDER, folder / "projects")
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
-    async with a_shop(path, desk=Idle, clock=Clock()) as opened:
+    async with open_service_with_tablets(path, process_double=IdleProcess, clock=ServiceClock()) as opened:
         yield opened
-        await opened.app.state.programs.leave()
+        await opened.app.state.programs.remove_cell()
         assert opened.complaints == []
 
 
@@ -64,19 +64,19 @@ def tablet_files(tmp_path: Path) -> list[Path]:
 
 
 async def test_an_engineer_moves_programs_looks_and_takes_them_away(
-    shop: Shop, tablet_files: list[Path]
+    tablet_service: ServiceWithTablets, tablet_files: list[Path]
 ) -> None:
     sources = [path.read_bytes() for path in tablet_files]
-    async with shop.tablet("Emil") as page:
+    async with tablet_service.signed_in_tablet("Emil") as page:
         await _ask_for_a_move(page, tablet_files)
         await page.get_by_test_id("make").click()
         await expect(page.get_by_test_id("made")).to_be_visible()
-        await _is_told(page)
+        await _is_reported(page)
         await _is_taken(page, sources[0])
         assert [path.read_bytes() for path in tablet_files] == sources
         for locale in LOCALES:
             await page.get_by_test_id("language").select_option(locale)
-            await speaks(page, locale)
+            await wait_for_language(page, locale)
             await hold_to_rules(page, f"the preview in {locale}")
             if locale == "de":
                 await expect(page.get_by_test_id("refused")).to_contain_text("dies wird nicht verstanden")
@@ -85,8 +85,8 @@ async def test_an_engineer_moves_programs_looks_and_takes_them_away(
         preview = await page.evaluate("location.hash")
         await expect(page.get_by_test_id("checked")).to_be_visible()
         await expect(page.get_by_test_id("nothing-new")).to_have_count(0)
-    await _a_viewer_looks(shop, preview)
-    async with shop.tablet("Emil") as page:
+    await _check_viewer_page(tablet_service, preview)
+    async with tablet_service.signed_in_tablet("Emil") as page:
         await _nothing_is_claimed_where_nothing_was_changed(page, tablet_files)
 
 
@@ -116,7 +116,7 @@ async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     await expect(page.get_by_test_id("make")).to_be_enabled()
     for locale in LOCALES:
         await page.get_by_test_id("language").select_option(locale)
-        await speaks(page, locale)
+        await wait_for_language(page, locale)
         await hold_to_rules(page, f"the question in {locale}")
     await page.get_by_test_id("language").select_option("en")
     await page.get_by_test_id("cell").select_option("here:fanuc")
@@ -126,13 +126,13 @@ async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     await page.get_by_test_id("cell").select_option("kept:door line, cell 1")
 
 
-async def _is_told(page: Page) -> None:
+async def _is_reported(page: Page) -> None:
     """Points that fail are told by shape and word, the damaged file by line and column."""
-    left = int(await page.get_by_test_id("made").get_attribute("data-left") or 0)
-    assert 0 < left < 16
+    left_count = int(await page.get_by_test_id("made").get_attribute("data-left") or 0)
+    assert 0 < left_count < 16
     rows = page.get_by_test_id("points-table").locator("tbody tr")
     await expect(rows).to_have_count(16)
-    await expect(rows.locator("xpath=self::*[@data-verdict='reach']")).to_have_count(left)
+    await expect(rows.locator("xpath=self::*[@data-verdict='reach']")).to_have_count(left_count)
     await expect(rows.first).to_contain_text("✗ out of reach")
     await expect(rows.first).to_contain_text("left as it was")
     await expect(rows.last).to_contain_text("✓ fits")
@@ -141,8 +141,8 @@ async def _is_told(page: Page) -> None:
     await expect(page.get_by_test_id("refused")).to_contain_text("Save the program again")
     await expect(page.get_by_test_id("notes")).to_contain_text("PR[1]")
     picture = page.get_by_test_id("programs-picture")
-    await expect(picture.locator("svg[role=img] circle")).to_have_count(2 * (16 - left))
-    await expect(picture.locator("svg[role=img] .left")).to_have_count(2 * left)
+    await expect(picture.locator("svg[role=img] circle")).to_have_count(2 * (16 - left_count))
+    await expect(picture.locator("svg[role=img] .left")).to_have_count(2 * left_count)
     await expect(page.get_by_test_id("made")).to_contain_text("NOT for collision")
 
 
@@ -162,8 +162,8 @@ async def _is_taken(page: Page, source: bytes) -> None:
     assert NUMBERS.sub(rb"\1 \2", new) == NUMBERS.sub(rb"\1 \2", source), "only coordinates may differ"
 
 
-async def _a_viewer_looks(shop: Shop, preview: str) -> None:
-    async with shop.tablet("Vera", size=(800, 1280)) as page:
+async def _check_viewer_page(tablet_service: ServiceWithTablets, preview: str) -> None:
+    async with tablet_service.signed_in_tablet("Vera", size=(800, 1280)) as page:
         await page.evaluate(f"location.hash = {preview!r}")
         await expect(page.get_by_test_id("may-not-take")).to_be_visible()
         await expect(page.get_by_test_id("take")).to_have_count(0)

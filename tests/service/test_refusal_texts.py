@@ -17,7 +17,7 @@ from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.points.touch_design import TURNS, ToolTurn
 from cellcal.drivers.wire.tables import code_table
 from cellcal.service.translation import Translations
-from tests.service.spoken import ROOT, SENTENCE, numbered, sentences
+from tests.service.source_sentences import ROOT, SENTENCE, number_holes, sentences_in
 
 TRANSLATED = ("de", "es", "zh")
 HOLE = re.compile(r"\{\d+\}")
@@ -147,7 +147,7 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
 
 
 @cache
-def table(locale: str) -> dict[str, str]:
+def refusal_texts(locale: str) -> dict[str, str]:
     """Return a language's refusals."""
     found: dict[str, str] = json.loads(
         (ROOT / f"web/src/locales/refusals/{locale}.json").read_text(encoding="utf-8")
@@ -156,7 +156,7 @@ def table(locale: str) -> dict[str, str]:
 
 
 @cache
-def procedures(locale: str) -> frozenset[str]:
+def procedure_texts(locale: str) -> frozenset[str]:
     """Return what the procedures' own table has already."""
     file = ROOT / f"web/src/locales/procedures/{locale}.json"
     return frozenset(json.loads(file.read_text(encoding="utf-8")))
@@ -168,20 +168,20 @@ ARM_TABLES = ("safety_bits.tsv", "robot_modes.tsv")
 def of_an_arm(name: str) -> set[str]:
     """Return the sentences of a table as the driver says them: the text with a full stop, and what to do."""
     entries = code_table("cellcal.drivers.universal_robots", name).values()
-    told = [f"{entry.text}. {entry.remedy}" for entry in entries if entry.kind != "ready"]
-    return {sentence for words in told for sentence in SENTENCE.split(words)}
+    entry_texts = [f"{entry.text}. {entry.remedy}" for entry in entries if entry.kind != "ready"]
+    return {sentence for words in entry_texts for sentence in SENTENCE.split(words)}
 
 
 @pytest.mark.parametrize("name", ARM_TABLES)
 def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
     for locale in TRANSLATED:
-        assert not of_an_arm(name) - table(locale).keys(), locale
+        assert not of_an_arm(name) - refusal_texts(locale).keys(), locale
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_holes_count_from_one(locale: str) -> None:
     """What a page takes for hole 0 is the sentence itself: it would fill it with itself for ever."""
-    assert not [each for each in table(locale).items() if "{0}" in "".join(each)]
+    assert not [each for each in refusal_texts(locale).items() if "{0}" in "".join(each)]
 
 
 @pytest.mark.parametrize("room", WHOLE)
@@ -192,38 +192,43 @@ def test_every_refusal_and_rule_has_its_words(room: str) -> None:
         if place.is_dir()
         else [place]
     )
-    said = {sentence for file in files for sentence in sentences(file)} - NOT_FOR_PEOPLE
-    assert said
+    source_sentences = {sentence for file in files for sentence in sentences_in(file)} - NOT_FOR_PEOPLE
+    assert source_sentences
     for locale in TRANSLATED:
         missing = [
             each
-            for each in sorted(said - table(locale).keys() - procedures(locale))
-            if NUMBER.sub("#", HOLE.sub("#", each)) not in procedures(locale)
-            and numbered(BEGUN.sub("", each)) not in table(locale).keys() | procedures(locale)
+            for each in sorted(source_sentences - refusal_texts(locale).keys() - procedure_texts(locale))
+            if NUMBER.sub("#", HOLE.sub("#", each)) not in procedure_texts(locale)
+            and number_holes(BEGUN.sub("", each))
+            not in refusal_texts(locale).keys() | procedure_texts(locale)
         ]
         assert not missing, (locale, missing)
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_a_translation_has_the_holes_of_its_sentence(locale: str) -> None:
-    assert table(locale).keys() == table("de").keys()
-    for english, words in table(locale).items():
+    assert refusal_texts(locale).keys() == refusal_texts("de").keys()
+    for english, words in refusal_texts(locale).items():
         assert words.strip(), english
         assert sorted(HOLE.findall(words)) == sorted(HOLE.findall(english)), (english, words)
         assert len(SENTENCE.split(english)) == 1 or HOLE.search(english), english
 
 
-def test_no_translation_is_of_what_nobody_says() -> None:
+def test_every_translation_has_a_source_sentence() -> None:
     rooms = ("calibration", "drivers", "procedures", "service")
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
-    said = {sentence for file in sources for sentence in sentences(file)}
-    said |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
-    written = "\n".join(literal for file in sources for literal in _literals(file))
-    unsaid = [sentence for sentence in table("de").keys() - said if not _stands_in(sentence, written)]
+    source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
+    source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
+    written = "\n".join(literal for file in sources for literal in _string_literals(file))
+    unsaid = [
+        sentence
+        for sentence in refusal_texts("de").keys() - source_sentences
+        if not _stands_in(sentence, written)
+    ]
     assert not unsaid
 
 
-def _literals(file: Path) -> Iterator[str]:
+def _string_literals(file: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
@@ -264,15 +269,15 @@ def _found_of_bad_moves() -> set[str]:
     return {finding.sentence for findings in found for finding in findings}
 
 
-def test_what_a_check_of_motion_finds_is_said_in_every_language() -> None:
+def test_findings_of_a_motion_check_are_translated_into_every_language() -> None:
     found = _found_of_bad_moves()
     for check in ("limits", "speed", "box", "singularity", "too", "wrap", "clearance", "finite", "start"):
         assert any(check in sentence for sentence in found), check
     english = re.compile(r"\b(target|limits?|the|and|of|link|flange|tool|tip|wire|clearance|box)\b")
     for locale in TRANSLATED:
         sayings = Translations.read_tables(locale, ROOT / "web/src/locales")
-        said = [sayings.translate(f"the way is not free: {sentence}") for sentence in found]
-        assert not [words for words in said if english.search(words)], locale
+        translated = [sayings.translate(f"the way is not free: {sentence}") for sentence in found]
+        assert not [words for words in translated if english.search(words)], locale
 
 
 # What is called with the name of an action that may take too long.
@@ -302,19 +307,21 @@ def _done_in_time() -> set[str]:
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)
-def test_what_fills_a_hole_is_said_in_every_language_too(locale: str) -> None:
-    said = [f"probe: {doing} took longer than 0.4 s. Look at the robot." for doing in _done_in_time()]
-    assert len(said) > 20
-    said += [
+def test_placeholder_values_are_translated_into_every_language(locale: str) -> None:
+    probe_sentences = [
+        f"probe: {doing} took longer than 0.4 s. Look at the robot." for doing in _done_in_time()
+    ]
+    assert len(probe_sentences) > 20
+    probe_sentences += [
         "Try 'touch the y face 2' again?",
         "the controller reports: SRVO-062 BZAL; the robot is not mastered",
     ]
     for turn in (ToolTurn(about, 1.0) for about in TURNS):
-        said.append(f"Turn the tool {turn.describe_turn()} of the flange, or further.")
-        said.append(
+        probe_sentences.append(f"Turn the tool {turn.describe_turn()} of the flange, or further.")
+        probe_sentences.append(
             f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, "
             f"about; touch the pin."
         )
     sayings = Translations.read_tables(locale, ROOT / "web/src/locales")
     english = re.compile(r"\b(the|of|and|between|about|touch|try|is|not|[a-z]+ing)\b")
-    assert not [words for words in map(sayings.translate, said) if english.search(words)], locale
+    assert not [words for words in map(sayings.translate, probe_sentences) if english.search(words)], locale

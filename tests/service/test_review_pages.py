@@ -13,15 +13,23 @@ from openpyxl import load_workbook
 from playwright.async_api import Locator, Page, expect
 
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
-from tests.service.browsers import LOCALES, at_rest, comes, cramped, go, hold_to_rules, speaks
-from tests.service.longer import lengthened
-from tests.service.lookers import looking_back
-from tests.service.reviewed import SERIAL, SPOILT_STEP, Past
-from tests.service.steps import let_go_early
-from tests.service.test_pages import Looking
+from tests.service.browser_pages import (
+    LOCALES,
+    at_rest,
+    go_to_page,
+    hold_to_rules,
+    layout_faults,
+    wait_for_language,
+    wait_for_value,
+)
+from tests.service.cell_with_history import SERIAL, SPOILT_STEP, PastRuns
+from tests.service.longer_texts import lengthen_page_texts
+from tests.service.past_cell_view import view_past_cell
+from tests.service.step_page_actions import let_go_early
+from tests.service.test_pages import PageViewer
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
-Seen = tuple[Looking, Past]
+Seen = tuple[PageViewer, PastRuns]
 READINGS = 16 + 5  # of the arm's own target, and of the point of its tool
 RUNS = "rows => rows.map(row => row.dataset.run)"
 COLOUR_AT = """([x, y]) => {
@@ -33,32 +41,32 @@ COLOUR_AT = """([x, y]) => {
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
-    async with looking_back(tmp_path_factory.mktemp("cell")) as found:
+async def review_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+    async with view_past_cell(tmp_path_factory.mktemp("cell")) as found:
         yield found
 
 
-async def marks(page: Page) -> list[list[int]]:
+async def plot_points(page: Page) -> list[list[int]]:
     """Return where the plot has its points, once it is drawn."""
     plot = page.get_by_test_id("residual-plot")
-    await comes(lambda: plot.get_attribute("data-marks"))
+    await wait_for_value(lambda: plot.get_attribute("data-marks"))
     await at_rest(page)  # what comes below it can narrow the page, and the plot with it
     found: list[list[int]] = json.loads(await plot.get_attribute("data-marks") or "")
     return found
 
 
-async def tap(page: Page, at: list[int]) -> dict[str, Any]:
+async def tap_point(page: Page, at: list[int]) -> dict[str, Any]:
     """Tap a point of the plot; return the service's answer."""
     async with page.expect_response("**/what-if") as answer:
         await page.locator("[data-testid=residual-plot] .u-over").click(position={"x": at[0], "y": at[1]})
-    told: dict[str, Any] = await (await answer.value).json()
-    return told
+    answer_json: dict[str, Any] = await (await answer.value).json()
+    return answer_json
 
 
-async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.spoilt}") as page:
-        at = await marks(page)
+async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.spoilt}") as page:
+        at = await plot_points(page)
         card = page.get_by_test_id("residuals")
         assert len(at) == READINGS
         await expect(card).to_have_attribute("data-count", str(READINGS))
@@ -66,8 +74,8 @@ async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> N
         fit = page.get_by_test_id("fit-u")
         signed = await fit.inner_text()  # of a review that is there, with its marks
         odd = int(SPOILT_STEP.split()[1]) - 1
-        told = await tap(page, at[odd])
-        assert [p["used"] for p in told["points"]] == [True] * READINGS
+        refit = await tap_point(page, at[odd])
+        assert [p["used"] for p in refit["points"]] == [True] * READINGS
         await page.get_by_test_id("what-if").wait_for()
         await expect(card).to_have_attribute("data-signed", "false")
         await expect(fit).to_contain_text(signed)  # beside the other figure, and called signed
@@ -77,10 +85,10 @@ async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> N
         await expect(fit).to_have_text(signed)
 
 
-async def test_an_outlier_differs_in_shape_and_colour(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.spoilt}") as page:
-        at = await marks(page)
+async def test_an_outlier_differs_in_shape_and_colour(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.spoilt}") as page:
+        at = await plot_points(page)
         odd = int(SPOILT_STEP.split()[1]) - 1
         blue = await page.evaluate(COLOUR_AT, at[0])
         assert blue[2] > blue[0] + 60
@@ -91,15 +99,15 @@ async def test_an_outlier_differs_in_shape_and_colour(seen: Seen) -> None:
         assert (await page.evaluate(COLOUR_AT, [at[0][0] + 4, at[0][1]]))[2] > blue[0] + 60
 
 
-async def test_the_table_tells_and_does_the_same_as_the_plot(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.spoilt}") as page:
-        await marks(page)
+async def test_the_table_shows_and_does_the_same_as_the_plot(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.spoilt}") as page:
+        await plot_points(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         await expect(rows).to_have_count(READINGS)
         await expect(page.locator("tr[data-outlier=true]")).to_have_count(1)
-        review = (await looks.client.get(f"/api/runs/{past.spoilt}/review")).json()
+        review = (await viewer.client.get(f"/api/runs/{past.spoilt}/review")).json()
         for i, point in enumerate(review["points"]):
             await expect(rows.nth(i)).to_contain_text(f"{point['residual_m'] * 1e3:.3f} mm")
         await rows.nth(0).get_by_role("button").click()
@@ -108,10 +116,10 @@ async def test_the_table_tells_and_does_the_same_as_the_plot(seen: Seen) -> None
         await expect(rows.nth(0)).to_have_attribute("data-used", "false")
 
 
-async def test_too_few_readings_are_refused_in_words(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.touches}") as page:
-        at = await marks(page)
+async def test_too_few_readings_are_refused_in_words(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.touches}") as page:
+        at = await plot_points(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         refused = page.get_by_test_id("what-if-refused")
@@ -122,27 +130,27 @@ async def test_too_few_readings_are_refused_in_words(seen: Seen) -> None:
             if await refused.count():
                 break
         await expect(refused).to_contain_text("3")
-        await comes(lambda: _complaints_of(looks))
-        assert [line for line in looks.complaints if "422" not in line] == []
-        looks.complaints.clear()  # the browser tells of a refusal, too
+        await wait_for_value(lambda: _complaints_of(viewer))
+        assert [line for line in viewer.complaints if "422" not in line] == []
+        viewer.complaints.clear()  # the browser tells of a refusal, too
 
 
-async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.moved}") as page:
-        at, table = await marks(page), page.get_by_test_id("fit-values")
+async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.moved}") as page:
+        at, table = await plot_points(page), page.get_by_test_id("fit-values")
         assert len(at) == 4
         signed = await table.inner_text()
-        told = await tap(page, at[2])
-        assert [p["used"] for p in told["points"]] == [True, True, False, True]
+        refit = await tap_point(page, at[2])
+        assert [p["used"] for p in refit["points"]] == [True, True, False, True]
         await page.get_by_test_id("what-if").wait_for()
-        value = told["values"][0]
+        value = refit["values"][0]
         assert abs(value["value"] - value["signed"]) > 1e-5
         await expect(table).to_contain_text(f"{value['value'] * 1e3:.3f} mm")
         await expect(table).to_contain_text(f"{value['signed'] * 1e3:.3f} mm")
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
-        for i, point in enumerate(told["points"]):
+        for i, point in enumerate(refit["points"]):
             await expect(rows.nth(i)).to_contain_text(f"{point['residual_m'] * 1e3:.3f} mm")
             await expect(rows.nth(i)).to_have_attribute("data-used", str(point["used"]).lower())
         await rows.nth(2).get_by_role("button").click()
@@ -152,31 +160,31 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(see
 
 @pytest.mark.parametrize("locale", LOCALES)
 async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
-    seen: Seen, locale: str
+    review_view: Seen, locale: str
 ) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.frame}", locale=locale) as page:
-        await speaks(page, locale)
-        await marks(page)
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.frame}", locale=locale) as page:
+        await wait_for_language(page, locale)
+        await plot_points(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         async with page.expect_response("**/what-if") as answer:  # residuals of zero lie on the plot's edge
             await rows.nth(1).get_by_role("button").click()
-        told = await (await answer.value).json()
+        refusal = await (await answer.value).json()
         refused = page.get_by_test_id("what-if-refused")
         await expect(refused).to_contain_text("3")
         if locale != "en":
-            await expect(refused).not_to_contain_text(told["message"])
+            await expect(refused).not_to_contain_text(refusal["message"])
         await expect(refused.locator("[lang=en]")).to_have_count(0)
         await expect(page.get_by_test_id("residuals")).to_have_attribute("data-signed", "true")
-        await comes(lambda: _complaints_of(looks))
-        assert [line for line in looks.complaints if "422" not in line] == []
-        looks.complaints.clear()
+        await wait_for_value(lambda: _complaints_of(viewer))
+        assert [line for line in viewer.complaints if "422" not in line] == []
+        viewer.complaints.clear()
 
 
-async def test_settings_that_differ_are_rows_with_units(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page("#/history", locale="de") as page:
+async def test_settings_that_differ_are_rows_with_units(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page("#/history", locale="de") as page:
         await page.get_by_test_id("run").first.wait_for()
         for run in (past.frame, past.moved):
             await page.locator(f"[data-run='{run}']").get_by_test_id("pick").click()
@@ -190,14 +198,14 @@ async def test_settings_that_differ_are_rows_with_units(seen: Seen) -> None:
         assert not re.search(r"null|[\[\]{}_]|\d\.\d", words), words
 
 
-async def _complaints_of(looks: Looking) -> list[str]:
-    return looks.complaints
+async def _complaints_of(viewer: PageViewer) -> list[str]:
+    return viewer.complaints
 
 
-async def test_before_and_after_and_the_map_say_what_the_service_says(seen: Seen) -> None:
-    looks, past = seen
-    review = (await looks.client.get(f"/api/runs/{past.calibration}/review")).json()
-    async with looks.page(f"#/history/{past.calibration}") as page:
+async def test_before_and_after_and_the_map_say_what_the_service_says(review_view: Seen) -> None:
+    viewer, past = review_view
+    review = (await viewer.client.get(f"/api/runs/{past.calibration}/review")).json()
+    async with viewer.open_page(f"#/history/{past.calibration}") as page:
         for which in ("before", "after"):
             spread = page.get_by_test_id(f"spread-{which}")
             for key in ("mean_m", "rms_m", "max_m", "u_m"):
@@ -209,51 +217,55 @@ async def test_before_and_after_and_the_map_say_what_the_service_says(seen: Seen
         await expect(card).to_contain_text(f"{most * 1e3:.3f}")
 
 
-async def test_the_certificate_is_named_hashed_and_checked_on_the_page(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.calibration}") as page:
+async def test_the_certificate_is_named_hashed_and_checked_on_the_page(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/history/{past.calibration}") as page:
         await page.get_by_test_id("verified").wait_for()
-        signed = (await looks.client.get(f"/api/runs/{past.calibration}/certificate.json")).json()
+        signed = (await viewer.client.get(f"/api/runs/{past.calibration}/certificate.json")).json()
         await expect(page.get_by_test_id("certificate-word")).to_have_text("PASS")
         await expect(page.get_by_test_id("certificate-id")).to_have_text(past.calibration)
         await expect(page.get_by_test_id("certificate-hash")).to_have_text(signed["sha256"])
         for kind, begins in (("html", b"<!"), ("pdf", b"%PDF")):
             link = await page.get_by_test_id(f"certificate-{kind}").get_attribute("href")
-            content = (await looks.client.get(f"/{str(link).removeprefix('./')}")).content
+            content = (await viewer.client.get(f"/{str(link).removeprefix('./')}")).content
             assert content.lstrip().lower().startswith(begins.lower())
         path = past.config.cell.data_dir / "certificates" / f"{past.calibration}.json"
-        kept = path.read_bytes()
+        certificate_bytes = path.read_bytes()
         path.write_bytes(
-            kept.replace(b"Anna", b"Anne", 1) if b"Anna" in kept else kept.replace(b"pass", b"fail", 1)
+            certificate_bytes.replace(b"Anna", b"Anne", 1)
+            if b"Anna" in certificate_bytes
+            else certificate_bytes.replace(b"pass", b"fail", 1)
         )
         await page.get_by_test_id("verify").click()
         await page.locator("[data-testid=certified][data-finding=tampered]").wait_for()
-        path.write_bytes(kept)
+        path.write_bytes(certificate_bytes)
 
 
-async def test_the_history_is_newest_first_filtered_and_compared(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page("#/history") as page:
+async def test_the_history_is_newest_first_filtered_and_compared(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page("#/history") as page:
         rows = page.get_by_test_id("run")
-        told = (await looks.client.get("/api/runs")).json()
-        newest = [line["run_id"] for line in sorted(told, key=lambda x: x["started_utc"], reverse=True)]
-        await comes(lambda: rows.evaluate_all(RUNS), lambda shown: shown == newest)
+        runs_answer = (await viewer.client.get("/api/runs")).json()
+        newest = [
+            line["run_id"] for line in sorted(runs_answer, key=lambda x: x["started_utc"], reverse=True)
+        ]
+        await wait_for_value(lambda: rows.evaluate_all(RUNS), lambda shown: shown == newest)
         await page.get_by_test_id("filter").fill("Robot Calibration")
         await expect(rows).to_have_count(2)
         for i in range(2):
             await page.get_by_test_id("pick").nth(i).click()
         card = page.get_by_test_id("compared")
         await card.locator("tr[data-changed]").first.wait_for()
-        compared = (await looks.client.get(f"/api/runs/{past.spoilt}/against/{past.calibration}")).json()
+        compared = (await viewer.client.get(f"/api/runs/{past.spoilt}/against/{past.calibration}")).json()
         lines = len(compared["figures"]) + len(compared["settings"])
         await expect(card.locator("tbody tr")).to_have_count(lines)
 
 
-async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(seen: Seen) -> None:
-    looks, past = seen
+async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(review_view: Seen) -> None:
+    viewer, past = review_view
     sets = ParameterSets(past.config.path.parent / FOLDER)
     newest = sets.load_set(SERIAL).version
-    async with looks.page("#/parameters") as page:
+    async with viewer.open_page("#/parameters") as page:
         await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(newest)
         await expect(page.get_by_test_id("yes")).to_have_count(0)  # not before the difference was shown
         await page.get_by_test_id("back-to").select_option("1")
@@ -268,37 +280,41 @@ async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(
         await page.locator(f"tr[data-version='{newest + 1}']").wait_for()
         await page.mouse.up()
         await expect(page.get_by_test_id("go-back-told")).to_contain_text("1")
-    held = sets.load_set(SERIAL)
-    assert (held.version, held.rolls_back_to, held.note) == (newest + 1, 1, "the tool was bent")
+    parameter_set = sets.load_set(SERIAL)
+    assert (parameter_set.version, parameter_set.rolls_back_to, parameter_set.note) == (
+        newest + 1,
+        1,
+        "the tool was bent",
+    )
 
 
-async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(f"#/parameters/{SERIAL}") as page:
+async def test_trends_have_a_point_for_each_version_and_run(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(f"#/parameters/{SERIAL}") as page:
         await page.get_by_test_id("procedure").select_option("robot_calibration")
-        told = (
-            await looks.client.get(f"/api/trend?robot_serial={SERIAL}&procedure=robot_calibration")
+        trend = (
+            await viewer.client.get(f"/api/trend?robot_serial={SERIAL}&procedure=robot_calibration")
         ).json()
         plots = page.get_by_test_id("trend")
         await page.locator("[data-testid=trend] [data-drawn]").nth(1).wait_for()
         versions = ParameterSets(past.config.path.parent / FOLDER).load_set(SERIAL).version
         await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(versions)
         await expect(plots.nth(0)).to_have_attribute("data-count", str(versions))
-        assert len(told[0]["points"]) == 2
+        assert len(trend[0]["points"]) == 2
         await expect(plots.nth(1)).to_have_attribute("data-count", "2")
 
 
 @pytest.mark.parametrize(("locale", "words"), [("en", "not determined"), ("zh", "未能确定")])
-async def test_what_was_not_determined_is_said_in_words_and_not_drawn(
-    seen: Seen, locale: str, words: str
+async def test_what_was_not_determined_is_written_in_words_and_not_drawn(
+    review_view: Seen, locale: str, words: str
 ) -> None:
-    looks, _ = seen
-    stored = (await looks.client.get(f"/api/parameters/{SERIAL}?version=1")).json()["parameters"]
+    viewer, _ = review_view
+    stored = (await viewer.client.get(f"/api/parameters/{SERIAL}?version=1")).json()["parameters"]
     unseen = next(value for value in stored if value["name"] == "J1 offset")
     assert not unseen[
         "determined"
     ]  # the base stands where the readings put it, and turns with the first axis
-    async with looks.page(f"#/parameters/{SERIAL}", locale=locale) as page:
+    async with viewer.open_page(f"#/parameters/{SERIAL}", locale=locale) as page:
         chosen = page.get_by_test_id("parameter")
         section = page.locator("section", has=chosen)
         await expect(section.get_by_test_id("trend")).to_have_count(1)  # the first that was determined
@@ -310,33 +326,33 @@ async def test_what_was_not_determined_is_said_in_words_and_not_drawn(
         await expect(row).to_contain_text(words)
 
 
-async def test_tables_are_taken_away_from_the_pages_that_show_them(seen: Seen) -> None:
-    looks, past = seen
+async def test_tables_are_taken_away_from_the_pages_that_show_them(review_view: Seen) -> None:
+    viewer, past = review_view
     shown = {
         "#/history": [past.spoilt, past.spoilt],  # in the table of runs, and in that of their results
         f"#/history/{past.spoilt}": [SPOILT_STEP],
         "#/parameters": [SERIAL],
     }
-    async with looks.page() as page:
+    async with viewer.open_page() as page:
         for place, words in shown.items():
-            await go(page, place)
+            await go_to_page(page, place)
             links = page.get_by_test_id("exports").locator("a")
             await expect(links).to_have_count(2 * len(words))
             for k, word in enumerate(words):
-                table, book = [await taken(page, links.nth(2 * k + form)) for form in (0, 1)]
+                table, book = [await download_file(page, links.nth(2 * k + form)) for form in (0, 1)]
                 assert word in table.decode("utf-8-sig"), place
                 sheet = load_workbook(io.BytesIO(book)).active
                 assert len(list(sheet.iter_rows())) == table.count(b"\r\n"), place
 
 
-async def taken(page: Page, link: Locator) -> bytes:
+async def download_file(page: Page, link: Locator) -> bytes:
     """Press a link that takes a file away; return what is in the file."""
     async with page.expect_download() as coming:
         await link.click()
     return await asyncio.to_thread((await (await coming.value).path()).read_bytes)
 
 
-def places_of(past: Past) -> tuple[str, ...]:
+def places_of(past: PastRuns) -> tuple[str, ...]:
     return (
         f"#/history/{past.spoilt}",
         f"#/history/{past.touches}",
@@ -348,38 +364,40 @@ def places_of(past: Past) -> tuple[str, ...]:
     )
 
 
-async def unfolded(page: Page, place: str) -> None:
+async def open_unfolded(page: Page, place: str) -> None:
     """Open a page, and all that is folded on it."""
-    await go(page, place)
+    await go_to_page(page, place)
     await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
 
 
 @pytest.mark.parametrize("locale", LOCALES)
-async def test_pages_that_judge_are_for_everybody(seen: Seen, locale: str) -> None:
-    looks, past = seen
-    async with looks.page(locale=locale) as page:
-        await speaks(page, locale)
+async def test_pages_that_judge_are_for_everybody(review_view: Seen, locale: str) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(locale=locale) as page:
+        await wait_for_language(page, locale)
         for place in places_of(past)[:4]:
-            await unfolded(page, place)
+            await open_unfolded(page, place)
             await hold_to_rules(page, f"{place} in {locale}")
             await expect(page.locator("main [lang=en]")).to_have_count(0)
 
 
-async def test_texts_that_are_forty_percent_longer_fit_everywhere(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page(size=(800, 1280)) as page:
-        history = await lengthened(page, "history")
+async def test_texts_that_are_forty_percent_longer_fit_everywhere(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page(size=(800, 1280)) as page:
+        history = await lengthen_page_texts(page, "history")
         await page.get_by_test_id("device-robot").wait_for()
         await expect(page.locator("nav")).to_contain_text(history)
         for place in places_of(past):
-            await unfolded(page, place)
+            await open_unfolded(page, place)
             await at_rest(page)
-            assert await cramped(page) == [], place
+            assert await layout_faults(page) == [], place
 
 
-async def test_the_pages_are_built_of_files_of_their_own(seen: Seen) -> None:
-    looks, past = seen
-    async with looks.page() as page:
+async def test_the_pages_are_built_of_files_of_their_own(review_view: Seen) -> None:
+    viewer, past = review_view
+    async with viewer.open_page() as page:
         for place in places_of(past):
-            await go(page, place)
-    assert {url.split("/")[2] for url in looks.asked if url.startswith("http")} == {looks.url.split("/")[2]}
+            await go_to_page(page, place)
+    assert {url.split("/")[2] for url in viewer.requested_hosts if url.startswith("http")} == {
+        viewer.url.split("/")[2]
+    }

@@ -19,13 +19,13 @@ from cellcal.service.web import websocket_hub as rules
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from cellcal.service.web.websocket_hub import OpenScreen, OpenScreens
-from tests.service.browsers import PATIENCE_S, comes, served
+from tests.service.browser_pages import PATIENCE_S, serve_app, wait_for_value
 
 LIVE = 1_000_000  # bytes of a message, so that a link that nobody reads is full after a few
 _NUMBER = re.compile(rb'"n":(\d+)')
 
 
-class Watched(OpenScreens):
+class CountedScreens(OpenScreens):
     """The screens, and how many the service is done with."""
 
     done = 0
@@ -34,19 +34,19 @@ class Watched(OpenScreens):
         await super().serve_screen(screen, receive)
         self.done += 1
 
-    async def says(self, number: int) -> None:
+    async def publish_number(self, number: int) -> None:
         self.broadcast("live", {"n": number, "pad": "x" * LIVE})
         await asyncio.sleep(0.01)
         assert all(set(screen.newest) <= {"live", "person", "control"} for screen in self.open_screens)
 
 
 @dataclass
-class Hall:
-    screens: Watched
+class ScreenServer:
+    screens: CountedScreens
     port: int
 
     @contextmanager
-    def deaf(self) -> Iterator[socket.socket]:
+    def deaf_screen(self) -> Iterator[socket.socket]:
         """Open a screen by hand, and read nothing of what it is sent."""
         key = base64.b64encode(b"0123456789abcdef").decode()
         with socket.socket() as screen:
@@ -59,45 +59,45 @@ class Hall:
             )
             yield screen
 
-    def hears(self) -> connect:
+    def connect_screen(self) -> connect:
         return connect(f"ws://127.0.0.1:{self.port}/api/screen", max_size=None)
 
-    async def open(self, count: int) -> None:
-        await comes(lambda: asyncio.sleep(0, len(self.screens)), lambda open_now: open_now == count)
+    async def wait_for_screens(self, count: int) -> None:
+        await wait_for_value(lambda: asyncio.sleep(0, len(self.screens)), lambda open_now: open_now == count)
 
 
 @asynccontextmanager
-async def a_hall(folder: Path) -> AsyncIterator[Hall]:
+async def a_hall(folder: Path) -> AsyncIterator[ScreenServer]:
     """Serve the pages' service without its desk: what its screens are shown, the test says."""
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     app = create_app(ServiceSettings(path, open_access=True))
-    screens = Watched()
+    screens = CountedScreens()
     app.state.house = replace(app.state.house, screens=screens)
-    async with served(app, lifespan="off") as url:
-        yield Hall(screens, int(url.rpartition(":")[2]))
+    async with serve_app(app, lifespan="off") as url:
+        yield ScreenServer(screens, int(url.rpartition(":")[2]))
 
 
-async def numbers(screen: ClientConnection, heard: list[int]) -> None:
+async def read_numbers(screen: ClientConnection, received: list[int]) -> None:
     async for text in screen:
         message: dict[str, Any] = json.loads(text)
         if message["kind"] == "live":
-            heard.append(message["content"]["n"])
+            received.append(message["content"]["n"])
 
 
 async def test_a_screen_that_never_reads_is_dropped_and_the_others_go_on_hearing(tmp_path: Path) -> None:
-    heard: list[int] = []
-    async with a_hall(tmp_path) as hall, hall.hears() as screen:
-        hearing = asyncio.create_task(numbers(screen, heard))
-        with hall.deaf():
-            await hall.open(2)
-            said = 0
+    received: list[int] = []
+    async with a_hall(tmp_path) as hall, hall.connect_screen() as screen:
+        hearing = asyncio.create_task(read_numbers(screen, received))
+        with hall.deaf_screen():
+            await hall.wait_for_screens(2)
+            published = 0
             async with asyncio.timeout(PATIENCE_S):
                 while len(hall.screens) == 2:
-                    await hall.screens.says(said := said + 1)
-            await comes(lambda: asyncio.sleep(0, hall.screens.done), lambda done: done == 1)
-            while_it_was_deaf = len(heard)
-            await hall.screens.says(said := said + 1)
-            await comes(lambda: asyncio.sleep(0, heard), lambda told: said in told)
+                    await hall.screens.publish_number(published := published + 1)
+            await wait_for_value(lambda: asyncio.sleep(0, hall.screens.done), lambda done: done == 1)
+            while_it_was_deaf = len(received)
+            await hall.screens.publish_number(published := published + 1)
+            await wait_for_value(lambda: asyncio.sleep(0, received), lambda value: published in value)
             assert while_it_was_deaf > 0
             assert len(hall.screens) == 1
         hearing.cancel()
@@ -109,15 +109,15 @@ async def test_a_screen_that_reads_late_is_shown_the_newest_and_not_what_it_miss
     monkeypatch.setattr(rules, "SLOW_S", PATIENCE_S)  # it has all the time it wants
     last = 40
     async with a_hall(tmp_path) as hall:
-        with hall.deaf() as screen:
-            await hall.open(1)
+        with hall.deaf_screen() as screen:
+            await hall.wait_for_screens(1)
             for number in range(1, last + 1):
-                await hall.screens.says(number)
-            (kept,) = hall.screens.open_screens
-            assert _NUMBER.findall(kept.newest["live"].encode()) == [str(last).encode()]
-            heard = await asyncio.to_thread(_read_until, screen, last)
-        assert heard == sorted(heard)
-        assert len(heard) < last, "a link that nobody reads took all of them: this test shows nothing"
+                await hall.screens.publish_number(number)
+            (open_screen,) = hall.screens.open_screens
+            assert _NUMBER.findall(open_screen.newest["live"].encode()) == [str(last).encode()]
+            received = await asyncio.to_thread(_read_until, screen, last)
+        assert received == sorted(received)
+        assert len(received) < last, "a link that nobody reads took all of them: this test shows nothing"
 
 
 def _read_until(screen: socket.socket, last: int) -> list[int]:

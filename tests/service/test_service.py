@@ -18,9 +18,9 @@ from websockets.asyncio.client import connect
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.desks import PATIENCE_S, RECORD, a_cell
-from tests.service.doors import another_browser
-from tests.soak.served import address_of
+from tests.service.cell_process_session import PATIENCE_S, RECORD, a_cell
+from tests.service.service_client import another_browser
+from tests.soak.service_process import address_of
 
 
 def free_port() -> int:
@@ -30,7 +30,7 @@ def free_port() -> int:
 
 
 @asynccontextmanager
-async def serving(
+async def serve_cell(
     cell_file: Path, port: int
 ) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
     process = await asyncio.create_subprocess_exec(
@@ -40,7 +40,7 @@ async def serving(
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
             assert (await client.get(await address_of(process))).status_code == 303
-            await _connected(client)
+            await _wait_connected(client)
             yield process, client
     finally:
         with suppress(ProcessLookupError):
@@ -48,7 +48,7 @@ async def serving(
         await process.communicate()
 
 
-async def _connected(client: httpx.AsyncClient) -> dict[str, Any]:
+async def _wait_connected(client: httpx.AsyncClient) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             with suppress(httpx.TransportError):
@@ -58,7 +58,7 @@ async def _connected(client: httpx.AsyncClient) -> dict[str, Any]:
             await asyncio.sleep(0.05)
 
 
-async def _until(client: httpx.AsyncClient, true: Any) -> dict[str, Any]:
+async def _poll_until(client: httpx.AsyncClient, true: Any) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             session = (await client.get("/api/session")).json()["session"]
@@ -67,7 +67,7 @@ async def _until(client: httpx.AsyncClient, true: Any) -> dict[str, Any]:
             await asyncio.sleep(0.05)
 
 
-async def _press(client: httpx.AsyncClient, press: str, order: dict[str, Any]) -> httpx.Response:
+async def _press_button(client: httpx.AsyncClient, press: str, order: dict[str, Any]) -> httpx.Response:
     rev = (await client.get("/api/session")).json()["session"]["rev"]
     return await client.post("/api/commands", json={"id": press, "rev": rev, "order": order})
 
@@ -75,46 +75,51 @@ async def _press(client: httpx.AsyncClient, press: str, order: dict[str, Any]) -
 async def test_a_killed_service_comes_back_to_the_same_step_with_every_point(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _):
         port = free_port()
-        async with serving(path, port) as (process, client):
-            assert (await _press(client, "1", RECORD | {"hold_to_move": False})).status_code == 200
-            await _answer(client, "wire_is_hooked")
-            await _answer(client, "accept_plan")
-            seen = await _until(client, lambda session: "capture 1" in session["run"]["found"])
+        async with serve_cell(path, port) as (process, client):
+            assert (await _press_button(client, "1", RECORD | {"hold_to_move": False})).status_code == 200
+            await _answer_question(client, "wire_is_hooked")
+            await _answer_question(client, "accept_plan")
+            session_before = await _poll_until(client, lambda session: "capture 1" in session["run"]["found"])
             process.kill()
             await process.wait()
-        async with serving(path, port) as (_, client):
-            again = await _until(
+        async with serve_cell(path, port) as (_, client):
+            again = await _poll_until(
                 client, lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked"
             )
-            assert again["run"]["id"] == seen["run"]["id"]
+            assert again["run"]["id"] == session_before["run"]["id"]
             shown = again["run"]["found"]  # before anybody has agreed to a condition anew
-            assert shown[: len(seen["run"]["found"])] == seen["run"]["found"]
-            await _answer(client, "wire_is_hooked")
-            goes_on = await _until(
-                client, lambda session: len(session["run"]["found"]) >= len(seen["run"]["found"])
+            assert shown[: len(session_before["run"]["found"])] == session_before["run"]["found"]
+            await _answer_question(client, "wire_is_hooked")
+            goes_on = await _poll_until(
+                client, lambda session: len(session["run"]["found"]) >= len(session_before["run"]["found"])
             )
-            assert goes_on["run"]["found"][: len(seen["run"]["found"])] == seen["run"]["found"]
-            await _press(client, "stop", {"op": "stop"})
+            assert (
+                goes_on["run"]["found"][: len(session_before["run"]["found"])]
+                == session_before["run"]["found"]
+            )
+            await _press_button(client, "stop", {"op": "stop"})
 
 
 async def test_two_screens_see_the_same_and_a_double_tap_counts_once(tmp_path: Path) -> None:
-    async with a_cell(tmp_path) as (path, _), serving(path, free_port()) as (_, client):
+    async with a_cell(tmp_path) as (path, _), serve_cell(path, free_port()) as (_, client):
         url = str(client.base_url).replace("http", "ws") + "/api/screen"
-        known = {"cookie": "; ".join(f"{name}={token}" for name, token in client.cookies.items())}
+        cookie_header = {"cookie": "; ".join(f"{name}={token}" for name, token in client.cookies.items())}
         async with (
-            connect(url, additional_headers=known) as left,
-            connect(url, additional_headers=known) as right,
+            connect(url, additional_headers=cookie_header) as left,
+            connect(url, additional_headers=cookie_header) as right,
         ):
-            rev = (await _seen(left, lambda _: True))["rev"]
+            rev = (await _receive_until(left, lambda _: True))["rev"]
             tap = {"id": "tap", "rev": rev, "order": RECORD}
             answers = await asyncio.gather(*(client.post("/api/commands", json=tap) for _ in range(2)))
             other = await client.post("/api/commands", json=tap | {"id": "the other tablet"})
             assert [answer.status_code for answer in answers] == [200, 200]
             assert other.status_code == 409
             assert other.json()["session"]["run"]["procedure"] == "mastering_record"
-            shown = [await _seen(screen, lambda session: session["prompt"]) for screen in (left, right)]
+            shown = [
+                await _receive_until(screen, lambda session: session["prompt"]) for screen in (left, right)
+            ]
             assert shown[0]["prompt"] == shown[1]["prompt"]
-        await _press(client, "stop", {"op": "stop"})
+        await _press_button(client, "stop", {"op": "stop"})
 
 
 @pytest.mark.parametrize(
@@ -128,8 +133,8 @@ async def test_two_screens_see_the_same_and_a_double_tap_counts_once(tmp_path: P
         json.dumps({"id": "1", "rev": 1, "order": {"op": "answer", "prompt_id": "x" * 9000}}).encode(),
     ],
 )
-async def test_what_is_no_order_is_refused_at_the_door(tmp_path: Path, body: bytes) -> None:
-    async with without_a_desk(tmp_path) as client:
+async def test_a_malformed_order_is_refused_on_receipt(tmp_path: Path, body: bytes) -> None:
+    async with client_without_cell_process(tmp_path) as client:
         answer = await client.post(
             "/api/commands", content=body, headers={"content-type": "application/json"}
         )
@@ -138,7 +143,7 @@ async def test_what_is_no_order_is_refused_at_the_door(tmp_path: Path, body: byt
 
 
 async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
-    async with without_a_desk(tmp_path) as client:
+    async with client_without_cell_process(tmp_path) as client:
         missing = await client.get("/api/runs/no-such-run")
         assert missing.status_code == 422
         assert "no-such-run" in missing.json()["message"]
@@ -147,20 +152,20 @@ async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
 
 
 @asynccontextmanager
-async def without_a_desk(folder: Path) -> AsyncIterator[httpx.AsyncClient]:
+async def client_without_cell_process(folder: Path) -> AsyncIterator[httpx.AsyncClient]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     async with another_browser(create_app(ServiceSettings(path, open_access=True))) as client:
         yield client
 
 
-async def _answer(client: httpx.AsyncClient, key: str) -> None:
-    session = await _until(client, lambda session: (session["prompt"] or {}).get("key") == key)
+async def _answer_question(client: httpx.AsyncClient, key: str) -> None:
+    session = await _poll_until(client, lambda session: (session["prompt"] or {}).get("key") == key)
     prompt = session["prompt"]["id"]
-    answer = await _press(client, f"answer {prompt}", {"op": "answer", "prompt_id": prompt})
+    answer = await _press_button(client, f"answer {prompt}", {"op": "answer", "prompt_id": prompt})
     assert answer.status_code == 200, answer.text
 
 
-async def _seen(screen: Any, true: Any) -> dict[str, Any]:
+async def _receive_until(screen: Any, true: Any) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             message = json.loads(await screen.recv())

@@ -32,7 +32,7 @@ from cellcal.service.site.outbox import SiteOutbox, UnsentEvent, rows_between
 from cellcal.service.site.publisher import CERTIFICATES, site_folder
 from cellcal.service.site.signed_messages import MessageSigner, SignedMessage, open_message, public_key
 from cellcal.service.site.site_store import ReceivedEvent, SiteStore
-from tests.service.sites import live_of, session_of
+from tests.service.loopback_site import live_of, session_of
 
 NEW = NewSite("hall-3", "127.0.0.1:7447")
 KEYS = [f"{k:064x}" for k in range(1, 9)]
@@ -203,14 +203,14 @@ def test_numbers_that_are_not_finite_are_neither_signed_nor_believed(tmp_path: P
 # outbox and store
 
 
-def add(outbox: SiteOutbox, count: int, first: int = 1) -> None:
+def add_events(outbox: SiteOutbox, count: int, first: int = 1) -> None:
     outbox.add_events([UnsentEvent("k", lambda seq: b"%d" % seq, first + k) for k in range(count)])
 
 
 def test_the_outbox_numbers_without_holes_and_each_event_once(tmp_path: Path) -> None:
     with SiteOutbox(tmp_path) as outbox:
-        add(outbox, 5)
-        add(outbox, 5, first=3)
+        add_events(outbox, 5)
+        add_events(outbox, 5, first=3)
         assert [row.seq for row in rows_between(outbox.path, 1, 100)] == list(range(1, 8))
         lives = [outbox.next_live(), outbox.next_live()]
         with pytest.raises(CellError, match="already tells"):
@@ -219,7 +219,7 @@ def test_the_outbox_numbers_without_holes_and_each_event_once(tmp_path: Path) ->
     with SiteOutbox(tmp_path, kept_rows=3) as again:
         assert again.epoch == epoch
         assert again.next_live() > lives[1] > lives[0]
-        add(again, 1, first=8)
+        add_events(again, 1, first=8)
         assert again.number_bounds() == (6, 8)
         assert again.last_journal_seq() == 8
     (tmp_path / "site_outbox.sqlite").unlink()
@@ -228,18 +228,18 @@ def test_the_outbox_numbers_without_holes_and_each_event_once(tmp_path: Path) ->
 
 
 def test_a_failure_while_signing_leaves_no_hole(tmp_path: Path) -> None:
-    def fails(seq: int) -> bytes:
+    def fail_signing(seq: int) -> bytes:
         raise ValueError(seq)
 
     with SiteOutbox(tmp_path) as outbox:
         with pytest.raises(ValueError, match="2"):
-            outbox.add_events([UnsentEvent("k", lambda seq: b"x"), UnsentEvent("k", fails)])
+            outbox.add_events([UnsentEvent("k", lambda seq: b"x"), UnsentEvent("k", fail_signing)])
         assert outbox.number_bounds() == (1, 0)
-        add(outbox, 1)
+        add_events(outbox, 1)
         assert outbox.number_bounds() == (1, 1)
 
 
-def received(seq: int, body: object = None, raw: bytes = b"", epoch: str = "e1") -> ReceivedEvent:
+def received_event(seq: int, body: object = None, raw: bytes = b"", epoch: str = "e1") -> ReceivedEvent:
     return ReceivedEvent(SignedMessage("cell-07", epoch, seq, "now", "k", body), raw or b"%d" % seq)
 
 
@@ -247,7 +247,7 @@ def received(seq: int, body: object = None, raw: bytes = b"", epoch: str = "e1")
 def test_events_in_any_order_and_doubled_are_kept_once(order: list[int], doubled: list[int]) -> None:
     with SiteStore(Path(":memory:")) as store:
         for seq in order + doubled:
-            assert store.add_events([received(seq)]) == []
+            assert store.add_events([received_event(seq)]) == []
             have = set(store.event_numbers("cell-07"))
             reach = store.event_reach("cell-07", "e1").upto
             assert set(range(1, reach + 1)) <= have
@@ -257,28 +257,33 @@ def test_events_in_any_order_and_doubled_are_kept_once(order: list[int], doubled
 
 def test_what_a_cell_no_longer_has_is_counted_as_lost(tmp_path: Path) -> None:
     with SiteStore(tmp_path / "s.sqlite") as store:
-        store.add_events([received(1), received(2), received(5)])
+        store.add_events([received_event(1), received_event(2), received_event(5)])
         assert store.update_reach("cell-07", "e1", 1, 9).missing_count == 7
         reach = store.update_reach("cell-07", "e1", 8, 9)
         assert (reach.upto, reach.existing, reach.lost) == (7, 9, 4)  # 3, 4, 6, 7
     with SiteStore(tmp_path / "s.sqlite") as store:
-        store.add_events([received(8), received(9)])
+        store.add_events([received_event(8), received_event(9)])
         assert store.update_reach("cell-07", "e1", 8, 9).missing_count == 0
         assert store.event_reach("cell-07", "e1").lost == 4
 
 
 def test_two_events_under_one_number_and_a_rewritten_journal_are_named(tmp_path: Path) -> None:
-    def link(seq: int, prev: str, own: str) -> dict[str, object]:
+    def chained_body(seq: int, prev: str, own: str) -> dict[str, object]:
         return {"journal_seq": seq, "prev": prev, "hash": own}
 
     with SiteStore(tmp_path / "s.sqlite") as store:
-        assert store.add_events([received(1, link(1, "", "a")), received(2, link(2, "a", "b"))]) == []
-        assert "another event under the number 1" in store.add_events([received(1, raw=b"other")])[0]
-        assert "rewritten" in store.add_events([received(3, link(3, "x", "c"))])[0]
         assert (
-            store.add_events([received(1, link(1, "", "a"), epoch="e2")]) == []
+            store.add_events(
+                [received_event(1, chained_body(1, "", "a")), received_event(2, chained_body(2, "a", "b"))]
+            )
+            == []
+        )
+        assert "another event under the number 1" in store.add_events([received_event(1, raw=b"other")])[0]
+        assert "rewritten" in store.add_events([received_event(3, chained_body(3, "x", "c"))])[0]
+        assert (
+            store.add_events([received_event(1, chained_body(1, "", "a"), epoch="e2")]) == []
         )  # the same, from a new outbox
-        assert "rewritten" in store.add_events([received(2, link(2, "a", "y"), epoch="e2")])[0]
+        assert "rewritten" in store.add_events([received_event(2, chained_body(2, "a", "y"), epoch="e2")])[0]
 
 
 # journal
@@ -318,7 +323,7 @@ def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> 
     for event in journal.list_events():
         ledger.take_event(event)
     journal.close()
-    assert [told["change_rms_m"] for told in ledger.drift] == [0.00012]
+    assert [entry["change_rms_m"] for entry in ledger.drift] == [0.00012]
     assert ledger.certificate is not None
     assert (ledger.certificate["run_id"], ledger.certificate["word"]) == ("d-3", "refused")
     assert [run["run_id"] for run in ledger.list_runs()] == ["d-4", "d-3", "d-2", "d-1"]
@@ -326,12 +331,12 @@ def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> 
 
 def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None:
     config = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0))
-    kept = certificates_folder(config)
-    assert kept == config.cell.data_dir / CERTIFICATES
-    kept.mkdir(parents=True)
-    (kept / "run-1-refused.json").write_text("refused")
+    folder = certificates_folder(config)
+    assert folder == config.cell.data_dir / CERTIFICATES
+    folder.mkdir(parents=True)
+    (folder / "run-1-refused.json").write_text("refused")
     (tmp_path / "data" / "signing_key.json").write_text("secret")
-    answers = CellAnswers(tmp_path / "none", tmp_path / "none", kept, SiteLedger())
+    answers = CellAnswers(tmp_path / "none", tmp_path / "none", folder, SiteLedger())
     assert answers.read_certificate("run-1") == b"refused"
     for name in ("run-2", "../signing_key", "", "a/b", "run-1\x00"):
         with pytest.raises(CellError, match="no certificate"):
@@ -344,7 +349,7 @@ def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None
 def test_a_device_that_flaps_is_one_alarm() -> None:
     alarms, wrong = AlarmSet(), [CellAlarm("device.stopped", "fanuc", "E-stop.")]
     changes = [alarms.update_alarms(wrong if k % 2 else [], k * 0.5) for k in range(1, 12)]
-    assert [raised for told in changes for _, raised in told] == [True]
+    assert [raised for change in changes for _, raised in change] == [True]
     assert alarms.update_alarms([], 6.0 + CALM_S) == [(wrong[0], False)]
 
 
@@ -371,25 +376,25 @@ def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None
     state |= {"certificate": None, "due": [], "outbox": {"first": 1, "last": 0}}
     name, sealer = "cellcal/v1/s/c/state", MessageSigner(key, "c", "e")
 
-    def link(now_s: float) -> str:
+    def link_state(now_s: float) -> str:
         fleet.open_newest_states()
         return fleet.cell_views(now_s)[0].link
 
-    assert link(0.0) == "never"
+    assert link_state(0.0) == "never"
     for _ in range(2):
         fleet.note_liveliness("cellcal/v1/s/c/alive", alive=True)  # a double changes nothing
-    assert link(0.0) == "silent"
+    assert link_state(0.0) == "silent"
     fleet.take_sample(name, sealer.sign_message(name, 2, state), 1.0)
-    assert link(1.5) == "online"
-    assert link(1.6 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
+    assert link_state(1.5) == "online"
+    assert link_state(1.6 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
     fleet.take_sample(name, sealer.sign_message(name, 1, state), 9.0)
-    assert link(9.0) == "silent"  # an old one, said again
+    assert link_state(9.0) == "silent"  # an old one, said again
     fleet.take_sample(name, b"{}", 9.0)
-    assert link(9.0) == "silent"
+    assert link_state(9.0) == "silent"
     assert fleet.flaw_count == 1
     fleet.take_sample("cellcal/v1/s/other/state", b"{}", 9.0)
     fleet.note_liveliness("cellcal/v1/s/c/alive", alive=False)
-    assert link(9.0) == "offline"
+    assert link_state(9.0) == "offline"
     for k in range(1000):
         fleet.take_sample(f"cellcal/v1/s/c/device/{k}/value", b"{}", 9.0)
     assert len(fleet._stations["c"].waiting) <= 200

@@ -13,9 +13,9 @@ HEAVY = (
 
 
 def test_the_web_process_answers_without_solver_catalogue_and_device_libraries() -> None:
-    told = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, "-c", "import sys, cellcal.service.cli.app, cellcal.service.web.app; print(*sys.modules)"],
         capture_output=True, text=True, check=True,
     ).stdout.split()  # fmt: skip
-    assert "fastapi" in told
-    assert [name for name in HEAVY if name in told] == []
+    assert "fastapi" in completed
+    assert [name for name in HEAVY if name in completed] == []

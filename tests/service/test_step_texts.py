@@ -26,16 +26,16 @@ SAID = json.loads((ROOT / "web/src/lib/setting_names.json").read_text(encoding="
 ENGLISH_ONLY = 22  # at most; it may only fall
 
 
-def tables() -> dict[str, dict[str, str]]:
+def translation_tables() -> dict[str, dict[str, str]]:
     folder = ROOT / "web/src/locales/procedures"
     return {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in TRANSLATED}
 
 
-def key(text: str) -> str:
+def text_key(text: str) -> str:
     return NUMBER.sub("#", text).strip()
 
 
-def said(node: ast.expr) -> tuple[str, bool] | None:
+def literal_text(node: ast.expr) -> tuple[str, bool] | None:
     """Return a literal's text, figures as holes, and whether it has any; None where it is no literal."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value, False
@@ -45,7 +45,7 @@ def said(node: ast.expr) -> tuple[str, bool] | None:
     return None
 
 
-def calls(*names: str) -> Iterator[ast.Call]:
+def calls_of(*names: str) -> Iterator[ast.Call]:
     for path in sorted((ROOT / "procedures").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
@@ -56,20 +56,20 @@ def calls(*names: str) -> Iterator[ast.Call]:
                     yield node
 
 
-def instructions() -> tuple[set[str], set[str]]:
+def instruction_texts() -> tuple[set[str], set[str]]:
     """Return every sentence of the procedures' instructions: those without figures, and those with."""
     plain: set[str] = set()
     figured: set[str] = set()
-    for call in calls("Instruction"):
-        text = said(call.args[1]) if len(call.args) > 1 else None
+    for call in calls_of("Instruction"):
+        text = literal_text(call.args[1]) if len(call.args) > 1 else None
         if text is not None:
             for sentence in SENTENCE.split(text[0]):
-                (figured if "#" in sentence else plain).add(key(sentence))
+                (figured if "#" in sentence else plain).add(text_key(sentence))
     return plain, figured - {"#", "#."}
 
 
 def step_names() -> set[str]:
-    names = (said(call.args[0]) for call in calls("Phase", "ensure"))
+    names = (literal_text(call.args[0]) for call in calls_of("Phase", "ensure"))
     return {name for found in names if found is not None and not found[1] for name in [found[0]]}
 
 
@@ -78,7 +78,7 @@ def plain_name(name: str) -> str:
     return SAID.get(name, UNIT.sub("", name).replace("_", " "))
 
 
-def forms(schema: dict[str, Any]) -> Iterator[list[str]]:
+def setting_forms(schema: dict[str, Any]) -> Iterator[list[str]]:
     """Yield the names of settings that stand in one form, one under another."""
     for each in (schema, *schema.get("$defs", {}).values()):
         yield list(each.get("properties", {}))
@@ -86,9 +86,9 @@ def forms(schema: dict[str, Any]) -> Iterator[list[str]]:
 
 @pytest.mark.parametrize("entry", DEFINITIONS, ids=lambda entry: entry.name)
 def test_no_form_calls_two_of_its_settings_the_same(entry: ProcedureDefinition) -> None:
-    for names in forms(TypeAdapter(entry.spec_type).json_schema()):
-        said = Counter(plain_name(name) for name in names)
-        assert [name for name, times in said.items() if times > 1] == []
+    for names in setting_forms(TypeAdapter(entry.spec_type).json_schema()):
+        name_counts = Counter(plain_name(name) for name in names)
+        assert [name for name, times in name_counts.items() if times > 1] == []
 
 
 def setting_names(schema: dict[str, Any]) -> set[str]:
@@ -99,36 +99,36 @@ def setting_names(schema: dict[str, Any]) -> set[str]:
 
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str) -> None:
-    table = tables()[locale]
+    table = translation_tables()[locale]
     settings = {
         plain_name(name)
         for entry in DEFINITIONS
         for name in setting_names(TypeAdapter(entry.spec_type).json_schema())
     }
-    wanted = {
-        "titles": {key(entry.title) for entry in DEFINITIONS},
+    expected_texts = {
+        "titles": {text_key(entry.title) for entry in DEFINITIONS},
         "names": {entry.name.replace("_", " ") for entry in DEFINITIONS},
         "steps": step_names(),
         "settings": settings,
         "needs": {words for words, _ in NEEDS.values()},
-        "instructions": instructions()[0],
+        "instructions": instruction_texts()[0],
     }
-    missing = {what: sorted(texts - table.keys()) for what, texts in wanted.items()}
-    assert missing == {what: [] for what in wanted}
+    missing = {what: sorted(texts - table.keys()) for what, texts in expected_texts.items()}
+    assert missing == {what: [] for what in expected_texts}
 
 
-def test_sentences_with_figures_that_are_said_in_english_only_are_counted() -> None:
-    table = tables()["de"]
-    untranslated = sorted(instructions()[1] - table.keys())
+def test_sentences_with_figures_that_are_written_in_english_only_are_counted() -> None:
+    table = translation_tables()["de"]
+    untranslated = sorted(instruction_texts()[1] - table.keys())
     assert len(untranslated) <= ENGLISH_ONLY, "\n".join(untranslated)
 
 
 def test_every_language_translates_the_same_and_keeps_the_figures() -> None:
-    texts = tables()
+    texts = translation_tables()
     for locale in TRANSLATED:
         assert texts[locale].keys() == texts["de"].keys()
         for english, words in texts[locale].items():
             assert words.strip(), (locale, english)
             if "#" in words:
                 assert words.count("#") == english.count("#"), (locale, english)
-            assert key(english) == english, "a key has holes where its figures are"
+            assert text_key(english) == english, "a key has holes where its figures are"

@@ -9,9 +9,9 @@ from playwright.async_api import FloatRect, Locator, Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.cell_client import CellProcessGoneError, StopUnconfirmedError
-from tests.service.doors import Clock
-from tests.service.shop import PATIENCE_MS, Shop, a_shop
-from tests.service.test_people_pages import OneQuestion
+from tests.service.service_client import ServiceClock
+from tests.service.service_with_tablets import PATIENCE_MS, ServiceWithTablets, open_service_with_tablets
+from tests.service.test_people_pages import OneQuestionProcess
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("stop_and_refusal_pages")]
 SIZES = ((1280, 800), (1024, 768), (800, 1280))
@@ -22,22 +22,24 @@ STOPPED = {"message": "the robot stopped: operator.", "remedy": "Look at the rob
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ServiceWithTablets]:
     path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
-    async with a_shop(path, desk=OneQuestion, clock=Clock()) as opened:
+    async with open_service_with_tablets(
+        path, process_double=OneQuestionProcess, clock=ServiceClock()
+    ) as opened:
         yield opened
         assert opened.complaints == []
 
 
-def tell(shop: Shop, state: str, **trouble: str) -> None:
+def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: str) -> None:
     """Let the desk say how the robot is."""
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
-    told = {"devices": [robot | {"value": None, "settle": None} | trouble]}
-    shop.app.state.house.link.live = told
-    shop.app.state.house.screens.broadcast("live", told)
+    live_message = {"devices": [robot | {"value": None, "settle": None} | trouble]}
+    tablet_service.app.state.house.link.live = live_message
+    tablet_service.app.state.house.screens.broadcast("live", live_message)
 
 
-async def _box(place: Locator) -> FloatRect:
+async def _bounding_box(place: Locator) -> FloatRect:
     box = await place.bounding_box()
     assert box is not None
     return box
@@ -47,22 +49,22 @@ async def stands_inside(page: Page, test_id: str, size: tuple[int, int]) -> None
     """Wait until an element is wholly on the screen, without scrolling."""
     place = page.get_by_test_id(test_id)
     await expect(place).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
-    box = await _box(place)
+    box = await _bounding_box(place)
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= size[0], test_id
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-async def test_a_stopped_robot_is_told_everywhere_until_it_is_stopped_no_more(
-    shop: Shop, size: tuple[int, int]
+async def test_a_stopped_robot_is_shown_everywhere_until_it_is_released(
+    tablet_service: ServiceWithTablets, size: tuple[int, int]
 ) -> None:
-    tell(shop, "ready")
-    shop.app.state.house.link.ask("wire_is_hooked")
-    shop.nobody_has_control()
-    async with shop.tablet("Tom", size=size) as page:
+    publish_state(tablet_service, "ready")
+    tablet_service.app.state.house.link.ask_question("wire_is_hooked")
+    tablet_service.release_control()
+    async with tablet_service.signed_in_tablet("Tom", size=size) as page:
         await page.evaluate("location.hash = '#/'")
         await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
-        tell(shop, "stopped", **STOPPED)
+        publish_state(tablet_service, "stopped", **STOPPED)
         banner = page.get_by_test_id("stopped")
         await expect(banner).to_have_attribute("role", "alert", timeout=PATIENCE_MS)
         for place in PLACES:
@@ -73,16 +75,16 @@ async def test_a_stopped_robot_is_told_everywhere_until_it_is_stopped_no_more(
             await expect(page.get_by_test_id(button)).to_be_disabled(timeout=PATIENCE_MS)
         for control in ALWAYS:
             await stands_inside(page, control, size)
-        tops = [(await _box(page.get_by_test_id(control)))["y"] for control in ("hold", "stop")]
+        tops = [(await _bounding_box(page.get_by_test_id(control)))["y"] for control in ("hold", "stop")]
         assert tops[0] == tops[1], "a second row hides what is asked"
-        assert (await _box(page.locator("header")))["height"] <= 140, "no place is left for the step"
+        assert (await _bounding_box(page.locator("header")))["height"] <= 140, "no place is left for the step"
         await expect(banner).to_contain_text("What to do")
         await expect(banner.get_by_role("button")).to_have_count(0)
         await page.keyboard.press("Escape")
         await banner.click()
         await expect(banner).to_be_visible()
         await expect(page.get_by_test_id("stop")).to_be_enabled(timeout=PATIENCE_MS)
-        tell(shop, "ready")
+        publish_state(tablet_service, "ready")
         await expect(banner).to_have_count(0, timeout=PATIENCE_MS)
         await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
 
@@ -98,13 +100,18 @@ SAID: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("locale", SAID)
-async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: str) -> None:
-    tell(
-        shop, "stopped", message="fanuc: the robot refused: SRVO-023 Stop error.", remedy="Look at the robot."
+async def test_a_refusal_is_written_in_the_reader_s_language(
+    tablet_service: ServiceWithTablets, locale: str
+) -> None:
+    publish_state(
+        tablet_service,
+        "stopped",
+        message="fanuc: the robot refused: SRVO-023 Stop error.",
+        remedy="Look at the robot.",
     )
-    async with shop.tablet("Tom", locale=locale) as page:
+    async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
-        shop.app.state.house.link.end("refused", REASON, REMEDY)
+        tablet_service.app.state.house.link.end("refused", REASON, REMEDY)
         reason, remedy = SAID[locale]
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
@@ -115,7 +122,7 @@ async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: st
         await expect(banner).to_contain_text("SRVO-023 Stop error", timeout=PATIENCE_MS)
         if locale != "en":
             await expect(banner).not_to_contain_text("the robot refused", timeout=PATIENCE_MS)
-    shop.app.state.house.screens.broadcast("session", shop.app.state.house.link.session)
+    tablet_service.app.state.house.screens.broadcast("session", tablet_service.app.state.house.link.session)
 
 
 NOT_CONFIRMED = {
@@ -129,16 +136,19 @@ NOT_CONFIRMED = {
 @pytest.mark.parametrize("locale", NOT_CONFIRMED)
 @pytest.mark.parametrize("unanswered", [StopUnconfirmedError, CellProcessGoneError])
 async def test_a_stop_that_nobody_confirms_is_not_said_to_be_done(
-    shop: Shop, monkeypatch: pytest.MonkeyPatch, locale: str, unanswered: type[CellProcessGoneError]
+    tablet_service: ServiceWithTablets,
+    monkeypatch: pytest.MonkeyPatch,
+    locale: str,
+    unanswered: type[CellProcessGoneError],
 ) -> None:
     async def silent(_: dict[str, Any]) -> dict[str, Any]:
         raise unanswered
 
-    tell(shop, "ready")
-    shop.app.state.house.link.ask("wire_is_hooked")
-    shop.nobody_has_control()
-    monkeypatch.setattr(shop.app.state.house.link, "order", silent)
-    async with shop.tablet("Tom", locale=locale) as page:
+    publish_state(tablet_service, "ready")
+    tablet_service.app.state.house.link.ask_question("wire_is_hooked")
+    tablet_service.release_control()
+    monkeypatch.setattr(tablet_service.app.state.house.link, "order", silent)
+    async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
         await page.get_by_test_id("stop").click()
         await expect(page.get_by_test_id("refusal")).to_contain_text(

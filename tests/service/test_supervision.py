@@ -35,13 +35,20 @@ from cellcal.service.watching.follow import RobotWatches, follow_robots
 from cellcal.service.web.cell_client import TASK as CELL_PROCESS
 from cellcal.service.web.cell_client import CellProcessClient
 from cellcal.service.web.fleet import create_fleet_app
-from tests.service.browsers import served
-from tests.service.desks import a_cell, at_desk
-from tests.service.long_lived import begun, is_back, raise_in, raise_in_task, running_like, supervised
-from tests.service.receivers import Receiver
-from tests.service.sites import PATIENCE_S, Site, free_port, until
-from tests.service.test_fleet import Hall
+from tests.service.browser_pages import serve_app
+from tests.service.cell_process_session import a_cell, open_session
+from tests.service.long_lived_tasks import (
+    is_back,
+    raise_in,
+    raise_in_task,
+    running_like,
+    started_tasks,
+    supervised_names,
+)
+from tests.service.loopback_site import PATIENCE_S, LoopbackSite, free_port, wait_until
+from tests.service.test_fleet import PlayedFleet
 from tests.service.test_webhooks import cell_with_webhook
+from tests.service.webhook_receiver import WebhookReceiver
 
 # What goes on beside its caller without supervision, and why that may be: it ends by itself and is awaited, or the
 # one who began it looks at its end. Anything else belongs into drivers/supervision.py.
@@ -87,14 +94,14 @@ SHORT_LIVED = {
 def test_whatever_goes_on_beside_its_caller_is_supervised_or_awaited() -> None:
     unknown = sorted(
         (file, function, call)
-        for file, function, call in begun()
+        for file, function, call in started_tasks()
         if not {(file, function), (file, "*")} & SHORT_LIVED.keys()
     )
     assert not unknown, "begin it with drivers/supervision.py, or say in SHORT_LIVED why it need not be"
 
 
 def test_every_supervised_task_is_made_to_raise_here() -> None:
-    assert supervised() - TRIED == set(), "add it to a test below, and to TRIED"
+    assert supervised_names() - TRIED == set(), "add it to a test below, and to TRIED"
 
 
 async def failed_and_back(name: str, healthy: Callable[[], object] = lambda: True) -> None:
@@ -113,7 +120,7 @@ async def failed_and_back(name: str, healthy: Callable[[], object] = lambda: Tru
 async def test_the_tasks_of_the_cells_process_are_named_on_the_screen_and_come_back(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with at_desk(tmp_path) as person:
+    async with open_session(tmp_path) as person:
 
         def connected() -> Any:
             return person.session["connection"]["connected"]
@@ -124,28 +131,30 @@ async def test_the_tasks_of_the_cells_process_are_named_on_the_screen_and_come_b
             assert f"{name} failed" in caplog.text
         for name in running_like("CAN receiver of {}"):
             raise_in(name)
-            await person.until(lambda session: SUPERVISOR.failure_counts().get(name))  # noqa: B023
-            await person.until(lambda _: SUPERVISOR.holder_of(name) is not None and connected())  # noqa: B023
+            await person.wait_until(lambda session: SUPERVISOR.failure_counts().get(name))  # noqa: B023
+            await person.wait_until(lambda _: SUPERVISOR.holder_of(name) is not None and connected())  # noqa: B023
 
 
-async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
+async def test_a_disk_that_is_full_while_connecting_is_reported_and_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Real ``OSError`` where the lease is written: its folder is a file until the fault is over."""
-    async with a_cell(tmp_path) as (path, door):
+    async with a_cell(tmp_path) as (path, fake_client):
         config = read_cell_file(path)
         config.cell.data_dir.mkdir(parents=True, exist_ok=True)
         blocked = config.cell.data_dir / "leases"
         blocked.write_text("no folder")
-        from tests.service.desks import AtDesk
+        from tests.service.cell_process_session import ScreenSession
 
-        person = AtDesk(path, door)
-        attending = asyncio.create_task(person.desk.stay_connected())
+        person = ScreenSession(path, fake_client)
+        attending = asyncio.create_task(person.cell_process.stay_connected())
         try:
-            await person.until(lambda session: session["connection"]["message"] not in ("", "connecting"))
+            await person.wait_until(
+                lambda session: session["connection"]["message"] not in ("", "connecting")
+            )
             assert not person.session["connection"]["connected"]
             blocked.unlink()
-            await person.until(lambda session: session["connection"]["connected"])
+            await person.wait_until(lambda session: session["connection"]["connected"])
         finally:
             attending.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -154,11 +163,11 @@ async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
 
 async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _):
-        told: list[str] = []
-        link = CellProcessClient(path, lambda kind, _content: told.append(kind))
+        messages: list[str] = []
+        link = CellProcessClient(path, lambda kind, _content: messages.append(kind))
         keeping = link.start_process()
         try:
-            await comes(lambda: link.session)
+            await poll_until(lambda: link.session)
             for deed in ("killed", "babbles"):
                 before, process = SUPERVISOR.failure_counts().get(CELL_PROCESS, 0), link._process
                 if deed == "killed":
@@ -166,8 +175,8 @@ async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path:
                     os.kill(process.pid, signal.SIGKILL)
                 else:
                     raise_in_task(keeping)
-                await comes(lambda: is_back(CELL_PROCESS, before, lambda: link.session))  # noqa: B023
-                assert "gone" in told
+                await poll_until(lambda: is_back(CELL_PROCESS, before, lambda: link.session))  # noqa: B023
+                assert "gone" in messages
             words = [
                 trouble.message for trouble in SUPERVISOR.list_troubles() if trouble.task == CELL_PROCESS
             ]
@@ -185,7 +194,7 @@ async def test_a_process_of_the_outlets_is_named_with_its_last_words_and_begun_a
     feed.on_event("session", {"rev": 1})
     tasks = feed.start_tasks()
     try:
-        await comes(lambda: SUPERVISOR.failure_counts().get(feed.title, 0) > 1)  # and again
+        await poll_until(lambda: SUPERVISOR.failure_counts().get(feed.title, 0) > 1)  # and again
         words = next(trouble.message for trouble in SUPERVISOR.list_troubles() if trouble.task == feed.title)
         assert "no [webhook] table" in words
         await failed_and_back(f"words for {feed.title}")
@@ -196,7 +205,7 @@ async def test_a_process_of_the_outlets_is_named_with_its_last_words_and_begun_a
 
 
 async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> None:
-    with Receiver(free_port()).open() as receiver:
+    with WebhookReceiver(free_port()).open_receiver() as receiver:
         config = read_cell_file(cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/"))
         reading, writing = os.pipe()
         leave = threading.Event()
@@ -206,7 +215,7 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
         try:
             await failed_and_back("webhook: delivery")
             before = SUPERVISOR.failure_counts().get("desk tap", 0)
-            await comes(lambda: SUPERVISOR.holder_of("desk tap"))
+            await poll_until(lambda: SUPERVISOR.holder_of("desk tap"))
             raise_in("desk tap")
             while not is_back(
                 "desk tap", before, lambda: True
@@ -221,12 +230,15 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
 
 
 def test_the_monitors_threads_come_back(tmp_path: Path) -> None:
-    site = Site(tmp_path, "cell-07")
-    with site.router(), FleetListener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+    site = LoopbackSite(tmp_path, "cell-07")
+    with (
+        site.start_router(),
+        FleetListener(site.monitor_folder, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+    ):
         for name in ("monitor: hearing", "monitor: asking"):
             before = SUPERVISOR.failure_counts().get(name, 0)
-            until(lambda: raise_in(name))  # noqa: B023
-            until(lambda: is_back(name, before, lambda: True))  # noqa: B023
+            wait_until(lambda: raise_in(name))  # noqa: B023
+            wait_until(lambda: is_back(name, before, lambda: True))  # noqa: B023
         assert any("cannot go on" in flaw["what"] for flaw in listener.fleet.flaws)
 
 
@@ -256,20 +268,20 @@ NUMBERS = [
 async def test_one_cell_that_says_what_cannot_be_does_not_blind_the_view_of_the_others(
     tmp_path: Path, odd: dict[str, Any]
 ) -> None:
-    hall = Hall(tmp_path, 3)
+    hall = PlayedFleet(tmp_path, 3)
     app = create_fleet_app(hall, tmp_path)
     async with app.router.lifespan_context(app):
-        hall.say(hall.names[0])
-        hall.say(hall.names[0], **odd)
-        hall.say(hall.names[1], asks={"key": "k", "step": "now"})
-        house = app.state.house
-        await comes(lambda: b'"step":"now"' in house.rows.get(hall.names[1], b""))
+        hall.publish_state(hall.names[0])
+        hall.publish_state(hall.names[0], **odd)
+        hall.publish_state(hall.names[1], asks={"key": "k", "step": "now"})
+        app_context = app.state.house
+        await poll_until(lambda: b'"step":"now"' in app_context.rows.get(hall.names[1], b""))
         assert hall.names[0] in {flaw["cell"] for flaw in hall.fleet.flaws}
         await failed_and_back("monitor: view of the cells")
 
 
 async def test_the_web_servers_tasks_come_back() -> None:
-    async with served(FastAPI()) as address:
+    async with serve_app(FastAPI()) as address:
         host, port = address.removeprefix("http://").split(":")
 
         async def answers() -> None:
@@ -285,16 +297,16 @@ async def test_the_web_servers_tasks_come_back() -> None:
 
 async def test_the_watch_command_goes_on_with_each_robot(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _):
-        said: list[str] = []
+        lines: list[str] = []
 
         async def on_loss(_: object) -> None:
             return None
 
         following = asyncio.create_task(
-            follow_robots(RobotWatches(read_cell_file(path), on_loss), Hearer(said.append))
+            follow_robots(RobotWatches(read_cell_file(path), on_loss), Hearer(lines.append))
         )
         try:
-            await comes(lambda: len(said) >= 2)
+            await poll_until(lambda: len(lines) >= 2)
             for name in running_like("watch of {}"):
                 await failed_and_back(name)
         finally:
@@ -312,9 +324,9 @@ async def test_the_fakes_go_on_when_their_time_fails(
         clocks = [task for task in asyncio.all_tasks() if task.get_name().startswith("time of")]
         assert len(clocks) >= 3
         for task in clocks:
-            await comes(lambda: raise_in_task(task))  # noqa: B023
-            await comes(lambda: f"{task.get_name()} failed" in caplog.text)  # noqa: B023
-            await comes(lambda: getattr(task, "_fut_waiter", None) is not None)  # noqa: B023
+            await poll_until(lambda: raise_in_task(task))  # noqa: B023
+            await poll_until(lambda: f"{task.get_name()} failed" in caplog.text)  # noqa: B023
+            await poll_until(lambda: getattr(task, "_fut_waiter", None) is not None)  # noqa: B023
             assert not task.done()
 
 
@@ -323,18 +335,18 @@ async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_en
     changes: list[int] = []
     register.add_listener(lambda: changes.append(1))
 
-    async def fail() -> None:
-        raise InjectedHere
+    async def fail_at_start() -> None:
+        raise InjectedHereError
 
-    task = start_task("always", fail, register)
-    await comes(lambda: register.failure_counts().get("always", 0) >= 3)
+    task = start_task("always", fail_at_start, register)
+    await poll_until(lambda: register.failure_counts().get("always", 0) >= 3)
     trouble = register.list_troubles()[0]
     assert (trouble.task, trouble.failures >= 3) == ("always", True)
     assert changes
     task.cancel()
     await asyncio.wait({task})
     assert (register.task_names(), register.list_troubles()) == ([], [])
-    assert register.note_failure("always", InjectedHere()) <= LONGEST_PAUSE_S
+    assert register.note_failure("always", InjectedHereError()) <= LONGEST_PAUSE_S
 
 
 async def test_a_link_that_failed_is_shown_for_a_while_and_then_told_to_be_gone(
@@ -346,16 +358,16 @@ async def test_a_link_that_failed_is_shown_for_a_while_and_then_told_to_be_gone(
         lambda: told.append([trouble.task for trouble in register.list_troubles()])
     )
     register.note_start("CAN receiver of x")
-    register.broke("CAN receiver of x", InjectedHere())
+    register.broke("CAN receiver of x", InjectedHereError())
     assert register.holder_of("CAN receiver of x") is None
-    await comes(lambda: told and told[0] == ["CAN receiver of x"])
-    await comes(lambda: told[-1] == [])  # nobody has to ask: whoever listens is told
+    await poll_until(lambda: told and told[0] == ["CAN receiver of x"])
+    await poll_until(lambda: told[-1] == [])  # nobody has to ask: whoever listens is told
     assert register.task_names() == []
     register.note_start("CAN receiver of x")
-    register.broke("CAN receiver of x", InjectedHere())
+    register.broke("CAN receiver of x", InjectedHereError())
     register.note_start("CAN receiver of x")  # connected anew
     assert [trouble.running for trouble in register.list_troubles()] == [True]
-    await comes(lambda: told[-1] == [])
+    await poll_until(lambda: told[-1] == [])
     assert register.task_names() == ["CAN receiver of x"]
     assert register.holder_of("CAN receiver of x") is not None
     unlisten()
@@ -367,7 +379,7 @@ async def test_what_raises_while_it_leaves_is_not_begun_again(
 ) -> None:
     begun_at: list[asyncio.Event] = []
 
-    async def work() -> None:
+    async def raise_on_leaving() -> None:
         begun_at.append(asyncio.Event())
         try:
             begun_at[-1].set()
@@ -375,46 +387,46 @@ async def test_what_raises_while_it_leaves_is_not_begun_again(
         finally:
             raise BrokenPipeError
 
-    task = begin("leaves", work)
-    await comes(lambda: begun_at and begun_at[0].is_set())
+    task = begin("leaves", raise_on_leaving)
+    await poll_until(lambda: begun_at and begun_at[0].is_set())
     task.cancel()
     async with asyncio.timeout(PATIENCE_S):
         await asyncio.wait({task})
     assert len(begun_at) == 1
 
 
-async def test_a_links_task_that_raises_is_told_to_the_link() -> None:
-    told: list[Exception] = []
+async def test_a_task_that_raises_is_reported_to_its_link() -> None:
+    errors: list[Exception] = []
 
-    async def fail() -> None:
-        raise InjectedHere
+    async def fail_task() -> None:
+        raise InjectedHereError
 
-    await start_link_task("answers of x", fail, told.append)
-    assert isinstance(told[0], InjectedHere)
+    await start_link_task("answers of x", fail_task, errors.append)
+    assert isinstance(errors[0], InjectedHereError)
     assert SUPERVISOR.failure_counts()["answers of x"] >= 1
 
 
 def test_a_thread_is_begun_anew_until_it_may_leave(caplog: pytest.LogCaptureFixture) -> None:
     register, leave, count = Supervisor(), threading.Event(), iter(range(100))
 
-    def work() -> None:
+    def raise_in_thread() -> None:
         if next(count) < 2:
-            raise InjectedHere
+            raise InjectedHereError
         leave.wait(PATIENCE_S)
 
     with caplog.at_level(logging.ERROR):
-        thread = start_thread("worker", work, leave, register)
-        until(lambda: register.failure_counts().get("worker") == 2 and register.holder_of("worker"))
+        thread = start_thread("worker", raise_in_thread, leave, register)
+        wait_until(lambda: register.failure_counts().get("worker") == 2 and register.holder_of("worker"))
     leave.set()
     thread.join(PATIENCE_S)
     assert "worker failed: InjectedHere" in caplog.text
 
 
-class InjectedHere(RuntimeError):  # noqa: N818
+class InjectedHereError(RuntimeError):
     """What a test raises by itself."""
 
 
-async def comes(true: Callable[[], object]) -> None:
+async def poll_until(true: Callable[[], object]) -> None:
     async with asyncio.timeout(PATIENCE_S):
         while not true():
             await asyncio.sleep(0.01)

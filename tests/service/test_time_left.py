@@ -16,54 +16,54 @@ PHASES = (
 )
 
 
-class Told:
+class TimedRun:
     """A run's events at times that the test sets."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
-        self.left = RemainingTime(PHASES, clock=lambda: self.now_s)
+        self.remaining_time = RemainingTime(PHASES, clock=lambda: self.now_s)
 
-    def step(self, name: str, *takes_s: float, waits_s: float = 0.0) -> None:
-        self._say("started", name)
+    def run_step(self, name: str, *takes_s: float, waits_s: float = 0.0) -> None:
+        self._publish_event("started", name)
         for part, seconds in enumerate(takes_s):
             if part:
-                self._say("asked", name)
+                self._publish_event("asked", name)
                 self.now_s += waits_s
-                self._say("answered", name)
+                self._publish_event("answered", name)
             self.now_s += seconds
-        self._say("finding", name)
+        self._publish_event("finding", name)
 
-    def _say(self, kind: str, name: str) -> None:
-        self.left.record_progress(StepProgress(kind, name, 1, 27))
+    def _publish_event(self, kind: str, name: str) -> None:
+        self.remaining_time.record_progress(StepProgress(kind, name, 1, 27))
 
 
-def test_nothing_is_told_before_a_step_of_many_was_seen():
-    told = Told()
-    told.step("read", 0.01)
-    told.step("ask", 0.0, 0.01, waits_s=300.0)
-    assert told.left.estimate_seconds() is None
+def test_nothing_is_reported_before_a_step_of_many_was_seen():
+    timed_run = TimedRun()
+    timed_run.run_step("read", 0.01)
+    timed_run.run_step("ask", 0.0, 0.01, waits_s=300.0)
+    assert timed_run.remaining_time.estimate_seconds() is None
 
 
 def test_a_phase_that_is_seen_tells_its_rest_and_one_that_is_not_is_taken_to_be_like_them():
-    told = Told()
-    told.step("read", 0.01)
-    told.step("go to pose 1", 60.0)
-    assert told.left.estimate_seconds() == pytest.approx(9 * 60.0 + 10 * 60.0 + 4 * 60.0)
-    told.step("capture 1", 4.0)
-    assert told.left.estimate_seconds() == pytest.approx(9 * 60.0 + 9 * 4.0 + 4 * 32.0)
+    timed_run = TimedRun()
+    timed_run.run_step("read", 0.01)
+    timed_run.run_step("go to pose 1", 60.0)
+    assert timed_run.remaining_time.estimate_seconds() == pytest.approx(9 * 60.0 + 10 * 60.0 + 4 * 60.0)
+    timed_run.run_step("capture 1", 4.0)
+    assert timed_run.remaining_time.estimate_seconds() == pytest.approx(9 * 60.0 + 9 * 4.0 + 4 * 32.0)
 
 
 def test_waiting_for_people_counts_nothing_and_what_was_done_before_a_restart_is_done():
-    told = Told()
-    told.step("go to pose 1", 20.0, 40.0, waits_s=900.0)
+    timed_run = TimedRun()
+    timed_run.run_step("go to pose 1", 20.0, 40.0, waits_s=900.0)
     for k in range(2, 6):
-        told.left.record_progress(StepProgress("replayed", f"go to pose {k}", 1, 27))
-    assert told.left.estimate_seconds() == pytest.approx(5 * 60.0 + 10 * 60.0 + 4 * 60.0)
+        timed_run.remaining_time.record_progress(StepProgress("replayed", f"go to pose {k}", 1, 27))
+    assert timed_run.remaining_time.estimate_seconds() == pytest.approx(5 * 60.0 + 10 * 60.0 + 4 * 60.0)
 
 
 def test_at_the_end_nothing_is_left_and_more_steps_than_expected_do_no_harm():
-    told = Told()
+    timed_run = TimedRun()
     for name, count in (("go to pose", 10), ("capture", 10), ("check", 6)):
         for k in range(1, count + 1):
-            told.step(f"{name} {k}", 2.0)
-    assert told.left.estimate_seconds() == pytest.approx(0.0)
+            timed_run.run_step(f"{name} {k}", 2.0)
+    assert timed_run.remaining_time.estimate_seconds() == pytest.approx(0.0)

@@ -18,8 +18,8 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.mastering_backups import mastering_backups
-from tests.service.browsers import comes, hold_to_rules, hold_to_rules_in_every_language
-from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
+from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_every_language, wait_for_value
+from tests.service.step_page_actions import FakePendant, at_the_pages, let_go_early, wait_for_question
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("undo_pages")]
 SERIAL = "F-104711"
@@ -28,19 +28,19 @@ OFF = (0, 40_000, -30_000, 0, 9_000, 0)  # counts by which the backup is another
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pendant]:
+async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[FakePendant]:
     async with at_the_pages(tmp_path_factory.mktemp("undo")) as found:
         yield found
 
 
-async def on_the_robot(pendant: Pendant) -> bytes:
+async def on_the_robot(pendant: FakePendant) -> bytes:
     """Return what the fake controller holds, in its stored form."""
-    robot = (await pendant.door.read_truth())["robots"]["fanuc"]
+    robot = (await pendant.fake_client.read_truth())["robots"]["fanuc"]
     data = MasteringData(tuple(robot["counts_at_zero"]), robot["mastered"])
     return canonical_json(to_jsonable_python(data)).encode()
 
 
-def wrote(
+def journal_write(
     journal: Journal, held_before: dict[str, Any], robot: dict[str, Any], name: str = "earlier"
 ) -> None:
     """Let the journal hold a run that wrote the present mastering over another one, and broke off there."""
@@ -63,47 +63,47 @@ def wrote(
     journal.append(run_id, EventKind.INTENT, body)
 
 
-def config_of(pendant: Pendant) -> CellConfig:
+def config_of(pendant: FakePendant) -> CellConfig:
     return read_cell_file(pendant._app.state.house.settings.cell_file)
 
 
-async def start(page: Page) -> None:
+async def start_undo(page: Page) -> None:
     await page.evaluate("location.hash = '#/procedure/mastering_undo'")
     await page.get_by_test_id("start").click()
-    await asked(page, "accept_mastering")
+    await wait_for_question(page, "accept_mastering")
     await expect(page.get_by_test_id("yes")).to_be_enabled()
 
 
-async def held_to_the_end(page: Page, pendant: Pendant) -> dict[str, Any]:
+async def hold_undo_button(page: Page, pendant: FakePendant) -> dict[str, Any]:
     """Hold the button until the run has ended, however long the machine takes."""
     await page.get_by_test_id("yes").hover()
     await page.mouse.down()
-    ended = await pendant.looks.until(lambda session: session["run"]["outcome"])
+    ended = await pendant.viewer.wait_until(lambda session: session["run"]["outcome"])
     await page.mouse.up()
-    await pendant.looks.order(op="dismiss")
+    await pendant.viewer.send_order(op="dismiss")
     outcome: dict[str, Any] = ended["run"]["outcome"]
     return outcome
 
 
 async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
-    pendant: Pendant, tmp_path: Path
+    pendant: FakePendant, tmp_path: Path
 ) -> None:
     original = await on_the_robot(pendant)
-    robot = (await pendant.door.read_truth())["robots"]["fanuc"]
+    robot = (await pendant.fake_client.read_truth())["robots"]["fanuc"]
     other = [count + off for count, off in zip(robot["counts_at_zero"], OFF, strict=True)]
     backup = canonical_json({"counts_at_zero": other, "mastered": True}).encode()
     with open_journal(config_of(pendant)) as journal:
-        wrote(journal, {"counts_at_zero": other}, robot)
-        known = mastering_backups(journal.list_events(), SERIAL)
-    assert [len(known), known[0].of_run] == [1, "robot_calibration-earlier"]
+        journal_write(journal, {"counts_at_zero": other}, robot)
+        backups = mastering_backups(journal.list_events(), SERIAL)
+    assert [len(backups), backups[0].of_run] == [1, "robot_calibration-earlier"]
 
-    async with pendant.looks.page() as page:
+    async with pendant.viewer.open_page() as page:
         banner = page.get_by_test_id("loss")
         await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
         await expect(banner.get_by_role("link")).to_have_attribute("href", "#/procedure/mastering_undo")
         await page.screenshot(path=tmp_path / "unconfirmed_1280.png")
         await hold_to_rules(page, "unconfirmed")
-        await start(page)
+        await start_undo(page)
         rows = page.get_by_test_id("review-changes").locator("tbody tr")
         await expect(rows).to_have_count(7)  # six axes and whether it is mastered
         await expect(rows.nth(6).locator("td")).to_have_text(
@@ -117,23 +117,25 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         assert await on_the_robot(pendant) == original
         await let_go_early(page)
         assert await on_the_robot(pendant) == original  # one second is not two
-        outcome = await held_to_the_end(page, pendant)
+        outcome = await hold_undo_button(page, pendant)
         assert (outcome["verdict"], outcome["judgement"]["word"]) == ("passed", "pass"), json.dumps(outcome)
         assert await on_the_robot(pendant) == backup
         await expect(banner).to_have_count(0)
 
-        await start(page)
-        assert (await held_to_the_end(page, pendant))["verdict"] == "passed"
-        await comes(lambda: on_the_robot(pendant), lambda held: held == original)
+        await start_undo(page)
+        assert (await hold_undo_button(page, pendant))["verdict"] == "passed"
+        await wait_for_value(lambda: on_the_robot(pendant), lambda value: value == original)
 
         with open_journal(config_of(pendant)) as journal:
             lost = {"mastering": {"counts_at_zero": other, "mastered": False}}
-            wrote(journal, lost, robot, "over a lost one")
+            journal_write(journal, lost, robot, "over a lost one")
         # the watch tells of it within ten seconds; a press made for the session before is refused
         await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
-        await start(page)  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
+        await start_undo(
+            page
+        )  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
         await expect(page.get_by_test_id("review-unmasters")).to_contain_text("NOT be mastered")
         await expect(rows.nth(6).locator("td")).to_have_text(["mastered", "yes", re.compile("no"), NO_CHANGE])
-        await pendant.looks.order(op="stop")
-        await pendant.looks.until(lambda session: session["run"]["outcome"])
-        await pendant.looks.order(op="dismiss")
+        await pendant.viewer.send_order(op="stop")
+        await pendant.viewer.wait_until(lambda session: session["run"]["outcome"])
+        await pendant.viewer.send_order(op="dismiss")

@@ -12,10 +12,10 @@ import pytest_asyncio
 from playwright.async_api import Page, WebSocketRoute, expect
 
 from cellcal.calibration.arm.kinematics import load_model
-from tests.service.browsers import at_rest, comes
-from tests.service.lookers import looking_back
-from tests.service.reviewed import ROBOT, Past
-from tests.service.test_pages import NO_WEBGL, Looking
+from tests.service.browser_pages import at_rest, wait_for_value
+from tests.service.cell_with_history import ROBOT, PastRuns
+from tests.service.past_cell_view import view_past_cell
+from tests.service.test_pages import NO_WEBGL, PageViewer
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("view3d")]
 POSES: list[dict[str, Any]] = [
@@ -26,29 +26,33 @@ PLAN = {
     "step": "accept the plan", "page": "approve", "data": {"plan": {"poses": POSES}},
 }  # fmt: skip
 
-Seen = tuple[Looking, Past]
+Seen = tuple[PageViewer, PastRuns]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
-    async with looking_back(tmp_path_factory.mktemp("cell")) as found:
+async def picture_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+    async with view_past_cell(tmp_path_factory.mktemp("cell")) as found:
         yield found
 
 
-async def shown(page: Page, what: str) -> Any:
+async def wait_for_picture(page: Page, what: str) -> Any:
     """Return something of the picture once it is there."""
-    return await comes(lambda: page.evaluate(f"window.__robot?.frames ? window.__robot.{what} : null"))
+    return await wait_for_value(
+        lambda: page.evaluate(f"window.__robot?.frames ? window.__robot.{what} : null")
+    )
 
 
-async def feed(page: Page, prompt: dict[str, Any] | None, change: Any = None) -> list[WebSocketRoute]:
+async def feed_question(
+    page: Page, prompt: dict[str, Any] | None, change: Any = None
+) -> list[WebSocketRoute]:
     """Put a question into every session that the page is told, and change live values on their way."""
     lines: list[WebSocketRoute] = []
 
-    def between(line: WebSocketRoute) -> None:
+    def forward_messages(line: WebSocketRoute) -> None:
         server = line.connect_to_server()
         lines.append(line)
 
-        def told(message: str | bytes) -> None:
+        def change_message(message: str | bytes) -> None:
             content = json.loads(message)
             if content["kind"] == "session" and prompt is not None:
                 content["content"]["prompt"] = prompt
@@ -56,9 +60,9 @@ async def feed(page: Page, prompt: dict[str, Any] | None, change: Any = None) ->
                 change(content["content"])
             line.send(json.dumps(content))
 
-        server.on_message(told)
+        server.on_message(change_message)
 
-    await page.route_web_socket("**/api/screen", between)
+    await page.route_web_socket("**/api/screen", forward_messages)
     return lines
 
 
@@ -66,11 +70,11 @@ def flange_of(joints_rad: list[float]) -> np.ndarray:
     return np.asarray(load_model("fanuc_m6ib").base_flange(np.array([joints_rad]))[0][:3, 3])
 
 
-async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(seen: Seen) -> None:
-    async with seen[0].page() as page:
-        await feed(page, PLAN)
+async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(picture_view: Seen) -> None:
+    async with picture_view[0].open_page() as page:
+        await feed_question(page, PLAN)
         await page.reload()
-        ghosts = await shown(page, "ghosts")
+        ghosts = await wait_for_picture(page, "ghosts")
         assert [ghost["name"] for ghost in ghosts] == [pose["name"] for pose in POSES]
         for ghost, pose in zip(ghosts, POSES, strict=True):
             assert np.abs(np.array(ghost["flange_m"]) - flange_of(pose["joints_rad"])).max() < 1e-4
@@ -80,70 +84,74 @@ async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(seen: Seen) 
         await expect(bar).to_contain_text("pose 2")
 
 
-async def test_without_a_plan_there_is_no_ghost(seen: Seen) -> None:
-    async with seen[0].page() as page:
-        await shown(page, "joints_rad")
+async def test_without_a_plan_there_is_no_ghost(picture_view: Seen) -> None:
+    async with picture_view[0].open_page() as page:
+        await wait_for_picture(page, "joints_rad")
         await at_rest(page)
         assert await page.evaluate("window.__robot.ghosts") == []
         await expect(page.get_by_test_id("ghosts")).to_have_count(0)
 
 
-async def test_the_wire_goes_from_its_anchor_to_the_hook(seen: Seen) -> None:
-    looks, past = seen
+async def test_the_wire_goes_from_its_anchor_to_the_hook(picture_view: Seen) -> None:
+    viewer, past = picture_view
     setup = past.config.gauges[0].setup
-    async with looks.page() as page:
-        anchor, hook = await shown(page, "wire_m")
+    async with viewer.open_page() as page:
+        anchor, hook = await wait_for_picture(page, "wire_m")
         joints = await page.evaluate("window.__robot.joints_rad")
         flange = load_model("fanuc_m6ib").base_flange(np.array([joints]))[0]
-        wanted = flange[:3, :3] @ np.array(setup.hook_in_flange_m) + flange[:3, 3]
+        expected_hook = flange[:3, :3] @ np.array(setup.hook_in_flange_m) + flange[:3, 3]
         assert np.abs(np.array(anchor) - setup.anchor_in_base_m).max() < 1e-9
-        assert np.abs(np.array(hook) - wanted).max() < 1e-4
+        assert np.abs(np.array(hook) - expected_hook).max() < 1e-4
 
 
-async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(seen: Seen) -> None:
-    looks, _ = seen
-    async with looks.page() as page:
-        ellipsoid = await shown(page, "ellipsoid")
+async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(picture_view: Seen) -> None:
+    viewer, _ = picture_view
+    async with viewer.open_page() as page:
+        ellipsoid = await wait_for_picture(page, "ellipsoid")
         axes = ["base", "tool 3", "user frame 2"]
-        await comes(lambda: page.evaluate("window.__robot.axes"), lambda told: told == axes)
+        await wait_for_value(
+            lambda: page.evaluate("window.__robot.axes"), lambda uncertainty: uncertainty == axes
+        )
         joints = ",".join(str(q) for q in await page.evaluate("window.__robot.joints_rad"))
-        told = (await looks.client.get(f"/api/models/{ROBOT}/uncertainty?joints_rad={joints}")).json()
-        assert np.allclose(ellipsoid["semi_axes_m"], told["semi_axes_m"], rtol=0.02)
+        uncertainty = (await viewer.client.get(f"/api/models/{ROBOT}/uncertainty?joints_rad={joints}")).json()
+        assert np.allclose(ellipsoid["semi_axes_m"], uncertainty["semi_axes_m"], rtol=0.02)
         drawn_m = max(ellipsoid["semi_axes_m"]) * ellipsoid["times"]
         assert 0.1 <= drawn_m <= 0.25
         legend = page.get_by_test_id("legend")
         await legend.locator("summary").click()
-        await expect(page.get_by_test_id("doubt")).to_contain_text(f"{max(told['semi_axes_m']) * 1e3:.3f}")
+        await expect(page.get_by_test_id("doubt")).to_contain_text(
+            f"{max(uncertainty['semi_axes_m']) * 1e3:.3f}"
+        )
         await expect(page.get_by_test_id("doubt")).to_contain_text(f"{ellipsoid['times']:g} times")
         await expect(legend).to_contain_text("floor")  # from the cell file
 
 
-async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(seen: Seen) -> None:
+async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(picture_view: Seen) -> None:
     turned = 0.0
 
-    def turn(live: dict[str, Any]) -> None:
+    def turn_joint(live: dict[str, Any]) -> None:
         nonlocal turned
         turned += 0.01
         for device in live["devices"]:
             if device["role"] == "robot" and device["value"]:
                 device["value"]["joints_rad"] = [turned, *device["value"]["joints_rad"][1:]]
 
-    async with seen[0].page() as page:
-        await feed(page, None, turn)
+    async with picture_view[0].open_page() as page:
+        await feed_question(page, None, turn_joint)
         await page.reload()
-        await shown(page, "joints_rad")
+        await wait_for_picture(page, "joints_rad")
         before, at = await page.evaluate("[window.__robot.frames, performance.now()]")
         while turned < 0.5:
             await asyncio.sleep(0.1)
         after, then = await page.evaluate("[window.__robot.frames, performance.now()]")
         assert before < after <= before + 12.0 * (then - at) / 1000.0 + 1
-        await comes(  # a few messages behind at most, once this computer lets it
+        await wait_for_value(  # a few messages behind at most, once this computer lets it
             lambda: page.evaluate("window.__robot.joints_rad[0]"), lambda at: abs(at - turned) < 0.05
         )
 
 
-async def test_without_webgl_frames_and_doubt_are_words(seen: Seen) -> None:
-    async with seen[0].page() as page:
+async def test_without_webgl_frames_and_doubt_are_words(picture_view: Seen) -> None:
+    async with picture_view[0].open_page() as page:
         await page.add_init_script(NO_WEBGL)
         await page.reload()
         await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
@@ -152,16 +160,16 @@ async def test_without_webgl_frames_and_doubt_are_words(seen: Seen) -> None:
         await expect(page.get_by_test_id("legend")).to_contain_text("tool 3")
 
 
-async def test_what_a_broken_plan_holds_is_not_drawn(seen: Seen) -> None:
+async def test_what_a_broken_plan_holds_is_not_drawn(picture_view: Seen) -> None:
     bad = PLAN | {
         "data": {"plan": {"poses": [{"name": "x"}, {"name": "y", "joints_rad": [None] * 6}, POSES[0]]}}
     }
-    async with seen[0].page() as page:
-        await feed(page, bad)
+    async with picture_view[0].open_page() as page:
+        await feed_question(page, bad)
         await page.reload()
-        assert [ghost["name"] for ghost in await shown(page, "ghosts")] == ["pose 1"]
+        assert [ghost["name"] for ghost in await wait_for_picture(page, "ghosts")] == ["pose 1"]
 
 
-async def test_another_robot_has_another_picture_and_nothing_known_of_its_tool(seen: Seen) -> None:
-    answer: httpx.Response = await seen[0].client.get("/api/models/ur/frames")
+async def test_another_robot_has_another_picture_and_nothing_known_of_its_tool(picture_view: Seen) -> None:
+    answer: httpx.Response = await picture_view[0].client.get("/api/models/ur/frames")
     assert answer.json() == []

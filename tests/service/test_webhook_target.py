@@ -15,8 +15,8 @@ from cryptography.x509.oid import NameOID
 
 from cellcal.service.export.webhook_sender import signed_headers
 from cellcal.service.export.webhook_target import WebhookError, deliver_event, refuse_address, target_of
-from tests.service.receivers import SECRET, Receiver, table
-from tests.service.sites import free_port
+from tests.service.loopback_site import free_port
+from tests.service.webhook_receiver import SECRET, WebhookReceiver, webhook_table
 
 BAD_URLS = [
     *(
@@ -39,7 +39,7 @@ BAD_URLS = [
 @pytest.mark.parametrize("url", BAD_URLS)
 def test_an_address_that_is_none_is_refused(tmp_path: Path, url: str) -> None:
     with pytest.raises(WebhookError):
-        target_of(table(url, tmp_path))
+        target_of(webhook_table(url, tmp_path))
 
 
 # name, address, allowed by default, allowed in a private network
@@ -74,7 +74,7 @@ def test_only_an_address_that_was_meant_is_reached(
     tmp_path: Path, host: str, address: str, public: bool, private: bool
 ) -> None:
     for in_plant, allowed in ((False, public), (True, private)):
-        target = target_of(table(f"https://{host}/", tmp_path, private_network=in_plant))
+        target = target_of(webhook_table(f"https://{host}/", tmp_path, private_network=in_plant))
         if allowed:
             refuse_address(ipaddress.ip_address(address), target)
         else:
@@ -82,27 +82,27 @@ def test_only_an_address_that_was_meant_is_reached(
                 refuse_address(ipaddress.ip_address(address), target)
 
 
-def test_a_name_of_this_computer_that_is_not_said_so_reaches_nobody(tmp_path: Path) -> None:
-    receiver = Receiver(free_port())
-    with receiver.open():
+def test_an_undeclared_local_address_is_not_contacted(tmp_path: Path) -> None:
+    receiver = WebhookReceiver(free_port())
+    with receiver.open_receiver():
         own_name = socket.gethostname()
-        target = target_of(table(f"https://{own_name}.localdomain:{receiver.port}/", tmp_path))
+        target = target_of(webhook_table(f"https://{own_name}.localdomain:{receiver.port}/", tmp_path))
         with pytest.raises(WebhookError):
             deliver_event(target, b"{}", signed_headers(SECRET, "evt_1", b"{}", 0.0))
-    assert receiver.heard == []
+    assert receiver.messages == []
 
 
 def test_a_proxy_of_the_environment_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    receiver = Receiver(free_port())
+    receiver = WebhookReceiver(free_port())
     monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
     monkeypatch.setenv("ALL_PROXY", "http://127.0.0.1:9")
     body = json.dumps({"type": "test", "data": {"code": "x"}}).encode()
-    with receiver.open():
-        target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
+    with receiver.open_receiver():
+        target = target_of(webhook_table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
         assert deliver_event(target, body, signed_headers(SECRET, "evt_1", body, 0.0)) == 204
 
 
-def certified(folder: Path) -> tuple[ssl.SSLContext, Path]:
+def make_server_certificate(folder: Path) -> tuple[ssl.SSLContext, Path]:
     key = ec.generate_private_key(ec.SECP256R1())
     name, now = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "receiver")]), datetime.now(UTC)
     made = (
@@ -126,15 +126,15 @@ def certified(folder: Path) -> tuple[ssl.SSLContext, Path]:
     return context, path
 
 
-def test_tls_is_checked_against_the_name_and_who_vouches_for_it(tmp_path: Path) -> None:
-    context, ca_file = certified(tmp_path)
-    receiver = Receiver(free_port(), context=context)
+def test_tls_is_checked_against_name_and_issuer(tmp_path: Path) -> None:
+    context, ca_file = make_server_certificate(tmp_path)
+    receiver = WebhookReceiver(free_port(), context=context)
     body = json.dumps({"type": "test", "data": {"code": "x"}}).encode()
     headers = signed_headers(SECRET, "evt_1", body, 0.0)
-    with receiver.open():
-        good = table(f"https://localhost:{receiver.port}/", tmp_path, ca_file=ca_file)
+    with receiver.open_receiver():
+        good = webhook_table(f"https://localhost:{receiver.port}/", tmp_path, ca_file=ca_file)
         assert deliver_event(target_of(good), body, headers) == 204
         for url, ca in ((f"https://127.0.0.1:{receiver.port}/", ca_file), (good.url, None)):
             with pytest.raises(WebhookError, match="does not take the event"):
-                deliver_event(target_of(table(url, tmp_path, ca_file=ca)), body, headers)
-    assert len(receiver.heard) == 1
+                deliver_event(target_of(webhook_table(url, tmp_path, ca_file=ca)), body, headers)
+    assert len(receiver.messages) == 1

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.service.browsers import ROOT
+from tests.service.browser_pages import ROOT
 
 LOOPBACK_UP = """
 import fcntl, os, socket, struct, sys

@@ -40,9 +40,9 @@ from tests.soak import (
     two_tablets,
     ur_fence,
 )
-from tests.soak.figures import Figures
+from tests.soak.campaign_figures import CampaignFigures
 
-CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
+CAMPAIGNS: dict[str, tuple[Callable[[int], CampaignFigures], int]] = {
     "turns": (stories.turns, 200),
     "recovery_time": (stories.recovery_time, 4),
     "motor": (stories.motor, 50),
@@ -104,14 +104,14 @@ def main() -> int:
     parts = (
         programs.of_one_generator() | program_speed.of_one_brand() | program_motion.of_one_language()
     )  # which run when they are named
-    known = CAMPAIGNS | parts
-    unknown = [name for name, _, _ in words if name not in known]
+    campaigns = CAMPAIGNS | parts
+    unknown = [name for name, _, _ in words if name not in campaigns]
     if unknown:
-        sys.stderr.write(f"no campaign {', '.join(unknown)}; there are {', '.join(known)}\n")
+        sys.stderr.write(f"no campaign {', '.join(unknown)}; there are {', '.join(campaigns)}\n")
         return 2
     ended = []
     for name, _, count in words:
-        campaign, full = known[name]
+        campaign, full = campaigns[name]
         figures = campaign(int(count) if count else full)
         ended.append(figures.reached)
         sys.stdout.write(f"{'reached' if figures.reached else 'MISSED '} {figures.line}\n")

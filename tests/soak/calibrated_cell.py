@@ -23,7 +23,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.runs.open_cell import open_cell
 from cellcal.service.runs.settings import build_spec
-from tests.procedures.ideal import Hands
+from tests.procedures.ideal_devices import ScriptedTechnician
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
 POSTURES = 300
@@ -96,22 +96,22 @@ control_port = 0
 
 
 @dataclass(frozen=True)
-class Bench:
+class CalibrationBench:
     """A cell as procedures see it, and the world behind it."""
 
     cell: Cell
     fake: FakeCell
     config: CellConfig
-    hands: Hands
+    technician: ScriptedTechnician
 
-    def hang_where_asked(self) -> None:
+    def hang_at_targets(self) -> None:
         """Let the technician put hook or reflector where an instruction wants it, as long as this cell is open."""
         wire: Any = self.fake.gauges[0]
         tracker: Any = self.fake.trackers[0]
         holes, home = self.fake.world.end_effector, tracker.sensor.flange_probe.copy()
         assert holes is not None
 
-        def put(number: int) -> None:
+        def hang_wire(number: int) -> None:
             if number:
                 wire.gauge.hook_to(number)
                 tracker.sensor.flange_probe = homogeneous_matrix(home[:3, :3], holes.hole_in_flange(number))
@@ -121,15 +121,15 @@ class Bench:
 
         for number in range(1, 1 + len(holes.targets_m)):
             for key in ("hook_wire", "target_to_point"):
-                self.hands.does[f"{key}_{number}"] = lambda number=number: put(number)
-        self.hands.does["hook_wire_back"] = self.hands.does["target_back"] = lambda: put(0)
+                self.technician.does[f"{key}_{number}"] = lambda number=number: hang_wire(number)
+        self.technician.does["hook_wire_back"] = self.technician.does["target_back"] = lambda: hang_wire(0)
 
     def flange_tool(self) -> np.ndarray:
         """Return where the tool truly is in the flange that the arm's last axis and its zero define, (4, 4)."""
         wire: Any = self.fake.gauges[0]
         return np.asarray(wire.gauge.tool_in_flange())
 
-    def spec(self, procedure: str, **settings: Any) -> Any:
+    def build_spec(self, procedure: str, **settings: Any) -> Any:
         """Return a procedure's spec as the service makes it: it knows what stands in the cell."""
         return build_spec(self.config, "fanuc", procedure, settings)
 
@@ -162,12 +162,12 @@ class Bench:
             changes[:, 0] = LOST_ZERO_RAD * arm.coupling[:, int(what[1:]) - 1]
             arm.bend_links(changes)
 
-        def undo() -> None:
+        def undo_fault() -> None:
             arm.hidden = hidden
             for name, value in before.items():
                 setattr(device, name, value)
 
-        return undo
+        return undo_fault
 
     def target_m(self, method: str) -> np.ndarray:
         """Return where the hook or the reflector truly is on the flange [m]."""
@@ -185,22 +185,22 @@ class Bench:
 @asynccontextmanager
 async def cell_behind_sockets(
     folder: Path, seed: int, *, time_factor: float = 2000.0
-) -> AsyncIterator[Bench]:
+) -> AsyncIterator[CalibrationBench]:
     """Play the devices in this process, connect to them over loopback, and lend the cell."""
     path, pid = folder / f"cell_{seed}.toml", os.getpid()
     address = f"127.{60 + next(_numbers) % 60}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
     text = CELL.format(folder=folder, address=address, seed=seed, time_factor=time_factor)
     path.write_text(text, encoding="utf-8")
     config = read_cell_file(path)
-    hands = Hands()
-    async with FakeCell.from_file(path) as fake, open_cell(config, hands) as cell:
-        yield Bench(cell, fake, config, hands)
+    technician = ScriptedTechnician()
+    async with FakeCell.from_file(path) as fake, open_cell(config, technician) as cell:
+        yield CalibrationBench(cell, fake, config, technician)
 
 
 WORK, FRAME = 977, 4242  # draws of postures: those that are judged, and those that a user frame is set by
 
 
-def work(draw: int) -> np.ndarray:
+def work_postures(draw: int) -> np.ndarray:
     """Return postures over the whole work of the wire, that no plan has drawn."""
     wire = WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.08, highest_fraction=0.92)
     return candidate_joints(
@@ -208,22 +208,25 @@ def work(draw: int) -> np.ndarray:
     )
 
 
-def errors_m(bench: Bench, arm: CalibratedArm, hook_m: np.ndarray) -> np.ndarray:
+def errors_m(bench: CalibrationBench, arm: CalibratedArm, hook_m: np.ndarray) -> np.ndarray:
     """Return by how much the target misses, over the work, where an identified arm says it is.
 
     The user frame in which that is looked at is set at other postures than those that are judged.
     """
-    set_by, judged = ((said, bench.targets_m(at, hook_m)) for at, said in _said(arm, (FRAME, WORK)))
+    set_by, judged = (
+        (stated_target_m, bench.targets_m(at, hook_m))
+        for at, stated_target_m in _stated_targets(arm, (FRAME, WORK))
+    )
     frame = best_fit_transform(set_by[0].tolist(), set_by[1].tolist()).target_source.to_matrix()
-    said, true = judged
-    return np.linalg.norm(said @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)
+    stated_target_m, true = judged
+    return np.linalg.norm(stated_target_m @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)
 
 
-def _said(arm: CalibratedArm, draws: Iterable[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _stated_targets(arm: CalibratedArm, draws: Iterable[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield postures of each draw, and where the identified arm says that its target is there."""
     start = StartingPoint(arm.parameter_values())
     tool = homogeneous_matrix(np.eye(3), np.array(arm.target_in_flange_m))
     state = starting_state(load_model(arm.model), start, (), tool, ())
-    for joints_rad in map(work, draws):
+    for joints_rad in map(work_postures, draws):
         moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
         yield joints_rad, (state.arm_model.base_flange(moved) @ state.flange_tool)[:, :3, 3]

@@ -14,9 +14,9 @@ from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.drift_check import drift_check
 from cellcal.procedures.robot_calibration import DEFINITION, robot_calibration
 from cellcal.procedures.run import Run
-from tests.procedures.ledgers import MemoryLedger
+from tests.procedures.memory_ledgers import MemoryLedger
 from tests.soak.calibrated_cell import cell_behind_sockets, errors_m
-from tests.soak.figures import Figures
+from tests.soak.campaign_figures import CampaignFigures
 from tests.unit.helpers.fixture_world import TARGETS, error_of, stated_u
 
 MOST_MEAN_M, LEAST_SAVED = 0.00025, 0.25
@@ -25,7 +25,7 @@ WITHIN_U = 0.9  # of all seeds: U is a claim at 95 %
 
 
 @dataclass(frozen=True)
-class Calibrated:
+class CalibrationOutcome:
     """One calibration against the truth."""
 
     mean_m: float
@@ -38,17 +38,17 @@ class Calibrated:
     after_m: float
 
 
-async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibrated:
+async def calibrate_robot(seed: int, folder: Path, method: Method = "wire") -> CalibrationOutcome:
     """Calibrate one fake robot, and look at the truth."""
     async with cell_behind_sockets(folder, seed) as bench:
-        spec = bench.spec("robot_calibration", method=method)
+        spec = bench.build_spec("robot_calibration", method=method)
         result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
         hook = bench.target_m(method)
         errors = errors_m(bench, result.arm, hook)
     found = result.identified
     fixed = found.fixed_plan_captures
     assert DEFINITION.verdict is not None
-    return Calibrated(
+    return CalibrationOutcome(
         mean_m=float(errors.mean()),
         rms_m=float(np.sqrt(np.mean(errors**2))),
         tip_u_m=found.tip_u_m,
@@ -60,10 +60,12 @@ async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibra
     )
 
 
-def calibrations(seeds: int) -> Figures:
+def calibrations(seeds: int) -> CampaignFigures:
     """Robots calibrated with a wire of 0.1 mm: error over the work, its stated U, and the poses saved."""
     with tempfile.TemporaryDirectory() as folder:
-        runs = [asyncio.run(calibrate(seed, Path(folder))) for seed in _seeds("calibrations", seeds)]
+        runs = [
+            asyncio.run(calibrate_robot(seed, Path(folder))) for seed in _seed_range("calibrations", seeds)
+        ]
     means = np.array([run.mean_m for run in runs]) * 1e3
     saved = [run.saved for run in runs if run.saved is not None] or [0.0]
     below, unreached = float(np.mean(means <= MOST_MEAN_M * 1e3)), sum(run.saved is None for run in runs)
@@ -79,7 +81,7 @@ def calibrations(seeds: int) -> Figures:
         f"(not among the saved); {passed} of {seeds} PASS"
     )
     accurate = means.mean() <= MOST_MEAN_M * 1e3 and below >= BELOW
-    return Figures(line, bool(accurate and np.mean(saved) >= LEAST_SAVED and within >= WITHIN_U))
+    return CampaignFigures(line, bool(accurate and np.mean(saved) >= LEAST_SAVED and within >= WITHIN_U))
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,9 @@ class ToolFound:
 async def find_tool(seed: int, folder: Path, method: Method) -> ToolFound:
     """Calibrate one fake robot with three points of its end-effector measured in between, and look at the truth."""
     async with cell_behind_sockets(folder, seed) as bench:
-        bench.hang_where_asked()
+        bench.hang_at_targets()
         points = {"points_in_tool_m": TARGETS, "rough_flange_tool": {"position_m": [0.0, 0.0, 0.2]}}
-        spec = bench.spec("robot_calibration", method=method, tool_number=3, **points)
+        spec = bench.build_spec("robot_calibration", method=method, tool_number=3, **points)
         result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
         found, truth = result.identified.tool, bench.flange_tool()
         errors = errors_m(bench, result.arm, bench.target_m(method))
@@ -117,12 +119,12 @@ async def find_tool(seed: int, folder: Path, method: Method) -> ToolFound:
     )
 
 
-def tool_in_calibration(seeds: int) -> Figures:
+def tool_in_calibration(seeds: int) -> CampaignFigures:
     """Tool frames found inside calibrations with wire and tracker in turn: the error, and whether U holds it."""
     with tempfile.TemporaryDirectory() as folder:
         runs = [
             asyncio.run(find_tool(seed, Path(folder), "tracker" if seed % 2 else "wire"))
-            for seed in _seeds("tools in calibrations", seeds)
+            for seed in _seed_range("tools in calibrations", seeds)
         ]
     covered = float(np.mean([np.abs(run.error) <= run.u for run in runs]))
     tips = np.array([np.linalg.norm(run.error[:3]) for run in runs]) * 1e3
@@ -135,22 +137,22 @@ def tool_in_calibration(seeds: int) -> Figures:
         f"{np.mean([run.captures for run in runs]):.0f} captures at its points; written in {written} of {seeds}; "
         f"target over the work inside U in {within:.0%}; {sum(run.verdict == 'pass' for run in runs)} PASS"
     )
-    return Figures(line, covered >= WITHIN_U and within >= WITHIN_U)
+    return CampaignFigures(line, covered >= WITHIN_U and within >= WITHIN_U)
 
 
 @dataclass(frozen=True)
-class Drifted:
+class DriftOutcome:
     """What a drift check said after something happened."""
 
     happened: str
     named: str  # "" where it left it open, "nothing" where it saw no change
 
 
-async def drift(seed: int, folder: Path, method: Method) -> list[Drifted]:
+async def check_drift(seed: int, folder: Path, method: Method) -> list[DriftOutcome]:
     """Take a reference of one fake robot, let one thing after another happen to it, and ask each time."""
-    told = []
+    outcomes = []
     async with cell_behind_sockets(folder, seed) as bench:
-        spec = bench.spec("drift_check", method=method)
+        spec = bench.build_spec("drift_check", method=method)
         reference = (await drift_check(Run(bench.cell, MemoryLedger()), spec)).reference
         cell = replace(bench.cell, drift_references=(reference,))
         for happened in ("nothing", "tool", "device", "warmth", *(f"J{k}" for k in range(1, 7))):
@@ -165,29 +167,32 @@ async def drift(seed: int, folder: Path, method: Method) -> list[Drifted]:
                 if look.decided
                 else ""
             )
-            told.append(Drifted(happened, named))
-    return told
+            outcomes.append(DriftOutcome(happened, named))
+    return outcomes
 
 
-def drifts(seeds: int) -> Figures:
+def drifts(seeds: int) -> CampaignFigures:
     """Drift checks with wire and tracker in turn: what happened is named, and hardly ever wrongly."""
-    told: list[Drifted] = []
+    outcomes: list[DriftOutcome] = []
     with tempfile.TemporaryDirectory() as folder:
-        for seed in _seeds("drift checks", seeds):
-            told += asyncio.run(drift(seed, Path(folder), "tracker" if seed % 2 else "wire"))
-    quiet = [one for one in told if one.happened == "nothing"]
+        for seed in _seed_range("drift checks", seeds):
+            outcomes += asyncio.run(check_drift(seed, Path(folder), "tracker" if seed % 2 else "wire"))
+    quiet = [one for one in outcomes if one.happened == "nothing"]
     false_alarms = sum(one.named != "nothing" for one in quiet)
-    seen = [one for one in told if one.happened != "nothing" and one.named != "nothing"]
-    named = [one for one in seen if one.named]
+    named_outcomes = [one for one in outcomes if one.happened != "nothing" and one.named != "nothing"]
+    named = [one for one in named_outcomes if one.named]
     wrong = [one for one in named if one.named != one.happened]
     line = (
         f"drifts: {false_alarms} of {len(quiet)} alarms where nothing happened (none); of "
-        f"{len(told) - len(quiet)} events {len(seen)} seen, {len(named)} named (at least 60 % of those seen), "
+        f"{len(outcomes) - len(quiet)} events {len(named_outcomes)} seen, {len(named)} named (at "
+        f"least 60 % of those seen), "
         f"{len(wrong)} of these wrongly (at most 5 %)"
     )
-    reached = false_alarms == 0 and len(named) >= 0.6 * len(seen) and len(wrong) <= 0.05 * len(named)
-    return Figures(line, reached)
+    reached = (
+        false_alarms == 0 and len(named) >= 0.6 * len(named_outcomes) and len(wrong) <= 0.05 * len(named)
+    )
+    return CampaignFigures(line, reached)
 
 
-def _seeds(what: str, count: int) -> Iterable[int]:
+def _seed_range(what: str, count: int) -> Iterable[int]:
     return track(range(1, count + 1), description=what, console=Console(stderr=True))

@@ -11,21 +11,27 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from tests.soak.figures import Figures
-from tests.unit.helpers.recovery_cases import lose
-from tests.unit.helpers.walked_recovery import COUPLING_ERROR, STARTS, Walked, recover_walking, walk
+from tests.soak.campaign_figures import CampaignFigures
+from tests.unit.helpers.recovery_cases import lose_turns
+from tests.unit.helpers.walked_recovery import (
+    COUPLING_ERROR,
+    STARTS,
+    WalkedRecovery,
+    first_walk,
+    recover_walking,
+)
 from tests.unit.helpers.wire_world import WireWorld
 
 _STEEL_PER_K = 12e-6
 
 
-def _direction(rng: np.random.Generator) -> np.ndarray:
+def _draw_direction(rng: np.random.Generator) -> np.ndarray:
     axis = rng.normal(size=3)
     return np.asarray(axis / np.linalg.norm(axis))
 
 
 def _move_anchor(world: WireWorld, rng: np.random.Generator) -> None:
-    world.anchor = world.anchor + _direction(rng) * rng.uniform(0.0003, 0.003)
+    world.anchor = world.anchor + _draw_direction(rng) * rng.uniform(0.0003, 0.003)
 
 
 def _move_anchor_around_j1(world: WireWorld, rng: np.random.Generator) -> None:
@@ -36,10 +42,10 @@ def _move_anchor_around_j1(world: WireWorld, rng: np.random.Generator) -> None:
 
 
 def _move_hook(world: WireWorld, rng: np.random.Generator) -> None:
-    world.hook = world.hook + _direction(rng) * rng.uniform(0.0003, 0.003)
+    world.hook = world.hook + _draw_direction(rng) * rng.uniform(0.0003, 0.003)
 
 
-def _heat(world: WireWorld, rng: np.random.Generator) -> None:
+def _warm_up(world: WireWorld, rng: np.random.Generator) -> None:
     """Warm the arm and the wire by up to 30 K, not alike."""
     world.rows[:, 1:3] *= 1.0 + _STEEL_PER_K * rng.uniform(5.0, 30.0)
     world.scale *= 1.0 + _STEEL_PER_K * rng.uniform(0.0, 30.0)
@@ -63,27 +69,27 @@ CHANGES: dict[str, Callable[[WireWorld, np.random.Generator], None]] = {
     "anchor": _move_anchor,
     "anchor around J1": _move_anchor_around_j1,
     "hook": _move_hook,
-    "heat": _heat,
+    "heat": _warm_up,
     "zero": _change_zero,
     "scale": _change_scale,
 }
 
 
-def recover_changed(change: str, seed: int) -> Walked:
+def recover_changed(change: str, seed: int) -> WalkedRecovery:
     """Lose whole turns, change the wire, and recover as the procedure does."""
-    at = walk(seed % STARTS)
-    loss = lose(seed, poses=at, coupling_error=COUPLING_ERROR)
+    at = first_walk(seed % STARTS)
+    loss = lose_turns(seed, poses=at, coupling_error=COUPLING_ERROR)
     CHANGES[change](loss.world, np.random.default_rng([seed, 23]))
-    loss.captures = loss.capture(at)
+    loss.captures = loss.capture_poses(at)
     return recover_walking(loss, at)
 
 
-def is_wrong(done: Walked) -> bool:
+def is_wrong(done: WalkedRecovery) -> bool:
     """Tell whether something was accepted that is not what happened: only whole turns were lost."""
-    return done.recovery.accepted and not done.exact()
+    return done.recovery.accepted and not done.is_exact()
 
 
-def changed_wires(seeds: int) -> Figures:
+def changed_wires(seeds: int) -> CampaignFigures:
     """All kinds of changes, ``seeds`` worlds in all: none accepted wrongly, 95 % accepted where nothing changed."""
     accepted, wrong, tried = Counter[str](), Counter[str](), Counter[str]()
     names = list(CHANGES)
@@ -96,4 +102,4 @@ def changed_wires(seeds: int) -> Figures:
     parts = ", ".join(f"{name} {accepted[name]}/{tried[name]}" for name in names)
     total = sum(wrong.values())
     line = f"changed_wires: {total} of {seeds} accepted wrongly {dict(wrong)}; accepted: {parts}"
-    return Figures(line, total == 0 and accepted["nothing"] >= 0.95 * tried["nothing"])
+    return CampaignFigures(line, total == 0 and accepted["nothing"] >= 0.95 * tried["nothing"])

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from playwright.async_api import Browser, BrowserContext, Page, async_playwright
 
-from tests.service.browsers import CHROMIUM, NO_WEBGL, PATIENCE_MS, PATIENCE_S
-from tests.service.desks import a_cell
-from tests.service.shop import Shop, a_shop, sign_in
+from tests.service.browser_pages import CHROMIUM, NO_WEBGL, PATIENCE_MS, PATIENCE_S
+from tests.service.cell_process_session import a_cell
+from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets, sign_in
 from tests.service.test_fonts import LATIN_ONLY
-from tests.soak.figures import Figures
-from tests.soak.slow_link import SlowLink, a_slow_link
+from tests.soak.campaign_figures import CampaignFigures
+from tests.soak.slow_link import SlowLink, slow_link_to
 
 RATE_BIT_S, DELAY_S = 4.0e6, 0.020
 MOST_S, MOST_BYTES = 1.0, 450_000
@@ -34,28 +34,28 @@ _STAMP = """{ const look = new MutationObserver(() => {
 
 
 @dataclass(frozen=True)
-class Opened:
+class ColdOpening:
     """One cold opening: seconds from the navigation to what is waited for; bytes over the link until it is still."""
 
-    seen_s: float
-    carried: int
+    shown_s: float
+    byte_count: int
     drawn_s: float = 0.0  # until the last piece of a font that the device lacks was there
     pieces: int = 0
 
 
-def cold(rounds: int) -> Figures:
+def cold(rounds: int) -> CampaignFigures:
     """Open the page so many times in each of six ways; a font that a device lacks counts as well."""
-    found = asyncio.run(_cold(rounds))
+    found = asyncio.run(_open_rounds(rounds))
     chinese = found[_CHINESE]
     parts = [
-        f"{how} {statistics.median(each.seen_s for each in opened):.2f} s "
-        f"({max(each.seen_s for each in opened):.2f} s at most), "
-        f"{max(each.carried for each in opened) / 1e3:.0f} kB at most"
+        f"{how} {statistics.median(each.shown_s for each in opened):.2f} s "
+        f"({max(each.shown_s for each in opened):.2f} s at most), "
+        f"{max(each.byte_count for each in opened) / 1e3:.0f} kB at most"
         for how, opened in found.items()
     ]
     every = [each for opened in found.values() for each in opened]
-    reached = max(each.carried for each in every) <= MOST_BYTES and all(
-        statistics.median(each.seen_s for each in opened) <= MOST_S for opened in found.values()
+    reached = max(each.byte_count for each in every) <= MOST_BYTES and all(
+        statistics.median(each.shown_s for each in opened) <= MOST_S for opened in found.values()
     )
     drawn_s = [each.drawn_s for each in chinese]
     line = (
@@ -65,51 +65,57 @@ def cold(rounds: int) -> Figures:
         f"font are there after {statistics.median(drawn_s):.2f} s ({max(drawn_s):.2f} s at most); load of the "
         f"computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
-    return Figures(line, reached)
+    return CampaignFigures(line, reached)
 
 
-async def _cold(rounds: int) -> dict[str, list[Opened]]:
-    found: dict[str, list[Opened]] = {}
+async def _open_rounds(rounds: int) -> dict[str, list[ColdOpening]]:
+    found: dict[str, list[ColdOpening]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        async with _at_hand(Path(folder)) as (shop, link, browser):
-            async with _known(shop, link, browser, drawing=True) as context:
+        async with _open_signed_in(Path(folder)) as (tablet_service, link, browser):
+            async with _signed_in_context(tablet_service, link, browser, drawing=True) as context:
                 found["a live value, signed in, with the picture"] = [
-                    await _open(context, link, _LIVE, drawn=True) for _ in range(rounds)
+                    await _open_page(context, link, _LIVE, drawn=True) for _ in range(rounds)
                 ]
-            async with _known(shop, link, browser, drawing=True, locale="de-DE") as context:
+            async with _signed_in_context(
+                tablet_service, link, browser, drawing=True, locale="de-DE"
+            ) as context:
                 found["the same in German"] = [
-                    await _open(context, link, _LIVE, drawn=True) for _ in range(rounds)
+                    await _open_page(context, link, _LIVE, drawn=True) for _ in range(rounds)
                 ]
-            async with _known(shop, link, browser, drawing=False) as context:
+            async with _signed_in_context(tablet_service, link, browser, drawing=False) as context:
                 found["signed in, without the picture"] = [
-                    await _open(context, link, _LIVE) for _ in range(rounds)
+                    await _open_page(context, link, _LIVE) for _ in range(rounds)
                 ]
                 found["enrolled, its session over"] = [
-                    await _open(context, link, _LIVE, forgotten=True) for _ in range(rounds)
+                    await _open_page(context, link, _LIVE, forgotten=True) for _ in range(rounds)
                 ]
             async with (
                 _without_chinese(Path(folder)) as another,
-                _known(shop, link, another, drawing=True, locale="zh-CN") as context,
+                _signed_in_context(tablet_service, link, another, drawing=True, locale="zh-CN") as context,
             ):
-                found[_CHINESE] = [await _open(context, link, _LIVE, drawn=True) for _ in range(rounds)]
+                found[_CHINESE] = [await _open_page(context, link, _LIVE, drawn=True) for _ in range(rounds)]
             context = await browser.new_context()
-            found["an unknown one, told so"] = [await _open(context, link, _UNKNOWN) for _ in range(rounds)]
+            found["an unknown one, told so"] = [
+                await _open_page(context, link, _UNKNOWN) for _ in range(rounds)
+            ]
             await context.close()
     return found
 
 
 @asynccontextmanager
-async def _at_hand(folder: Path) -> AsyncIterator[tuple[Shop, SlowLink, Browser]]:
+async def _open_signed_in(folder: Path) -> AsyncIterator[tuple[ServiceWithTablets, SlowLink, Browser]]:
     async with AsyncExitStack() as stack:
         path, _ = await stack.enter_async_context(a_cell(folder, time_factor=1.0))
-        shop = await stack.enter_async_context(a_shop(path))
-        link = await stack.enter_async_context(a_slow_link(shop.port, rate_bit_s=RATE_BIT_S, delay_s=DELAY_S))
-        await shop.until(lambda session: session["connection"]["connected"])
-        yield shop, link, await stack.enter_async_context(_chromium())
+        tablet_service = await stack.enter_async_context(open_service_with_tablets(path))
+        link = await stack.enter_async_context(
+            slow_link_to(tablet_service.port, rate_bit_s=RATE_BIT_S, delay_s=DELAY_S)
+        )
+        await tablet_service.wait_until(lambda session: session["connection"]["connected"])
+        yield tablet_service, link, await stack.enter_async_context(_open_chromium())
 
 
 @asynccontextmanager
-async def _chromium(**environment: str) -> AsyncIterator[Browser]:
+async def _open_chromium(**environment: str) -> AsyncIterator[Browser]:
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(
             executable_path=CHROMIUM, args=_FLAGS, env={**os.environ, **environment}
@@ -122,13 +128,18 @@ async def _chromium(**environment: str) -> AsyncIterator[Browser]:
 async def _without_chinese(folder: Path) -> AsyncIterator[Browser]:
     config = folder / "fonts.conf"
     config.write_text(LATIN_ONLY.format(cache=folder / "fonts"))
-    async with _chromium(FONTCONFIG_FILE=str(config)) as browser:
+    async with _open_chromium(FONTCONFIG_FILE=str(config)) as browser:
         yield browser
 
 
 @asynccontextmanager
-async def _known(
-    shop: Shop, link: SlowLink, browser: Browser, *, drawing: bool, locale: str = "en-US"
+async def _signed_in_context(
+    tablet_service: ServiceWithTablets,
+    link: SlowLink,
+    browser: Browser,
+    *,
+    drawing: bool,
+    locale: str = "en-US",
 ) -> AsyncIterator[BrowserContext]:
     """Enrol a tablet and sign Tom in, before anything is measured."""
     context = await browser.new_context(viewport={"width": 1280, "height": 800}, locale=locale)
@@ -136,7 +147,7 @@ async def _known(
     if not drawing:
         await context.add_init_script(NO_WEBGL)
     page = await context.new_page()
-    await shop.enrol(page, f"tablet {drawing} {locale}", link.port)
+    await tablet_service.enrol_tablet(page, f"tablet {drawing} {locale}", link.port)
     await sign_in(page, "Tom")
     await page.locator(_LIVE).wait_for()
     await page.close()
@@ -144,27 +155,27 @@ async def _known(
     await context.close()
 
 
-async def _open(
-    context: BrowserContext, link: SlowLink, wanted: str, *, drawn: bool = False, forgotten: bool = False
-) -> Opened:
+async def _open_page(
+    context: BrowserContext, link: SlowLink, awaited: str, *, drawn: bool = False, forgotten: bool = False
+) -> ColdOpening:
     """Open the page with an empty cache and no connection; the tablet's key stays, its session unless it is over."""
     if forgotten:
         await context.clear_cookies()
     page = await context.new_page()
     line = await context.new_cdp_session(page)
     await line.send("Network.clearBrowserCache")
-    await page.add_init_script(_STAMP % wanted)
+    await page.add_init_script(_STAMP % awaited)
     await link.let_go()
-    before = link.carried
+    before = link.carried_bytes
     await page.goto(f"http://127.0.0.1:{link.port}/", wait_until="commit")
-    await _until(page, "window.__seenMs !== undefined")
+    await _poll_page(page, "window.__seenMs !== undefined")
     if drawn:
-        await _until(page, _DRAWN)
+        await _poll_page(page, _DRAWN)
     await page.wait_for_load_state("networkidle")
     fonts_ms = await page.evaluate(_FONTS)
-    opened = Opened(
+    opened = ColdOpening(
         await page.evaluate("window.__seenMs") / 1e3,
-        link.carried - before,
+        link.carried_bytes - before,
         max(fonts_ms, default=0.0) / 1e3,
         len(fonts_ms),
     )
@@ -172,7 +183,7 @@ async def _open(
     return opened
 
 
-async def _until(page: Page, true: str) -> None:
+async def _poll_page(page: Page, true: str) -> None:
     """Ask the page again and again: its content security policy forbids Playwright's own waiting."""
     async with asyncio.timeout(PATIENCE_S):
         while not await page.evaluate(true):

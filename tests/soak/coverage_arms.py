@@ -31,7 +31,7 @@ _SPREAD = np.array([PRIORS.offset_rad, PRIORS.length_m, PRIORS.length_m, PRIORS.
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class CalibrationScore:
     """Truth minus answer in standard deviations, and the factor that the interval has."""
 
     names: tuple[str, ...]
@@ -40,11 +40,11 @@ class Score:
     factor: float
 
 
-Calibration = Callable[[np.random.Generator, bool], Score]
+Calibration = Callable[[np.random.Generator, bool], CalibrationScore]
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class DrawnArm:
     """A real arm: the nominal one with errors as the priors expect them."""
 
     model: RobotModel
@@ -52,58 +52,58 @@ class Arm:
     errors: Array
 
     @classmethod
-    def drawn(cls, dice: np.random.Generator) -> "Arm":
+    def draw(cls, rng: np.random.Generator) -> "DrawnArm":
         model = load_model(_ROBOT)
-        errors = dice.standard_normal((model.axis_count, 5)) * _SPREAD
+        errors = rng.standard_normal((model.axis_count, 5)) * _SPREAD
         return cls(model, model.with_dh_errors(errors), errors)
 
-    def joints(self, dice: np.random.Generator, count: int) -> Array:
+    def draw_joints(self, rng: np.random.Generator, count: int) -> Array:
         low, high = np.maximum(self.model.lower_rad, -1.5), np.minimum(self.model.upper_rad, 1.5)
-        return dice.uniform(low, high, (count, self.model.axis_count))
+        return rng.uniform(low, high, (count, self.model.axis_count))
 
-    def tips(self, joints: Array) -> Array:
+    def true_tips(self, joints: Array) -> Array:
         return self.real.tip_positions(joints, TIP)
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class DrawnNoise:
     """Normal errors, and the sigmas that are stated for them."""
 
-    dice: np.random.Generator
+    rng: np.random.Generator
     misjudged: float  # true deviation over the stated one
 
     @classmethod
-    def drawn(cls, dice: np.random.Generator, found: bool) -> "Noise":
+    def draw(cls, rng: np.random.Generator, found: bool) -> "DrawnNoise":
         """Return noise as it is stated, or, to be found, up to twice or half as large."""
-        return cls(dice, float(np.exp(dice.uniform(-1, 1) * np.log(2))) if found else 1.0)
+        return cls(rng, float(np.exp(rng.uniform(-1, 1) * np.log(2))) if found else 1.0)
 
     def __call__(self, *shape: int, sigma: float = SIGMA_M) -> Array:
-        return self.misjudged * sigma * self.dice.standard_normal(shape)
+        return self.misjudged * sigma * self.rng.standard_normal(shape)
 
-    def stated(self, count: int) -> tuple[Array, Rows]:
+    def stated_rows(self, count: int) -> tuple[Array, Rows]:
         return np.full(count, SIGMA_M), np.zeros(count, dtype=np.intp)
 
 
-def apart(answer: Array, truth: Array) -> Array:
+def small_difference(answer: Array, truth: Array) -> Array:
     """Return the motion (6,) from the answer to the truth, in the answer's axes."""
     apart = log_transform(inverse_transform(answer) @ truth)
     apart[:3] = answer[:3, :3].T @ (truth[:3, 3] - answer[:3, 3])
     return apart
 
 
-def shifted(place_m: Array) -> Array:
+def shifted_pose(place_m: Array) -> Array:
     return homogeneous_matrix(np.eye(3), np.asarray(place_m, dtype=float))
 
 
-def small_motion(dice: np.random.Generator) -> Array:
-    return exp_twist(dice.standard_normal(6) * [0.01, 0.01, 0.01, 0.02, 0.02, 0.02])
+def small_motion(rng: np.random.Generator) -> Array:
+    return exp_twist(rng.standard_normal(6) * [0.01, 0.01, 0.01, 0.02, 0.02, 0.02])
 
 
-def some(pool: Array, dice: np.random.Generator, count: int) -> Array:
-    return pool[dice.choice(len(pool), count, replace=False)]
+def pick_rows(pool: Array, rng: np.random.Generator, count: int) -> Array:
+    return pool[rng.choice(len(pool), count, replace=False)]
 
 
-def planes() -> tuple[Array, ...]:
+def plane_poses() -> tuple[Array, ...]:
     turns = ([0.05, -0.03, 0.0], [0.0, 1.4, 0.0], [1.5, 0.1, 0.0])
     spots = ([0.4, 0.0, 0.1], [0.5, 0.0, 0.3], [0.3, -0.3, 0.3])
     return tuple(
@@ -115,30 +115,32 @@ def planes() -> tuple[Array, ...]:
 @cache
 def at_pin(number: int, radius_m: float = 0.0) -> Array:
     """Return joints of the nominal arm with the tip at a pin, or all over a ball."""
-    dice = np.random.default_rng(number)
-    away = dice.standard_normal((600, 3))
+    rng = np.random.default_rng(number)
+    away = rng.standard_normal((600, 3))
     goals = PINS[number] + radius_m * away / np.linalg.norm(away, axis=1, keepdims=True)
-    return _reaching(lambda tips: (tips - goals, np.tile(np.eye(3), (len(tips), 1, 1))), dice, len(goals))
+    return _reach_joints(lambda tips: (tips - goals, np.tile(np.eye(3), (len(tips), 1, 1))), rng, len(goals))
 
 
 @cache
 def at_plane(number: int) -> Array:
     """Return joints of the nominal arm with the tip on a plane, within a hand's breadth or two of its origin."""
-    place, dice = planes()[number], np.random.default_rng(number)
-    goals = dice.uniform(-0.2, 0.2, (600, 2))
+    place, rng = plane_poses()[number], np.random.default_rng(number)
+    goals = rng.uniform(-0.2, 0.2, (600, 2))
 
-    def missed(tips: Array) -> tuple[Array, Array]:
+    def plane_misses(tips: Array) -> tuple[Array, Array]:
         local = (tips - place[:3, 3]) @ place[:3, :3]
         local[:, :2] -= goals
         return local, np.tile(place[:3, :3].T, (len(tips), 1, 1))
 
-    return _reaching(missed, dice, len(goals))
+    return _reach_joints(plane_misses, rng, len(goals))
 
 
-def _reaching(missed: Callable[[Array], tuple[Array, Array]], dice: np.random.Generator, count: int) -> Array:
+def _reach_joints(
+    missed: Callable[[Array], tuple[Array, Array]], rng: np.random.Generator, count: int
+) -> Array:
     """Return joints at which nothing is missed, by damped Newton from random postures; those that arrive."""
     model = load_model(_ROBOT)
-    joints = dice.uniform(-1.2, 1.2, (count, model.axis_count))
+    joints = rng.uniform(-1.2, 1.2, (count, model.axis_count))
     for _ in range(60):
         tips, slopes = model.tip_jacobian(joints, TIP)
         miss, turned = missed(tips)

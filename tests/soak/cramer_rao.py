@@ -8,13 +8,13 @@ from rich.progress import track
 
 from cellcal.calibration.arm.kinematics import load_model
 from tests.benchmarks.bench_identify import base_layout, squared_errors
-from tests.soak.figures import Figures
+from tests.soak.campaign_figures import CampaignFigures
 
 _ROWS = (100, 1000, 10_000)
 _WITHIN = 0.03
 
 
-def cramer_rao(arms: int) -> Figures:
+def cramer_rao(arms: int) -> CampaignFigures:
     """So many simulated arms for each number of rows: 27 parameters, 1000 noise-free check postures each."""
     layout, ratios = base_layout(load_model("ur10")), []
     for rows in _ROWS:
@@ -28,6 +28,9 @@ def cramer_rao(arms: int) -> Figures:
             f"ratio {ratio:.3f} +- {uncertain:.3f}\n"
         )
         ratios.append(ratio)
-    said = " / ".join(f"{ratio:.3f}" for ratio in ratios)
-    line = f"cramer_rao: tip error over its bound {said} for {_ROWS} rows, {arms} arms each (within {_WITHIN:.0%})"
-    return Figures(line, all(abs(ratio - 1.0) <= _WITHIN for ratio in ratios))
+    ratio_text = " / ".join(f"{ratio:.3f}" for ratio in ratios)
+    line = (
+        f"cramer_rao: tip error over its bound {ratio_text} for {_ROWS} rows, {arms} arms each "
+        f"(within {_WITHIN:.0%})"
+    )
+    return CampaignFigures(line, all(abs(ratio - 1.0) <= _WITHIN for ratio in ratios))

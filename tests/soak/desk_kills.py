@@ -20,20 +20,20 @@ from typing import Any
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.run_store import RunStore
-from tests.service.desks import a_cell
-from tests.soak.figures import Figures
-from tests.soak.served import RECORD, Browser, Service, free_port, serving
-from tests.soak.tab import Shown, Tab, a_tab
-from tests.stories.catalogue_day import stories
-from tests.stories.hands import Hands
+from tests.service.cell_process_session import a_cell
+from tests.soak.browser_tab import ShownRun, WatchedTab, open_tab
+from tests.soak.campaign_figures import CampaignFigures
+from tests.soak.service_process import RECORD, ScriptedBrowser, ServiceProcess, free_port, serve_cell
+from tests.stories.catalogue_day import day_stories
+from tests.stories.technician_actions import TechnicianActions
 
 LONGEST_LIFE = 70  # sessions that a browser is shown before a kill: a whole record and the start of the next
 WHAT = ("service", "desk", "both")  # the web process, the cell's process, or the computer's power
-FRAME = next(story for story in stories() if story.procedure == "three_point_frame")
+FRAME = next(story for story in day_stories() if story.procedure == "three_point_frame")
 
 
 @dataclass
-class Lives:
+class KillObservations:
     """What was seen over many kills."""
 
     kills: Counter[str] = field(default_factory=Counter)
@@ -46,100 +46,108 @@ class Lives:
 
 
 @dataclass
-class Eyes:
+class Observers:
     """Who looks: the program, and the tab; what they were shown before the kill."""
 
-    browser: Browser
-    tab: Tab
+    browser: ScriptedBrowser
+    tab: WatchedTab
     session: dict[str, Any] | None = None
-    shown: Shown = field(default_factory=Shown)
+    shown: ShownRun = field(default_factory=ShownRun)
 
 
-def desk_kills(kills: int) -> Figures:
+def desk_kills(kills: int) -> CampaignFigures:
     """Kill the service so often while runs go on, one after the other."""
     with tempfile.TemporaryDirectory() as folder:
-        seen = asyncio.run(kill_and_look(Path(folder), kills, seed=5))
-    told = ", ".join(f"{count} of the {what}" for what, count in sorted(seen.kills.items()))
+        observations = asyncio.run(kill_and_look(Path(folder), kills, seed=5))
+    kill_counts = ", ".join(f"{count} of the {what}" for what, count in sorted(observations.kills.items()))
     line = (
-        f"desk_kills: {kills} kills ({told}), {seen.under_way} of them in a run; {seen.points['robot']} captures and "
-        f"{seen.points['person']} points that a person taught are stored; a tab that nobody touched, reloaded "
-        f"{seen.reloads} times, showed the run again {seen.compared} times; {len(seen.wrong)} times another step, a "
-        f"lost or a doubled point (must be 0) {seen.wrong[:3]}; longest until all was right again "
-        f"{seen.longest_s:.1f} s"
+        f"desk_kills: {kills} kills ({kill_counts}), {observations.under_way} of them in a run; "
+        f"{observations.points['robot']} captures and "
+        f"{observations.points['person']} points that a person taught are stored; a tab that nobody "
+        f"touched, reloaded "
+        f"{observations.reloads} times, showed the run again {observations.compared} times; "
+        f"{len(observations.wrong)} times another step, a "
+        f"lost or a doubled point (must be 0) {observations.wrong[:3]}; longest until all was right again "
+        f"{observations.longest_s:.1f} s"
     )
-    return Figures(line, not seen.wrong and min(seen.under_way, seen.compared) > kills / 2)
+    return CampaignFigures(
+        line, not observations.wrong and min(observations.under_way, observations.compared) > kills / 2
+    )
 
 
-def _starts() -> Iterator[dict[str, Any]]:
+def _start_orders() -> Iterator[dict[str, Any]]:
     """Points that a person teaches, and captures of the robot's, in turn."""
     return itertools.cycle([{"procedure": FRAME.procedure, "settings": FRAME.settings}, RECORD])
 
 
-async def kill_and_look(folder: Path, kills: int, seed: int, *, longest_life: int = LONGEST_LIFE) -> Lives:
+async def kill_and_look(
+    folder: Path, kills: int, seed: int, *, longest_life: int = LONGEST_LIFE
+) -> KillObservations:
     """Kill and restart; after each kill the pages must show what they showed before."""
-    dice, seen, stored = random.Random(seed), Lives(), dict[str, list[tuple[str, Any]]]()
-    port, starts, eyes = free_port(), _starts(), None
+    rng, observations, stored = random.Random(seed), KillObservations(), dict[str, list[tuple[str, Any]]]()
+    port, starts, eyes = free_port(), _start_orders(), None
     async with AsyncExitStack() as stack:
-        path, door = await stack.enter_async_context(a_cell(folder, time_factor=1000.0))
-        hands, journal = Hands(door, FRAME.places), folder / "data"
-        while sum(seen.kills.values()) < kills:
-            async with serving(path, port) as (service, client):
-                browser = Browser(client, starts, hands)
+        path, fake_client = await stack.enter_async_context(a_cell(folder, time_factor=1000.0))
+        actions, journal = TechnicianActions(fake_client, FRAME.places), folder / "data"
+        while sum(observations.kills.values()) < kills:
+            async with serve_cell(path, port) as (service, client):
+                browser = ScriptedBrowser(client, starts, actions)
                 if eyes is None:
-                    eyes = Eyes(browser, await stack.enter_async_context(a_tab(journal, port)))
-                elif dice.random() < 0.5:
+                    eyes = Observers(browser, await stack.enter_async_context(open_tab(journal, port)))
+                elif rng.random() < 0.5:
                     await eyes.tab.page.reload()
-                    seen.reloads += 1
+                    observations.reloads += 1
                 eyes.browser = browser
-                while sum(seen.kills.values()) < kills:
-                    await _same_again(eyes, journal, seen)
+                while sum(observations.kills.values()) < kills:
+                    await _same_again(eyes, journal, observations)
                     browser.count = 0
-                    life = dice.randrange(1, longest_life)
+                    life = rng.randrange(1, longest_life)
                     await browser.look_until(lambda b=browser, n=life: b.count >= n)  # type: ignore[misc]
-                    await asyncio.sleep(dice.choice((0.0, dice.random() / 4)))
-                    what = dice.choice(WHAT)
+                    await asyncio.sleep(rng.choice((0.0, rng.random() / 4)))
+                    what = rng.choice(WHAT)
                     eyes.session, eyes.shown = browser.session, eyes.tab.shown
-                    _kill(service, what)
-                    seen.kills[what] += 1
-                    seen.under_way += _under_way(eyes.session) is not None
+                    _kill_process(service, what)
+                    observations.kills[what] += 1
+                    observations.under_way += _under_way(eyes.session) is not None
                     if what != "desk":
                         break
                     browser.session = None
                     await browser.look_until(lambda b=browser: b.session is None, orders=False)  # type: ignore[misc]
                 await service.process.wait() if what != "desk" else None
-            seen.wrong += _journal_faults(journal, stored)
-            _tell(seen)
+            observations.wrong += _journal_faults(journal, stored)
+            _print_progress(observations)
         assert eyes is not None
-        async with serving(path, port) as (_, client):
-            browser = eyes.browser = Browser(client, starts, hands)
-            await _same_again(eyes, journal, seen)
+        async with serve_cell(path, port) as (_, client):
+            browser = eyes.browser = ScriptedBrowser(client, starts, actions)
+            await _same_again(eyes, journal, observations)
             await browser.look_until(lambda: _has_ended(browser.session))
             assert browser.session is not None
             if browser.session["run"]["outcome"]["verdict"] != "passed":
-                seen.wrong.append(f"the last run ended as {browser.session['run']['outcome']}")
-        seen.wrong += _journal_faults(journal, stored) + eyes.tab.faults
+                observations.wrong.append(f"the last run ended as {browser.session['run']['outcome']}")
+        observations.wrong += _journal_faults(journal, stored) + eyes.tab.faults
     for step, _ in itertools.chain(*stored.values()):
-        seen.points["robot"] += step.startswith("capture")
-        seen.points["person"] += step.startswith("touch")
-    return seen
+        observations.points["robot"] += step.startswith("capture")
+        observations.points["person"] += step.startswith("touch")
+    return observations
 
 
-def _tell(seen: Lives) -> None:
+def _print_progress(observations: KillObservations) -> None:
     """Say how far it is: a campaign takes its time."""
     sys.stderr.write(
-        f"{sum(seen.kills.values())} kills, {seen.under_way} in a run, {len(seen.wrong)} wrong\n"
+        f"{sum(observations.kills.values())} kills, {observations.under_way} in a run, "
+        f"{len(observations.wrong)} wrong\n"
     )
 
 
-def _kill(service: Service, what: str) -> None:
-    desk = service.desk()
+def _kill_process(service: ServiceProcess, what: str) -> None:
+    process_pid = service.cell_process_pid()
     if what != "desk":
-        service.kill(service.pid)
-    if what != "service" and desk is not None:
-        service.kill(desk)
+        service.kill_process(service.web_pid)
+    if what != "service" and process_pid is not None:
+        service.kill_process(process_pid)
 
 
-async def _same_again(eyes: Eyes, journal: Path, seen: Lives) -> None:
+async def _same_again(eyes: Observers, journal: Path, observations: KillObservations) -> None:
     """Look until both show the run and every point that they showed before; note what is not so."""
     browser, run, began_s = eyes.browser, _under_way(eyes.session), asyncio.get_running_loop().time()
     browser.taught.clear()
@@ -148,24 +156,26 @@ async def _same_again(eyes: Eyes, journal: Path, seen: Lives) -> None:
         if run is not None:
             await browser.look_until(lambda: _is_back(eyes, run, journal))
     except TimeoutError:
-        seen.wrong.append(f"{eyes.shown} became {eyes.tab.shown}; {eyes.session} became {browser.session}")
+        observations.wrong.append(
+            f"{eyes.shown} became {eyes.tab.shown}; {eyes.session} became {browser.session}"
+        )
         return
     if run is None:
         return
-    seen.longest_s = max(seen.longest_s, asyncio.get_running_loop().time() - began_s)
-    seen.compared += eyes.shown.run == eyes.tab.shown.run == run["id"]
+    observations.longest_s = max(observations.longest_s, asyncio.get_running_loop().time() - began_s)
+    observations.compared += eyes.shown.run == eyes.tab.shown.run == run["id"]
     now = browser.session
     assert now is not None
     found = now["run"]["found"] if now["run"] is not None and now["run"]["id"] == run["id"] else None
     if found is not None and found[: len(run["found"])] != run["found"]:
-        seen.wrong.append(f"{run['found']} became {found}")
-    asked = _taught(eyes.session)
-    open_still = found is not None and asked is not None and asked["step"] not in found
-    if open_still and asked is not None and browser.taught[:1] != [asked["key"]]:
-        seen.wrong.append(f"{asked['key']} was asked for before, {browser.taught[:1]} after")
+        observations.wrong.append(f"{run['found']} became {found}")
+    question = _open_question(eyes.session)
+    open_still = found is not None and question is not None and question["step"] not in found
+    if open_still and question is not None and browser.taught[:1] != [question["key"]]:
+        observations.wrong.append(f"{question['key']} was asked for before, {browser.taught[:1]} after")
 
 
-def _tab_is_back(eyes: Eyes, run: dict[str, Any] | None) -> bool:
+def _tab_is_back(eyes: Observers, run: dict[str, Any] | None) -> bool:
     """Whether the tab has found back by itself and has lost nothing; nobody presses anything meanwhile."""
     session, tab, before = eyes.browser.session, eyes.tab.shown, eyes.shown
     if not (_is_connected(session) and tab.online):
@@ -173,12 +183,14 @@ def _tab_is_back(eyes: Eyes, run: dict[str, Any] | None) -> bool:
     assert session is not None
     if run is None or session["run"] is None or session["run"]["id"] != run["id"]:
         return True  # it had ended when it was killed
-    return tab.run == run["id"] and bool(tab.lines) and (before.run != tab.run or not tab.lacks(before))
+    return (
+        tab.run == run["id"] and bool(tab.lines) and (before.run != tab.run or not tab.missing_lines(before))
+    )
 
 
-def _is_back(eyes: Eyes, run: dict[str, Any], journal: Path) -> bool:
+def _is_back(eyes: Observers, run: dict[str, Any], journal: Path) -> bool:
     """Whether the run has come to where it was shown before; conditions are agreed to anew on the way."""
-    now, tab, asked = eyes.browser.session, eyes.tab.shown, _taught(eyes.session)
+    now, tab, question = eyes.browser.session, eyes.tab.shown, _open_question(eyes.session)
     if not _is_connected(now):
         return False
     assert now is not None
@@ -186,13 +198,13 @@ def _is_back(eyes: Eyes, run: dict[str, Any], journal: Path) -> bool:
         return _state_of(journal, run["id"]) != "interrupted"
     if now["run"]["state"] == "ended":
         return True
-    if asked is not None and asked["step"] not in now["run"]["found"] and not eyes.browser.taught:
+    if question is not None and question["step"] not in now["run"]["found"] and not eyes.browser.taught:
         return False
     tab_is = eyes.shown.run != run["id"] or (tab.run == run["id"] and tab.went_on_from(eyes.shown))
     return tab_is and len(now["run"]["found"]) >= len(run["found"])
 
 
-def _taught(session: dict[str, Any] | None) -> dict[str, Any] | None:
+def _open_question(session: dict[str, Any] | None) -> dict[str, Any] | None:
     """Return the question for a point, if one was open."""
     prompt: dict[str, Any] | None = (session or {}).get("prompt")
     return prompt if prompt is not None and prompt["page"] == "teach" else None

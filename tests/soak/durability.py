@@ -6,19 +6,19 @@ import sys
 
 from tests.e2e.test_kill_nine import kill_and_resume
 from tests.e2e.test_power_cut import lost_in
-from tests.soak.figures import Figures
+from tests.soak.campaign_figures import CampaignFigures
 
 MATRIX = "tests/procedures/test_crash_and_cancel.py"
 STORIES = "tests/stories/test_stories.py"
 
 
-def kill(kills: int) -> Figures:
+def kill(kills: int) -> CampaignFigures:
     """Kill -9 at random instants: nothing acknowledged lost or doubled, the same result after resume."""
     wrong = kill_and_resume(kills, seed=7)
-    return Figures(f"kill: {kills} kills, {len(wrong)} runs with another end: {wrong[:3]}", not wrong)
+    return CampaignFigures(f"kill: {kills} kills, {len(wrong)} runs with another end: {wrong[:3]}", not wrong)
 
 
-def matrix(most: int) -> Figures:
+def matrix(most: int) -> CampaignFigures:
     """Crash every procedure after every write and cancel it in every step, up to so many of each."""
     command = [
         sys.executable,
@@ -38,11 +38,13 @@ def matrix(most: int) -> Figures:
     )
     lines = ended.stdout.strip().splitlines()
     failed = [line.split(" - ")[0] for line in lines if line.startswith(("FAILED", "ERROR"))]
-    told = f"{len(failed)} failed {failed}" if failed else lines[-1]
-    return Figures(f"matrix: at most {most} crashes and cancels per procedure: {told}", ended.returncode == 0)
+    summary = f"{len(failed)} failed {failed}" if failed else lines[-1]
+    return CampaignFigures(
+        f"matrix: at most {most} crashes and cancels per procedure: {summary}", ended.returncode == 0
+    )
 
 
-def corner_story(times: int) -> Figures:
+def corner_story(times: int) -> CampaignFigures:
     """A corner felt in a browser's view, to its certificate."""
     command = [
         sys.executable,
@@ -60,10 +62,10 @@ def corner_story(times: int) -> Figures:
     failed = sum(
         subprocess.run(command, capture_output=True, check=False).returncode != 0 for _ in range(times)
     )
-    return Figures(f"corner_story: {failed} of {times} failed", failed == 0)
+    return CampaignFigures(f"corner_story: {failed} of {times} failed", failed == 0)
 
 
-def power(cuts: int) -> Figures:
+def power(cuts: int) -> CampaignFigures:
     """Power cuts on a disk that drops unsynced writes; the controls must lose."""
     full = lost_in(cuts, seed=11, synchronous=None)
     off, normal = (lost_in(cuts, seed=11, synchronous=mode) for mode in ("OFF", "NORMAL"))
@@ -71,4 +73,4 @@ def power(cuts: int) -> Figures:
         f"power: {full} of {cuts} cuts lost something acknowledged (must be 0); the controls: "
         f"synchronous=OFF {off}, NORMAL {normal} (each must be more than half)"
     )
-    return Figures(line, full == 0 and off > cuts / 2 and normal > cuts / 2)
+    return CampaignFigures(line, full == 0 and off > cuts / 2 and normal > cuts / 2)

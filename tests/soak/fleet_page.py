@@ -24,9 +24,9 @@ from cellcal.service.record.signing import station_key
 from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells
 from cellcal.service.site.listener import FleetListener
 from cellcal.service.web.fleet import FleetContext, create_fleet_app
-from tests.service.browsers import PATIENCE_MS, chromium, served
-from tests.service.sites import SITE, free_port, router_of, until
-from tests.soak.figures import Figures
+from tests.service.browser_pages import PATIENCE_MS, open_chromium, serve_app
+from tests.service.loopback_site import SITE, free_port, router_of, wait_until
+from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.site import RATE_HZ, player_of
 
 _CELLS = 1000
@@ -50,7 +50,7 @@ _STAMP = """{ const look = new MutationObserver(() => {
 
 
 @dataclass(frozen=True)
-class _Cost:
+class _FollowingCost:
     """What following the cells and telling one page took."""
 
     share: float  # of a core
@@ -64,7 +64,7 @@ class _Cost:
         """The longest stall that is the monitor's own."""
         return max(0.0, self.stalls_s[-1] - self.idle_s)
 
-    def told(self) -> str:
+    def describe(self) -> str:
         late = self.stalls_s[int(0.999 * len(self.stalls_s))]
         return (
             f"{self.samples_hz:.0f} samples a second take {self.share:.0%} of a core (at most {_MOST_SHARE:.0%}); "
@@ -74,25 +74,27 @@ class _Cost:
         )
 
 
-def fleet(rounds: int) -> Figures:
+def fleet(rounds: int) -> CampaignFigures:
     """Open the page so often; kill so many cells' processes, and freeze as many, as a pulled cable would."""
-    opened, closed, frozen, cost = asyncio.run(_fleet(rounds))
+    opened, closed, frozen, cost = asyncio.run(_measure_fleet(rounds))
     line = (
-        f"fleet: {cost.told()}; {_CELLS} cells at {RATE_HZ} Hz drawn {_told(opened)} after the navigation "
+        f"fleet: {cost.describe()}; {_CELLS} cells at {RATE_HZ} Hz drawn {_describe_times(opened)} "
+        f"after the navigation "
         f"(at most {_MOST_OPENED_S:g} s); a cell "
-        f"whose process was killed is grey {_told(closed)} later (at most {_MOST_GREY_S:g} s), one that was frozen, "
-        f"as by a pulled cable, {_told(frozen)} later; load of the computer {os.getloadavg()[0]:.1f} on "
+        f"whose process was killed is grey {_describe_times(closed)} later (at most "
+        f"{_MOST_GREY_S:g} s), one that was frozen, "
+        f"as by a pulled cable, {_describe_times(frozen)} later; load of the computer {os.getloadavg()[0]:.1f} on "
         f"{os.cpu_count()} cores"
     )
     reached = statistics.median(opened) <= _MOST_OPENED_S and max(closed) <= _MOST_GREY_S
-    return Figures(line, reached and cost.share <= _MOST_SHARE and cost.stall_s <= _MOST_STALL_S)
+    return CampaignFigures(line, reached and cost.share <= _MOST_SHARE and cost.stall_s <= _MOST_STALL_S)
 
 
-def _told(seconds: list[float]) -> str:
+def _describe_times(seconds: list[float]) -> str:
     return f"{statistics.median(seconds):.2f} s ({max(seconds):.2f} at most of {len(seconds)})"
 
 
-async def _fleet(rounds: int) -> tuple[list[float], list[float], list[float], _Cost]:
+async def _measure_fleet(rounds: int) -> tuple[list[float], list[float], list[float], _FollowingCost]:
     names = [f"cell-{k:04d}" for k in range(_CELLS)]
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         root = Path(name)
@@ -104,25 +106,25 @@ async def _fleet(rounds: int) -> tuple[list[float], list[float], list[float], _C
         leaving, staying = names[: 2 * rounds], names[2 * rounds :]
         shares = (*([one] for one in leaving), staying[::2], staying[1::2])
         players = [player_of(root, some, _SPAN_S) for some in shares]
-        stack.callback(_end, players)
-        await asyncio.to_thread(_begin, players)
-        await asyncio.to_thread(until, lambda: all(map(listener.fleet.is_alive, names)), _PATIENCE_S)
-        async with _context_of(listener, root) as (context, house):
-            opened = [await _opened(context) for _ in range(rounds)]
-            page = await _page(context)
-            cost = await _cost(listener, house)
+        stack.callback(_stop_players, players)
+        await asyncio.to_thread(_start_players, players)
+        await asyncio.to_thread(wait_until, lambda: all(map(listener.fleet.is_alive, names)), _PATIENCE_S)
+        async with _context_of(listener, root) as (context, app_context):
+            opened = [await _open_time_s(context) for _ in range(rounds)]
+            page = await _open_page(context)
+            cost = await _measure_cost(listener, app_context)
             closed = [
-                await _grey(page, cell, player, signal.SIGKILL)
+                await _grey_time_s(page, cell, player, signal.SIGKILL)
                 for cell, player in zip(leaving[:rounds], players, strict=False)
             ]
             frozen = [
-                await _grey(page, cell, player, signal.SIGSTOP)
+                await _grey_time_s(page, cell, player, signal.SIGSTOP)
                 for cell, player in zip(leaving[rounds:], players[rounds:], strict=False)
             ]
         return opened, closed, frozen, cost
 
 
-async def _cost(listener: FleetListener, house: FleetContext) -> _Cost:
+async def _measure_cost(listener: FleetListener, app_context: FleetContext) -> _FollowingCost:
     """Watch this process, and the loop that serves the page, while all cells speak."""
     loop, late_s = asyncio.get_running_loop(), list[float]()
     ticking = await asyncio.create_subprocess_exec(
@@ -137,9 +139,9 @@ async def _cost(listener: FleetListener, house: FleetContext) -> _Cost:
     samples = sum(listener.fleet.sample_counts().values()) - before
     idle_s, _ = await ticking.communicate()
     looked_s = time.thread_time()
-    house.update_rows()
+    app_context.update_rows()
     looked_s = time.thread_time() - looked_s
-    return _Cost(used_s / passed_s, samples / passed_s, sorted(late_s), float(idle_s), looked_s)
+    return _FollowingCost(used_s / passed_s, samples / passed_s, sorted(late_s), float(idle_s), looked_s)
 
 
 @asynccontextmanager
@@ -149,7 +151,7 @@ async def _context_of(
     """Open a browser that is signed in at the monitor's service."""
     app = create_fleet_app(listener, folder)
     freeze_startup_objects()  # as `cellcal monitor --port` does
-    async with served(app) as url, chromium() as browser:
+    async with serve_app(app) as url, open_chromium() as browser:
         context = await browser.new_context(viewport={"width": 1280, "height": 800}, base_url=url)
         context.set_default_timeout(PATIENCE_MS)
         await context.add_init_script(_STAMP % _CELLS)
@@ -160,22 +162,22 @@ async def _context_of(
         yield context, app.state.house
 
 
-async def _page(context: BrowserContext) -> Page:
+async def _open_page(context: BrowserContext) -> Page:
     page = await context.new_page()
     await page.goto("/")
     await page.wait_for_function("() => window.__seenMs !== undefined")
     return page
 
 
-async def _opened(context: BrowserContext) -> float:
+async def _open_time_s(context: BrowserContext) -> float:
     """Return after how many seconds from the navigation all cells stood on the page."""
-    page = await _page(context)
+    page = await _open_page(context)
     seen_ms = float(await page.evaluate("window.__seenMs"))
     await page.close()
     return seen_ms / 1e3
 
 
-async def _grey(page: Page, cell: str, player: "subprocess.Popen[str]", how: signal.Signals) -> float:
+async def _grey_time_s(page: Page, cell: str, player: "subprocess.Popen[str]", how: signal.Signals) -> float:
     """Return how many seconds after a signal to a cell's process its row is no longer that of one online."""
     row = page.locator(f'[data-testid="cell-{cell}"]')
     await page.locator(f'[data-testid="cell-{cell}"][data-link="online"]').wait_for()
@@ -187,7 +189,7 @@ async def _grey(page: Page, cell: str, player: "subprocess.Popen[str]", how: sig
     return took_s
 
 
-def _begin(players: list["subprocess.Popen[str]"]) -> None:
+def _start_players(players: list["subprocess.Popen[str]"]) -> None:
     for player in players:
         assert player.stdout is not None
         assert player.stdin is not None
@@ -198,7 +200,7 @@ def _begin(players: list["subprocess.Popen[str]"]) -> None:
         player.stdin.flush()
 
 
-def _end(players: list["subprocess.Popen[str]"]) -> None:
+def _stop_players(players: list["subprocess.Popen[str]"]) -> None:
     for player in players:
         player.kill()
         player.wait()

@@ -35,15 +35,15 @@ def mutated_input(example: bytes, seed: int) -> bytes:
     for _ in range(int(rng.integers(1, 5))):
         data = _KINDS[int(rng.integers(len(_KINDS)))](data, rng)
     if rng.random() < 0.02:
-        data = _whole(data, rng)
+        data = _replace_whole(data, rng)
     return data
 
 
-def _place(data: bytes, rng: np.random.Generator) -> int:
+def _pick_offset(data: bytes, rng: np.random.Generator) -> int:
     return int(rng.integers(len(data) + 1))
 
 
-def _flip(data: bytes, rng: np.random.Generator) -> bytes:
+def _flip_bits(data: bytes, rng: np.random.Generator) -> bytes:
     changed = bytearray(data)
     for _ in range(int(rng.integers(1, 8))):
         if changed:
@@ -51,43 +51,43 @@ def _flip(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-def _cut(data: bytes, rng: np.random.Generator) -> bytes:
-    start, end = sorted((_place(data, rng), _place(data, rng)))
+def _cut_out(data: bytes, rng: np.random.Generator) -> bytes:
+    start, end = sorted((_pick_offset(data, rng), _pick_offset(data, rng)))
     end = min(end, start + int(rng.integers(1, 400)))
     return data[:start] + data[end:]
 
 
-def _truncate(data: bytes, rng: np.random.Generator) -> bytes:
-    return data[: _place(data, rng)]
+def _truncate_file(data: bytes, rng: np.random.Generator) -> bytes:
+    return data[: _pick_offset(data, rng)]
 
 
-def _repeat(data: bytes, rng: np.random.Generator) -> bytes:
-    start = _place(data, rng)
+def _repeat_part(data: bytes, rng: np.random.Generator) -> bytes:
+    start = _pick_offset(data, rng)
     piece = data[start : start + int(rng.integers(1, 300))]
     return data[:start] + piece * int(rng.integers(2, 6)) + data[start:]
 
 
-def _insert(data: bytes, rng: np.random.Generator) -> bytes:
-    at, word = _place(data, rng), NASTY_WORDS[int(rng.integers(len(NASTY_WORDS)))]
+def _insert_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    at, word = _pick_offset(data, rng), NASTY_WORDS[int(rng.integers(len(NASTY_WORDS)))]
     return data[:at] + word + data[at:]
 
 
 def _insert_big(data: bytes, rng: np.random.Generator) -> bytes:
     if rng.random() > 0.05:
-        return _insert(data, rng)
-    at, word = _place(data, rng), _BIG[int(rng.integers(len(_BIG)))]
+        return _insert_bytes(data, rng)
+    at, word = _pick_offset(data, rng), _BIG[int(rng.integers(len(_BIG)))]
     return data[:at] + word + data[at:]
 
 
-def _exchange(pattern: re.Pattern[bytes]) -> "Kind":
-    def kind(data: bytes, rng: np.random.Generator) -> bytes:
+def _exchange_matches(pattern: re.Pattern[bytes]) -> "Kind":
+    def exchange_match(data: bytes, rng: np.random.Generator) -> bytes:
         found = [match.span() for match in pattern.finditer(data)]
         if not found:
-            return _insert(data, rng)
+            return _insert_bytes(data, rng)
         start, end = found[int(rng.integers(len(found)))]
         return data[:start] + NASTY_WORDS[int(rng.integers(len(NASTY_WORDS)))] + data[end:]
 
-    return kind
+    return exchange_match
 
 
 def _swap_lines(data: bytes, rng: np.random.Generator) -> bytes:
@@ -97,7 +97,7 @@ def _swap_lines(data: bytes, rng: np.random.Generator) -> bytes:
     return b"\n".join(lines)
 
 
-def _whole(data: bytes, rng: np.random.Generator) -> bytes:
+def _replace_whole(data: bytes, rng: np.random.Generator) -> bytes:
     text = data.decode("utf-8", errors="replace")
     forms = [
         lambda: text.encode("utf-16"), lambda: text.encode("utf-8-sig"), lambda: text.encode("utf-32"),
@@ -107,8 +107,8 @@ def _whole(data: bytes, rng: np.random.Generator) -> bytes:
     return forms[int(rng.integers(len(forms)))]()
 
 
-Kind = type(_flip)
+Kind = type(_flip_bits)
 _KINDS = [
-    _flip, _cut, _truncate, _repeat, _insert, _insert_big, _exchange(_NUMBER), _exchange(_NUMBER), _exchange(_WORD),
+    _flip_bits, _cut_out, _truncate_file, _repeat_part, _insert_bytes, _insert_big, _exchange_matches(_NUMBER), _exchange_matches(_NUMBER), _exchange_matches(_WORD),
     _swap_lines,
 ]  # fmt: skip

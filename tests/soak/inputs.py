@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cellcal.calibration.errors import CellError
-from tests.soak.figures import Figures
-from tests.soak.input_doors import InputDoor, file_doors, placed
+from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.input_mutations import mutated_input
+from tests.soak.input_readers import InputReader, file_readers, place_file
 
 MOST_S, MOST_BYTES = 2.0, 512 << 20
 
 
 @dataclass
-class Findings:
+class InputFindings:
     """What a campaign saw."""
 
     cases: int = 0
@@ -26,50 +26,50 @@ class Findings:
     slow: list[str] = field(default_factory=list)
 
     @property
-    def flaws(self) -> list[str]:
+    def list_flaws(self) -> list[str]:
         """Every flaw in words."""
         return [*self.traces.values(), *self.slow]
 
 
-def try_input(door: InputDoor, scratch: Path, seed: int, found: Findings) -> None:
+def try_input(reader: InputReader, scratch: Path, seed: int, found: InputFindings) -> None:
     """Put one damaged example through a door, and note what should not be."""
-    example = door.examples[seed % len(door.examples)]
-    with placed(door, scratch, mutated_input(example, seed)) as path:
+    example = reader.examples[seed % len(reader.examples)]
+    with place_file(reader, scratch, mutated_input(example, seed)) as path:
         began_s = time.process_time()
         try:
-            door.read(path)
+            reader.read(path)
             found.read += 1
         except (CellError, OSError):
             pass
         except BaseException as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{door.name}: {type(error).__name__} at {last.filename}:{last.lineno}"
+            where = f"{reader.name}: {type(error).__name__} at {last.filename}:{last.lineno}"
             found.traces.setdefault(where, f"{where} ({str(error)[:80]}), seed {seed}")
         took_s = time.process_time() - began_s
     found.cases += 1
     if took_s > MOST_S:
-        found.slow.append(f"{door.name}: seed {seed} took {took_s:.1f} s")
+        found.slow.append(f"{reader.name}: seed {seed} took {took_s:.1f} s")
 
 
-def inputs(count: int, names: tuple[str, ...] = ()) -> Figures:
+def inputs(count: int, names: tuple[str, ...] = ()) -> CampaignFigures:
     """Try ``count`` damaged examples at every door."""
-    found = Findings()
+    found = InputFindings()
     with tempfile.TemporaryDirectory(prefix="cellcal-inputs-") as folder:
         scratch = Path(folder)
-        doors = [door for door in file_doors(scratch) if not names or door.name in names]
+        doors = [reader for reader in file_readers(scratch) if not names or reader.name in names]
         before = _peak_bytes()
-        for door in doors:
+        for reader in doors:
             for seed in range(count):
-                try_input(door, scratch, seed, found)
-            print(f"{door.name}: {len(found.flaws)} flaws so far", file=sys.stderr)
+                try_input(reader, scratch, seed, found)
+            print(f"{reader.name}: {len(found.list_flaws)} flaws so far", file=sys.stderr)
     grown = _peak_bytes() - before
-    for flaw in found.flaws:
+    for flaw in found.list_flaws:
         print(flaw)
     line = (
         f"{found.cases} damaged inputs at {len(doors)} doors, {found.read} read: {len(found.traces)} traces, "
         f"{len(found.slow)} over {MOST_S:g} s, memory grew by {grown >> 20} MB"
     )
-    return Figures(line, not found.flaws and grown < MOST_BYTES)
+    return CampaignFigures(line, not found.list_flaws and grown < MOST_BYTES)
 
 
 def _peak_bytes() -> int:

@@ -17,13 +17,13 @@ from playwright.async_api import Page
 
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.browsers import comes, go
-from tests.service.desks import a_cell
-from tests.service.lookers import looking_back
-from tests.service.reviewed import SPOILT_STEP
-from tests.service.test_pages import Looking, looking_at
-from tests.service.test_review_pages import marks, tap
-from tests.soak.figures import Figures
+from tests.service.browser_pages import go_to_page, wait_for_value
+from tests.service.cell_process_session import a_cell
+from tests.service.cell_with_history import SPOILT_STEP
+from tests.service.past_cell_view import view_past_cell
+from tests.service.test_pages import PageViewer, view_service
+from tests.service.test_review_pages import plot_points, tap_point
+from tests.soak.campaign_figures import CampaignFigures
 
 _TIME_FACTOR = 20.0  # of the fake cell: the arm moves nearly all the time
 _WARM_S = 3.0  # a page that was opened just now draws its first pictures
@@ -58,68 +58,72 @@ _TIMED = """{ document.addEventListener('pointerdown', () => { window.__tapMs = 
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownDelays:
     """How long after they were read values were shown [s], and how often [Hz]."""
 
     late_s: list[float]
     rate_hz: float
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """Return it in words."""
-        return f"{_spread(self.late_s)}, {self.rate_hz:.1f} a second"
+        return f"{_describe_spread(self.late_s)}, {self.rate_hz:.1f} a second"
 
 
-def live(count: int) -> Figures:
+def live(count: int) -> CampaignFigures:
     """Look for so many seconds at a gauge and at an arm that moves; then tap as many points of a result."""
     with tempfile.TemporaryDirectory() as folder:
-        gauge, picture = asyncio.run(_followed(Path(folder), float(count)))
+        gauge, picture = asyncio.run(_follow_values(Path(folder), float(count)))
     with tempfile.TemporaryDirectory() as folder:
-        taps_s = asyncio.run(_tapped(Path(folder), count))
+        taps_s = asyncio.run(_tap_points(Path(folder), count))
     line = (
-        f"live: U2 a gauge's value is shown after {gauge.told()} (at least {_LEAST_HZ:g}); U3 the picture has the "
-        f"joints after {picture.told()} while the arm moves (at most {_FOLLOWED_S:g} s); U9 {len(taps_s)} taps are "
-        f"computed and drawn after {_spread(taps_s)} (at most {_COMPUTED_S:g} s)"
+        f"live: U2 a gauge's value is shown after {gauge.describe()} (at least {_LEAST_HZ:g}); U3 "
+        f"the picture has the "
+        f"joints after {picture.describe()} while the arm moves (at most {_FOLLOWED_S:g} s); U9 "
+        f"{len(taps_s)} taps are "
+        f"computed and drawn after {_describe_spread(taps_s)} (at most {_COMPUTED_S:g} s)"
     )
     soon = max(picture.late_s) <= _FOLLOWED_S and max(taps_s) <= _COMPUTED_S
-    return Figures(line, gauge.rate_hz >= _LEAST_HZ and soon)
+    return CampaignFigures(line, gauge.rate_hz >= _LEAST_HZ and soon)
 
 
-async def _followed(folder: Path, span_s: float) -> tuple[Shown, Shown]:
+async def _follow_values(folder: Path, span_s: float) -> tuple[ShownDelays, ShownDelays]:
     async with (
         a_cell(folder, time_factor=_TIME_FACTOR) as (path, _),
-        looking_at(create_app(ServiceSettings(path, open_access=True))) as looks,
-        _a_moving_arm(looks),
-        looks.page() as page,
+        view_service(create_app(ServiceSettings(path, open_access=True))) as viewer,
+        _moving_arm(viewer),
+        viewer.open_page() as page,
     ):
         await page.add_init_script(_LISTEN)
         await page.reload()
-        await comes(lambda: page.evaluate("window.__drawn.length > 0 && window.__gauge.length > 0"))
+        await wait_for_value(lambda: page.evaluate("window.__drawn.length > 0 && window.__gauge.length > 0"))
         await asyncio.sleep(_WARM_S)
         await page.evaluate("{ window.__told = []; window.__gauge = []; window.__drawn = []; }")
         await asyncio.sleep(span_s)
-        told, gauge, drawn = await page.evaluate("[window.__told, window.__gauge, window.__drawn]")
-    lengths = [(f"{1e3 * value['length_m']:.2f}", at_s) for value, at_s in _read(told, "gauge")]
-    joints = [(value["joints_rad"][0], at_s) for value, at_s in _read(told, "robot")]
-    return _shown(lengths, gauge, span_s), _shown(joints, drawn, span_s)
+        messages, gauge, drawn = await page.evaluate("[window.__told, window.__gauge, window.__drawn]")
+    lengths = [(f"{1e3 * value['length_m']:.2f}", at_s) for value, at_s in _read_values(messages, "gauge")]
+    joints = [(value["joints_rad"][0], at_s) for value, at_s in _read_values(messages, "robot")]
+    return _match_shown(lengths, gauge, span_s), _match_shown(joints, drawn, span_s)
 
 
 @asynccontextmanager
-async def _a_moving_arm(looks: Looking) -> AsyncIterator[None]:
+async def _moving_arm(viewer: PageViewer) -> AsyncIterator[None]:
     """Take a record again and again, answering what is asked."""
 
-    async def work() -> None:
+    async def move_arm() -> None:
         while True:
-            session = await looks.session()
+            session = await viewer.read_session()
             run, prompt = session["run"], session["prompt"]
             if run is None:
-                await looks.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+                await viewer.send_order(
+                    op="start", procedure="mastering_record", settings={}, hold_to_move=False
+                )
             elif run["outcome"]:
-                await looks.order(op="dismiss")
+                await viewer.send_order(op="dismiss")
             elif prompt:
-                await looks.order(op="answer", prompt_id=prompt["id"], value="yes")
+                await viewer.send_order(op="answer", prompt_id=prompt["id"], value="yes")
             await asyncio.sleep(0.2)
 
-    task = asyncio.create_task(work())
+    task = asyncio.create_task(move_arm())
     try:
         yield
     finally:
@@ -127,37 +131,39 @@ async def _a_moving_arm(looks: Looking) -> AsyncIterator[None]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-def _read(told: list[dict[str, Any]], role: str) -> list[tuple[dict[str, Any], float]]:
+def _read_values(messages: list[dict[str, Any]], role: str) -> list[tuple[dict[str, Any], float]]:
     """Return the values of a device as they came, and when each was read."""
-    found = ((each["at_s"], device) for each in told for device in each["devices"] if device["role"] == role)
+    found = (
+        (each["at_s"], device) for each in messages for device in each["devices"] if device["role"] == role
+    )
     return [(device["value"], at_s - device["age_s"]) for at_s, device in found if device["value"]]
 
 
-def _shown(read: list[tuple[Any, float]], shown: list[tuple[Any, float]], span_s: float) -> Shown:
+def _match_shown(read: list[tuple[Any, float]], shown: list[tuple[Any, float]], span_s: float) -> ShownDelays:
     """Match what was shown with what was read last before it; the same value may come again."""
     late_s = []
     for value, at_s in shown:
-        before = [read_s for told, read_s in read if told == value and read_s <= at_s]
+        before = [read_s for read_value, read_s in read if read_value == value and read_s <= at_s]
         if before:
             late_s.append(at_s - max(before))
-    return Shown(late_s, len(late_s) / span_s)
+    return ShownDelays(late_s, len(late_s) / span_s)
 
 
-async def _tapped(folder: Path, count: int) -> list[float]:
-    async with looking_back(folder) as (looks, past), looks.page() as page:
+async def _tap_points(folder: Path, count: int) -> list[float]:
+    async with view_past_cell(folder) as (viewer, past), viewer.open_page() as page:
         await page.add_init_script(_TIMED)
         await page.reload()
-        await go(page, f"#/history/{past.spoilt}")
-        return [await _tap(page) for _ in range(count)]
+        await go_to_page(page, f"#/history/{past.spoilt}")
+        return [await _tap_reading(page) for _ in range(count)]
 
 
-async def _tap(page: Page) -> float:
+async def _tap_reading(page: Page) -> float:
     """Take the same reading out, or put it back; the plot may have been drawn anew."""
     place = int(SPOILT_STEP.split()[1]) - 1
     await page.evaluate("window.__tookMs = null")
-    await tap(page, (await marks(page))[place])
-    return float(await comes(lambda: page.evaluate("window.__tookMs"))) / 1e3
+    await tap_point(page, (await plot_points(page))[place])
+    return float(await wait_for_value(lambda: page.evaluate("window.__tookMs"))) / 1e3
 
 
-def _spread(found_s: list[float]) -> str:
+def _describe_spread(found_s: list[float]) -> str:
     return f"{1e3 * statistics.median(found_s):.0f} ms in the median, {1e3 * max(found_s):.0f} ms at most"

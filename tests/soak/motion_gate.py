@@ -15,9 +15,9 @@ from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell, GaugeSetup, MotionCaps, MotionLevel
 from cellcal.procedures.motion.motion_gate import MotionCare, move_along
 from cellcal.procedures.surroundings import BoxBlock, Surroundings
-from tests.procedures.ideal import Hands, IdealArm, IdealWire
-from tests.soak.figures import Figures
-from tests.soak.gate_oracle import Oracle
+from tests.procedures.ideal_devices import IdealArm, IdealWire, ScriptedTechnician
+from tests.soak.campaign_figures import CampaignFigures
+from tests.soak.gate_oracle import MoveOracle
 
 MODEL = load_model("fanuc_m6ib")
 HOME = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
@@ -33,35 +33,35 @@ _BAD = (math.nan, math.inf, -math.inf, 1e300, -1e12)
 
 
 @dataclass
-class Recorder(IdealArm):
+class RecordingArm(IdealArm):
     """An arm that writes down what it is told."""
 
-    told: list[tuple[Joints, Joints, float]] = field(default_factory=list)
+    commands: list[tuple[Joints, Joints, float]] = field(default_factory=list)
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         """Note the command, and be there."""
         here = (await self.read_joints()).joints_rad
-        self.told.append((here, target_rad, speed_rad_s))
+        self.commands.append((here, target_rad, speed_rad_s))
         if np.isfinite(target_rad).all():
             self.write_program(np.array(target_rad))
 
 
-def gate(trials: int) -> Figures:
+def gate(trials: int) -> CampaignFigures:
     """Random targets: not finite, beyond limits, unreachable for the wire, colliding, and honest ones; 0 escapes."""
-    found = asyncio.run(_campaign(trials))
+    found = asyncio.run(_run_trials(trials))
     escapes = sum(count for name, count in found.items() if name.startswith("escaped"))
-    told = ", ".join(f"{name} {count}" for name, count in sorted(found.items()))
-    line = f"gate: {trials} random targets, {found['commanded']} commanded, {escapes} escapes ({told})"
-    return Figures(line, escapes == 0 and found["commanded"] > 0.02 * trials)
+    summary = ", ".join(f"{name} {count}" for name, count in sorted(found.items()))
+    line = f"gate: {trials} random targets, {found['commanded']} commanded, {escapes} escapes ({summary})"
+    return CampaignFigures(line, escapes == 0 and found["commanded"] > 0.02 * trials)
 
 
-async def _campaign(trials: int) -> Counter[str]:
-    arm, rng, found = Recorder(model=MODEL), np.random.default_rng(11), Counter[str]()
-    oracle = Oracle(MODEL, KNOWN, AT, IdealWire(arm).capabilities.range_m)
+async def _run_trials(trials: int) -> Counter[str]:
+    arm, rng, found = RecordingArm(model=MODEL), np.random.default_rng(11), Counter[str]()
+    oracle = MoveOracle(MODEL, KNOWN, AT, IdealWire(arm).capabilities.range_m)
     cell = Cell(
         "campaign",
         arm,
-        Hands(),
+        ScriptedTechnician(),
         jogs=arm,
         mastering=arm,
         gauge=IdealWire(arm),
@@ -74,20 +74,20 @@ async def _campaign(trials: int) -> Counter[str]:
     arm.write_program(np.array(HOME))
     assert oracle.stands_free(HOME)
     for _ in range(trials):
-        kind, target, speed = _drawn(rng, arm.true_joints)
-        arm.told.clear()
+        kind, target, speed = _draw_target(rng, arm.true_joints)
+        arm.commands.clear()
         try:
             await move_along(cell, [target], speed, care=MotionCare.WIRED)
             found["commanded"] += 1
         except CellError:
             found[f"refused {kind}"] += 1
-        for start, goal, rate in arm.told:
-            for complaint in oracle.complaints(start, goal, rate, _CAP_M_S):
+        for start, goal, rate in arm.commands:
+            for complaint in oracle.find_complaints(start, goal, rate, _CAP_M_S):
                 found[f"escaped {complaint}"] += 1
     return found
 
 
-def _drawn(rng: np.random.Generator, here: Array) -> tuple[str, Joints, float]:
+def _draw_target(rng: np.random.Generator, here: Array) -> tuple[str, Joints, float]:
     """Return what kind of target was drawn, the target, and a speed."""
     low, high = MODEL.lower_rad, MODEL.upper_rad
     target, speed = rng.uniform(low, high), float(rng.uniform(0.01, 3.0))

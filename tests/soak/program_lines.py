@@ -22,41 +22,46 @@ def line_of_programs(folder: Path, programs: int, points: int, seed: int = 1) ->
         shutil.copytree(DOOR_LINE / cell, folder / cell, ignore=shutil.ignore_patterns("programs"))
     place = folder / "cell_1" / "programs"
     place.mkdir()
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     patterns = [path.read_bytes() for path in sorted((DOOR_LINE / "cell_1" / "programs").glob("*.LS"))]
     for number in range(programs):
         name = b"LINE%05d" % number
         (place / f"{name.decode()}.LS").write_bytes(
-            _listing(patterns[number % len(patterns)], name, points, dice)
+            _program_listing(patterns[number % len(patterns)], name, points, rng)
         )
     return folder / "cell_1" / "project.toml", folder / "cell_7" / "project.toml"
 
 
-def _listing(pattern: bytes, name: bytes, points: int, dice: np.random.Generator) -> bytes:
+def _program_listing(pattern: bytes, name: bytes, points: int, rng: np.random.Generator) -> bytes:
     head, _, rest = pattern.partition(b"/MN\n")
     instructions = rest.partition(b"/POS\n")[0].splitlines()
-    said = [line.partition(b":")[2] for line in instructions if b"P[" not in line.replace(b"PR[", b"")]
+    statements = [line.partition(b":")[2] for line in instructions if b"P[" not in line.replace(b"PR[", b"")]
     move = next(line.partition(b":")[2] for line in instructions if b"P[" in line.replace(b"PR[", b""))
     moves = [_MOVE.sub(b"P[%d]" % (i + 1), move) for i in range(points)]
-    told = [b"%4d:%s" % (i + 1, text) for i, text in enumerate([*said[:-1], *moves, said[-1]])]
+    numbered_lines = [
+        b"%4d:%s" % (i + 1, text) for i, text in enumerate([*statements[:-1], *moves, statements[-1]])
+    ]
     head = re.sub(rb"^/PROG  \S+", b"/PROG  " + name, head)
-    head = re.sub(rb"LINE_COUNT\t= \d+", b"LINE_COUNT\t= %d" % len(told), head)
-    records = [_RECORD.sub(_pattern, found) for found in _RECORD.findall(pattern)]
+    head = re.sub(rb"LINE_COUNT\t= \d+", b"LINE_COUNT\t= %d" % len(numbered_lines), head)
+    records = [_RECORD.sub(_record_pattern, found) for found in _RECORD.findall(pattern)]
     values = [[float(text) for _, text in _FIELD.findall(found)] for found in _RECORD.findall(pattern)]
     moved = np.array([values[i % len(values)] for i in range(points)])
-    moved += dice.uniform(-1, 1, moved.shape) * np.repeat([_SPREAD_MM, _SPREAD_DEG], 3)
+    moved += rng.uniform(-1, 1, moved.shape) * np.repeat([_SPREAD_MM, _SPREAD_DEG], 3)
     moved[:, 3:] = np.remainder(moved[:, 3:] + 180.0, 360.0) - 180.0
-    body = [records[i % len(records)] % (i + 1, *map(_number, row)) for i, row in enumerate(moved.tolist())]
-    return b"%s/MN\n%s\n/POS\n%s/END\n" % (head, b"\n".join(told), b"".join(body))
+    body = [
+        records[i % len(records)] % (i + 1, *map(_format_coordinate, row))
+        for i, row in enumerate(moved.tolist())
+    ]
+    return b"%s/MN\n%s\n/POS\n%s/END\n" % (head, b"\n".join(numbered_lines), b"".join(body))
 
 
-def _pattern(record: re.Match[bytes]) -> bytes:
+def _record_pattern(record: re.Match[bytes]) -> bytes:
     """Return a record as a pattern that takes its number and its six coordinates."""
     text = re.sub(rb"^P\[\d+\]", b"P[%d]", record[0].replace(b"%", b"%%"))
     return _FIELD.sub(rb"\1%s", text)
 
 
-def _number(value: float) -> bytes:
+def _format_coordinate(value: float) -> bytes:
     """Write a coordinate as the controller does: right-aligned in ten places, without a zero before the point."""
     text = b"%.3f" % value
     return (text.replace(b"0.", b".", 1) if -1.0 < value < 1.0 else text).rjust(10)

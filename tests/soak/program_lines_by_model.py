@@ -16,7 +16,7 @@ _TOOL_MM = 80.0
 
 
 @dataclass(frozen=True)
-class Rows:
+class ProgramPoints:
     """Points of one program."""
 
     places_mm: Array  # (N, 3)
@@ -26,7 +26,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Maker:
+class RobotMaker:
     """How one maker's robot stands and how its programs look."""
 
     brand: str
@@ -38,11 +38,11 @@ class Maker:
     like: str  # a configuration, as a spelling
     tool: str
     frame: str
-    files: Callable[[str, Rows], dict[str, list[str]]]  # lines by suffix
+    files: Callable[[str, ProgramPoints], dict[str, list[str]]]  # lines by suffix
     frame_mm: tuple[float, float, float] = (300.0, 50.0, 100.0)
 
 
-def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: int = 1) -> Path:
+def line_by_model(maker: RobotMaker, folder: Path, programs: int, points: int, seed: int = 1) -> Path:
     """Write ``programs`` programs of ``points`` points each, and the project, whose path is returned."""
     place = folder / "programs"
     place.mkdir(parents=True)
@@ -53,26 +53,26 @@ def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: 
         f"[tools.{maker.tool}.entered]\nposition_mm = [0, 0, {_TOOL_MM}]\n{key}\n"
         f"[frames.{maker.frame}]\nposition_mm = {list(maker.frame_mm)}\n{key}\n"
     )
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     for number in range(programs):
         name = f"LINE{number:05d}"
-        for suffix, lines in maker.files(name, _rows(maker, points, dice)).items():
+        for suffix, lines in maker.files(name, _draw_points(maker, points, rng)).items():
             (place / f"{name}{suffix}").write_bytes("\r\n".join([*lines, ""]).encode())
     return project
 
 
-def _rows(maker: Maker, count: int, dice: np.random.Generator) -> Rows:
+def _draw_points(maker: RobotMaker, count: int, rng: np.random.Generator) -> ProgramPoints:
     model = load_model(maker.model)
-    joints = np.array(maker.middle_rad) + dice.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axis_count))
+    joints = np.array(maker.middle_rad) + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axis_count))
     base_tip = model.base_flange(joints)
     places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(maker.frame_mm)
     turned = values_from(maker.convention, base_tip[:, :3, :3])
     rule = brand_named(maker.brand).configurations
     states = [] if rule is None else rule.write_configurations(model, joints, [maker.like] * count)
-    return Rows(places, np.rad2deg(turned) if maker.unit == "_deg" else turned, states, joints)
+    return ProgramPoints(places, np.rad2deg(turned) if maker.unit == "_deg" else turned, states, joints)
 
 
-def _kuka(name: str, rows: Rows) -> dict[str, list[str]]:
+def _kuka_files(name: str, rows: ProgramPoints) -> dict[str, list[str]]:
     program, data = [f"DEF {name}( )"], [f"DEFDAT {name}"]
     for i, (place, turned, state) in enumerate(
         zip(rows.places_mm, rows.turned, rows.states, strict=True), start=1
@@ -97,7 +97,7 @@ def _kuka(name: str, rows: Rows) -> dict[str, list[str]]:
     return {".src": [*program, "END"], ".dat": [*data, "ENDDAT"]}
 
 
-def _abb(name: str, rows: Rows) -> dict[str, list[str]]:
+def _abb_files(name: str, rows: ProgramPoints) -> dict[str, list[str]]:
     targets, moves = [], []
     for i, (place, turned, state) in enumerate(
         zip(rows.places_mm, rows.turned, rows.states, strict=True), start=1
@@ -111,7 +111,7 @@ def _abb(name: str, rows: Rows) -> dict[str, list[str]]:
     return {".mod": module}
 
 
-def _yaskawa(name: str, rows: Rows) -> dict[str, list[str]]:
+def _yaskawa_files(name: str, rows: ProgramPoints) -> dict[str, list[str]]:
     points, moves, before = [], [], ""
     for i, (place, turned, state) in enumerate(zip(rows.places_mm, rows.turned, rows.states, strict=True)):
         points += [f"///RCONF {state}"] if state != before else []
@@ -121,11 +121,11 @@ def _yaskawa(name: str, rows: Rows) -> dict[str, list[str]]:
         moves.append(f"MOVL C{i:05d} V=375.0 PL=1")
         before = state
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(moves)},0,0,0,0,0", "///USER 1", "///TOOL 1"]
-    told = ["//INST", "///DATE 2025/03/02 14:11", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
-    return {".jbi": [*head, "///POSTYPE USER", "///RECTAN", *points, *told, *moves, "END"]}
+    instruction_lines = ["//INST", "///DATE 2025/03/02 14:11", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
+    return {".jbi": [*head, "///POSTYPE USER", "///RECTAN", *points, *instruction_lines, *moves, "END"]}
 
 
-def _universal_robots(name: str, rows: Rows) -> dict[str, list[str]]:
+def _universal_robots(name: str, rows: ProgramPoints) -> dict[str, list[str]]:
     lines = [f"def {name}():", f"  set_tcp(p[0.0,0.0,{_TOOL_MM * 1e-3:.12f},0.0,0.0,0.0])"]
     moves = []
     for i, (place, turned, joints) in enumerate(
@@ -144,7 +144,7 @@ def _universal_robots(name: str, rows: Rows) -> dict[str, list[str]]:
 
 
 MAKERS = {
-    "kuka_src": Maker(
+    "kuka_src": RobotMaker(
         "kuka",
         "kuka_kr6_r900",
         (0, -1.4, 1.6, 0, 0.8, 0),
@@ -154,9 +154,9 @@ MAKERS = {
         "S 2,T 2",
         "1",
         "1",
-        _kuka,
+        _kuka_files,
     ),
-    "abb": Maker(
+    "abb": RobotMaker(
         "abb",
         "abb_irb120",
         (0, 0.2, 0.1, 0, 0.8, 0),
@@ -166,9 +166,9 @@ MAKERS = {
         "[0,0,0,0]",
         "grip",
         "table",
-        _abb,
+        _abb_files,
     ),
-    "yaskawa": Maker(
+    "yaskawa": RobotMaker(
         "yaskawa",
         "yaskawa_ar2010",
         (0, 0.2, -0.3, 0, -0.8, 0),
@@ -178,9 +178,9 @@ MAKERS = {
         ",".join("0" * 24),
         "1",
         "1",
-        _yaskawa,
+        _yaskawa_files,
     ),
-    "universal_robots": Maker(
+    "universal_robots": RobotMaker(
         "universal_robots",
         "ur10e",
         (0, -1.4, 1.6, -1.7, -1.5, 0),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from tests.soak.figures import Figures
+from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.program_lines import line_of_programs
 from tests.soak.program_lines_by_model import MAKERS, line_by_model
 
@@ -21,7 +21,7 @@ _TICKS = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True)
-class Took:
+class CommandCost:
     """What one command took."""
 
     wall_s: float
@@ -35,7 +35,7 @@ class Took:
         return self.parent_s + (self.all_s - self.parent_s) / 2
 
 
-def of_one_brand() -> dict[str, tuple[Callable[[int], Figures], int]]:
+def of_one_brand() -> dict[str, tuple[Callable[[int], CampaignFigures], int]]:
     """Return the campaign for the programs of one brand, as ``programs_speed.kuka_src``."""
     return {
         f"programs_speed.{brand}": (partial(programs_speed, only=brand), 1_000_000)
@@ -43,85 +43,90 @@ def of_one_brand() -> dict[str, tuple[Callable[[int], Figures], int]]:
     }
 
 
-def programs_speed(points: int, only: str = "") -> Figures:
+def programs_speed(points: int, only: str = "") -> CampaignFigures:
     """Clone, compensate and move ``points`` points of FANUC in programs of 1000 and of 40, and 30 programs of 40.
 
     Of other brands, programs of 1000 points are moved.
     """
     words, reached = [], True
     with tempfile.TemporaryDirectory() as folder:
-        for what, command in _lines(Path(folder), points, only):
-            took = _run(command)
+        for what, command in _program_lines(Path(folder), points, only):
+            took = _run_command(command)
             reached &= took.two_cores_s < MOST_S and took.peak_mb < MOST_MB
-            words.append(f"{what}: {_told(took)}")
-            _say(words[-1])
+            words.append(f"{what}: {_describe_cost(took)}")
+            _print_text(words[-1])
         if only in ("", "fanuc"):
             small = _run_small(Path(folder) / "small")
-            words.append(f"clone 30 programs of 40: {_told(small)}")
+            words.append(f"clone 30 programs of 40: {_describe_cost(small)}")
             reached &= small.all_s < MOST_SMALL_S
-    return Figures("programs_speed: " + "; ".join(words), bool(reached))
+    return CampaignFigures("programs_speed: " + "; ".join(words), bool(reached))
 
 
-def _lines(folder: Path, points: int, only: str) -> Iterator[tuple[str, list[str]]]:
+def _program_lines(folder: Path, points: int, only: str) -> Iterator[tuple[str, list[str]]]:
     """Write a line of programs after the other, and yield what is done with it and by which command."""
     for each in (1000, 40) if only in ("", "fanuc") else ():
         place = folder / f"of_{each}"
         projects = line_of_programs(place, max(points // each, 1), each)
-        for name, command in _commands(*projects).items():
+        for name, command in _program_commands(*projects).items():
             yield f"{name} {points} in programs of {each}", [*command, "--out", str(place / name)]
     for name, maker in MAKERS.items():
         if only in ("", name):
             project = line_by_model(maker, folder / name, max(points // 1000, 1), 1000)
             out = ["--out", str(folder / name / "moved")]
-            yield f"{name}: move {points} in programs of 1000", [*_move(project, maker.frame), *out]
+            yield f"{name}: move {points} in programs of 1000", [*_move_command(project, maker.frame), *out]
 
 
-def _run_small(place: Path) -> Took:
+def _run_small(place: Path) -> CommandCost:
     """Return the quickest of three: the first one also fills the file system's memory."""
     projects = line_of_programs(place, 30, 40)
-    runs = [_run([*_commands(*projects)["clone"], "--out", str(place / f"out{i}")]) for i in range(3)]
+    runs = [
+        _run_command([*_program_commands(*projects)["clone"], "--out", str(place / f"out{i}")])
+        for i in range(3)
+    ]
     return min(runs, key=lambda took: took.all_s)
 
 
-def _commands(master: Path, clone: Path) -> dict[str, list[str]]:
+def _program_commands(master: Path, clone: Path) -> dict[str, list[str]]:
     base = [sys.executable, "-m", "cellcal", "program"]
     one = ["--project", str(master)]
     return {
         "clone": [*base, "clone", str(master), str(clone)],
         "compensate": [*base, "compensate", *one],
-        "move": _move(master, "2"),
+        "move": _move_command(master, "2"),
     }
 
 
-def _move(project: Path, frame: str) -> list[str]:
+def _move_command(project: Path, frame: str) -> list[str]:
     base = [sys.executable, "-m", "cellcal", "program", "move"]
     return [*base, "--project", str(project), "--frame", frame, "--offset", "12,0,-3.5,0,0,1.5"]
 
 
-def _told(took: Took) -> str:
+def _describe_cost(took: CommandCost) -> str:
     return (
         f"{took.all_s:.1f} s CPU, at most {took.two_cores_s:.1f} s on two free cores ({took.wall_s:.1f} s here), "
         f"{took.peak_mb:.0f} MB"
     )
 
 
-def _run(command: list[str]) -> Took:
+def _run_command(command: list[str]) -> CommandCost:
     started = time.monotonic()
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
-        look = _Look(process.pid)
+        look = _ProcessSampler(process.pid)
         look.start()
         assert process.stderr is not None
-        said = process.stderr.read()
+        errors = process.stderr.read()
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         look.ended.set()
         look.join()
     if process.returncode not in (0, 4):  # 4: a point was left
-        raise RuntimeError(f"{command}: {process.returncode}\n{said.decode(errors='replace')[-2000:]}")
-    return Took(time.monotonic() - started, look.parent_s, usage.ru_utime + usage.ru_stime, look.peak_mb)
+        raise RuntimeError(f"{command}: {process.returncode}\n{errors.decode(errors='replace')[-2000:]}")
+    return CommandCost(
+        time.monotonic() - started, look.parent_s, usage.ru_utime + usage.ru_stime, look.peak_mb
+    )
 
 
-class _Look(threading.Thread):
+class _ProcessSampler(threading.Thread):
     """Looks at a process and its children while they run."""
 
     def __init__(self, pid: int) -> None:
@@ -150,5 +155,5 @@ def _size_mb(pid: str) -> float:
     return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1e3
 
 
-def _say(text: str) -> None:
+def _print_text(text: str) -> None:
     sys.stderr.write(f"{time.strftime('%H:%M:%S')} {text}\n")

@@ -23,8 +23,8 @@ from cellcal.service.site.link_files import CELL_FILE, close_session, read_link_
 from cellcal.service.site.listener import FleetListener
 from cellcal.service.site.signed_messages import MessageSigner
 from cellcal.service.site.station import advanced_publisher
-from tests.service.sites import SITE, Site, free_port, router_of, until
-from tests.soak.figures import Figures
+from tests.service.loopback_site import SITE, LoopbackSite, free_port, router_of, wait_until
+from tests.soak.campaign_figures import CampaignFigures
 
 RATE_HZ = 10
 _SPAN_S = 20.0
@@ -37,9 +37,9 @@ _PRESIGNED = (
 )
 
 
-def site(cells: int) -> Figures:
+def site(cells: int) -> CampaignFigures:
     """So many cells at 10 Hz into one monitor, each with its own session, and events across a router's death."""
-    lost_events, told = _outage()
+    lost_events, event_count = _measure_outage()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "site"
         names = [f"cell-{k:04d}" for k in range(cells)]
@@ -54,26 +54,26 @@ def site(cells: int) -> Figures:
             router_of(folder),
             FleetListener(folder / "monitor", Path(name) / "s.sqlite", patience_s=60) as listener,
         ):
-            put, online, share = _follow(Path(name), names, listener)
+            put, online, share = _follow_cells(Path(name), names, listener)
             flaws = listener.fleet.flaw_count
-            heard = sum(listener.fleet.sample_counts().values())
+            sample_count = sum(listener.fleet.sample_counts().values())
     line = (
-        f"site: {cells} cells at {RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {put - heard} lost, "
+        f"site: {cells} cells at {RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {put - sample_count} lost, "
         f"{online} online, {flaws} not believed, monitor {share:.0%} of a core (at most 50 %); "
-        f"router away {_AWAY_S} s: {lost_events} of {told} events lost"
+        f"router away {_AWAY_S} s: {lost_events} of {event_count} events lost"
     )
-    return Figures(
-        line, put == heard and online == cells and flaws == 0 and share <= 0.5 and lost_events == 0
+    return CampaignFigures(
+        line, put == sample_count and online == cells and flaws == 0 and share <= 0.5 and lost_events == 0
     )
 
 
-def _follow(root: Path, names: list[str], listener: FleetListener) -> tuple[int, int, float]:
+def _follow_cells(root: Path, names: list[str], listener: FleetListener) -> tuple[int, int, float]:
     players = [player_of(root, names[k::_PLAYERS]) for k in range(_PLAYERS)]
     try:
         for player in players:
             assert player.stdout is not None
             assert player.stdout.readline() == "ready\n"
-        until(lambda: all(map(listener.fleet.is_alive, names)), _PATIENCE_S)
+        wait_until(lambda: all(map(listener.fleet.is_alive, names)), _PATIENCE_S)
         began_s, used_s = time.monotonic(), time.process_time()
         for player in players:
             assert player.stdin is not None
@@ -89,32 +89,32 @@ def _follow(root: Path, names: list[str], listener: FleetListener) -> tuple[int,
             player.communicate()
 
 
-def _outage() -> tuple[int, int]:
+def _measure_outage() -> tuple[int, int]:
     """Kill the router for 6.5 s while a journal grows; return how many of its events never came, of how many."""
     with tempfile.TemporaryDirectory() as name:
-        one = Site(Path(name), "cell-07")
+        one = LoopbackSite(Path(name), "cell-07")
         count = 0
 
-        def grow(span_s: float) -> None:
+        def grow_journal(span_s: float) -> None:
             nonlocal count
             ends_s = time.monotonic() + span_s
             while time.monotonic() < ends_s:
-                one.journal("cell-07", "soak-run", 10, first=count)
+                one.append_to_journal("cell-07", "soak-run", 10, first=count)
                 count += 10
                 time.sleep(10 / _EVENTS_HZ)
 
         store = Path(name) / "s.sqlite"
         with (
-            one.publishing("cell-07"),
-            one.router() as router,
-            FleetListener(one.monitor, store, patience_s=60.0) as listener,
+            one.publish_cell("cell-07"),
+            one.start_router() as router,
+            FleetListener(one.monitor_folder, store, patience_s=60.0) as listener,
         ):
-            grow(2.0)
+            grow_journal(2.0)
             router.kill()
             router.wait()
-            grow(_AWAY_S)
-            with one.router():
-                grow(2.0)
+            grow_journal(_AWAY_S)
+            with one.start_router():
+                grow_journal(2.0)
                 ends_s = time.monotonic() + 60.0
                 while len(listener.event_numbers("cell-07")) < count and time.monotonic() < ends_s:
                     time.sleep(0.1)
@@ -135,7 +135,7 @@ def player_of(root: Path, names: list[str], span_s: float = _SPAN_S) -> "subproc
     return process
 
 
-class _Player:
+class _SimulatedCell:
     """One simulated cell."""
 
     def __init__(self, root: Path, cell: str) -> None:
@@ -160,16 +160,16 @@ class _Player:
             for _ in range(_PRESIGNED)
         ]
 
-    def tell(self, tick: int) -> int:
+    def publish_tick(self, tick: int) -> int:
         """Publish joints, and once a second the state; return how many messages."""
         self.joints_publisher.put(self.joints[tick % _PRESIGNED])
         if tick % RATE_HZ:
             return 1
-        self.state.put(self.sealer.sign_message(self.keys.state_key, next(self.numbers), _state()))
+        self.state.put(self.sealer.sign_message(self.keys.state_key, next(self.numbers), _cell_state()))
         return 2
 
 
-def _state() -> dict[str, Any]:
+def _cell_state() -> dict[str, Any]:
     empty: dict[str, Any] = {
         "alarms": [],
         "drift": [],
@@ -181,13 +181,16 @@ def _state() -> dict[str, Any]:
     return empty | {"cell": "simulated", "attended": True, "outbox": {"first": 1, "last": 0}}
 
 
-def _play() -> None:
+def _play_cells() -> None:
     zenoh.init_log_from_env_or("error")
     root, names = Path(sys.argv[1]), json.loads(sys.stdin.readline())
     with ThreadPoolExecutor(16) as opening:  # a peer takes half a second to open
-        players = list(opening.map(lambda name: _Player(root, name), names))
+        players = list(opening.map(lambda name: _SimulatedCell(root, name), names))
     for player in players:  # what is said before a cell knows of its listener is said to nobody
-        until(lambda asked=player: asked.joints_publisher.matching_status.matching, _PATIENCE_S)
+        wait_until(
+            lambda awaited_player=player: awaited_player.joints_publisher.matching_status.matching,
+            _PATIENCE_S,
+        )
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     sys.stdin.readline()
@@ -195,7 +198,7 @@ def _play() -> None:
     ticks = int(float(sys.argv[2]) * RATE_HZ)
     for tick in range(ticks):
         for k, player in enumerate(players):
-            count += player.tell(tick + k)  # states are spread over the second
+            count += player.publish_tick(tick + k)  # states are spread over the second
         time.sleep(max(0.0, began_s + (tick + 1) / RATE_HZ - time.monotonic()))
     sys.stdout.write(f"{count}\n")
     sys.stdout.flush()
@@ -205,4 +208,4 @@ def _play() -> None:
 
 
 if __name__ == "__main__":
-    _play()
+    _play_cells()

@@ -15,21 +15,21 @@ _PACKET = 1460  # bytes
 
 
 @dataclass
-class _Way:
+class _LinkDirection:
     """One direction, which all connections share."""
 
     rate_byte_s: float
-    carried: int = 0
+    byte_count: int = 0
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _free_s: float = 0.0
 
-    async def carry(self, size: int) -> float:
+    async def wait_for_transfer(self, size: int) -> float:
         """Wait until so many bytes have left; return when the last one did (the loop's time) [s]."""
         clock = asyncio.get_running_loop()
         async with self._turn:
             self._free_s = max(self._free_s, clock.time()) + size / self.rate_byte_s
             await asyncio.sleep(self._free_s - clock.time())
-            self.carried += size
+            self.byte_count += size
             return self._free_s
 
 
@@ -44,14 +44,14 @@ class SlowLink:
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        self._out, self._back = (_Way(self.rate_bit_s / 8.0) for _ in range(2))
+        self._out, self._back = (_LinkDirection(self.rate_bit_s / 8.0) for _ in range(2))
 
     @property
-    def carried(self) -> int:
+    def carried_bytes(self) -> int:
         """Bytes that went either way."""
-        return self._out.carried + self._back.carried
+        return self._out.byte_count + self._back.byte_count
 
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Carry one connection."""
         task = asyncio.current_task()
         assert task is not None
@@ -59,28 +59,31 @@ class SlowLink:
         task.add_done_callback(self._tasks.discard)
         with contextlib.suppress(OSError, asyncio.CancelledError):  # `let_go` ends it
             await asyncio.sleep(2.0 * self.delay_s)
-            answers, asked = await asyncio.open_connection("127.0.0.1", self.target)
+            answers, upstream_writer = await asyncio.open_connection("127.0.0.1", self.target)
             try:
                 await asyncio.gather(
-                    self._carry(reader, asked, self._out), self._carry(answers, writer, self._back)
+                    self._carry_bytes(reader, upstream_writer, self._out),
+                    self._carry_bytes(answers, writer, self._back),
                 )
             finally:
-                asked.close()
+                upstream_writer.close()
         writer.close()
 
-    async def _carry(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, way: _Way) -> None:
+    async def _carry_bytes(
+        self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, way: _LinkDirection
+    ) -> None:
         under_way: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
-        arriving = asyncio.create_task(self._arrive(under_way, sink))
+        arriving = asyncio.create_task(self._deliver_bytes(under_way, sink))
         try:
             data = b" "
             while data:
                 data = await source.read(_PACKET)
-                await under_way.put((await way.carry(len(data)) + self.delay_s, data))
+                await under_way.put((await way.wait_for_transfer(len(data)) + self.delay_s, data))
             await arriving
         finally:
             arriving.cancel()
 
-    async def _arrive(
+    async def _deliver_bytes(
         self, under_way: asyncio.Queue[tuple[float, bytes]], sink: asyncio.StreamWriter
     ) -> None:
         clock = asyncio.get_running_loop()
@@ -102,10 +105,10 @@ class SlowLink:
 
 
 @asynccontextmanager
-async def a_slow_link(target: int, *, rate_bit_s: float, delay_s: float) -> AsyncIterator[SlowLink]:
+async def slow_link_to(target: int, *, rate_bit_s: float, delay_s: float) -> AsyncIterator[SlowLink]:
     """Open such a link."""
     link = SlowLink(target, rate_bit_s, delay_s)
-    server = await asyncio.start_server(link.serve, "127.0.0.1", 0)
+    server = await asyncio.start_server(link.serve_connection, "127.0.0.1", 0)
     link.port = server.sockets[0].getsockname()[1]
     try:
         yield link

@@ -12,34 +12,34 @@ from contextlib import suppress
 from pathlib import Path
 
 from cellcal.service.demo.fake_cell import write_cell_file
-from tests.soak.figures import Figures
-from tests.soak.served import free_port
+from tests.soak.campaign_figures import CampaignFigures
+from tests.soak.service_process import free_port
 
 WITHIN_S = 2.0
 _PATIENCE_S = 120.0
 
 
-def starts(count: int) -> Figures:
+def starts(count: int) -> CampaignFigures:
     """Start the service so often, one after the other; the first start may have to read cold files."""
     with tempfile.TemporaryDirectory() as folder:
         path = write_cell_file(Path(folder), "127.0.0.1", seed=1, time_factor=1.0)
-        seen = [_start(path) for _ in range(count)]
-    walls, used = zip(*seen, strict=True)
+        start_times = [_start_service(path) for _ in range(count)]
+    walls, used = zip(*start_times, strict=True)
     line = (
         f"starts: first answer after {statistics.median(walls):.2f} s (median of {count}, {min(walls):.2f} to "
         f"{max(walls):.2f} s; at most {WITHIN_S:g} s), {statistics.median(used):.2f} s of processor time; "
         f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
-    return Figures(line, statistics.median(walls) <= WITHIN_S)
+    return CampaignFigures(line, statistics.median(walls) <= WITHIN_S)
 
 
-def _start(path: Path) -> tuple[float, float]:
+def _start_service(path: Path) -> tuple[float, float]:
     port, began_s = free_port(), time.monotonic()
     process = subprocess.Popen(
         [sys.executable, "-m", "cellcal", "serve", str(path), "--port", str(port)], stderr=subprocess.DEVNULL
     )
     try:
-        while not _answers(port):
+        while not _is_answering(port):
             assert process.poll() is None, "the service ended"
             assert time.monotonic() - began_s < _PATIENCE_S
             time.sleep(0.01)
@@ -51,7 +51,7 @@ def _start(path: Path) -> tuple[float, float]:
         process.wait()
 
 
-def _answers(port: int) -> bool:
+def _is_answering(port: int) -> bool:
     with suppress(OSError):
         line = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
         try:

@@ -8,10 +8,10 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, homogeneous_matrix, quaternion_from_rotation
 from cellcal.calibration.points.tag_points import TagPath
+from tests.stories.browser_technician import ProcedureStory
 from tests.stories.day_cell import CORNER, OVER_THE_CORNER_RAD, POINTS_M, TARGETS_M
-from tests.stories.days import Story
-from tests.stories.hands import MISSED_M, MODEL, flange_at, turned
-from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
+from tests.stories.technician_actions import MISSED_M, MODEL, flange_at, rotation_about
+from tests.unit.helpers.tag_paths import FIXTURE_BASE, two_paths
 
 TIP_M = (0.012, -0.034, 0.215)
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -25,8 +25,10 @@ TILTS = (
     ((0, 0, 1), 1.0),
     ((1, 0, 0), 0.5),
 )
-FRAME = homogeneous_matrix(turned((0, 0, 1), 0.3) @ turned((0, 1, 0), 0.05), np.array([0.75, -0.2, -0.2]))
-MOVED = homogeneous_matrix(turned((0, 0, 1), 0.02), np.array([0.03, -0.02, 0.004]))
+FRAME = homogeneous_matrix(
+    rotation_about((0, 0, 1), 0.3) @ rotation_about((0, 1, 0), 0.05), np.array([0.75, -0.2, -0.2])
+)
+MOVED = homogeneous_matrix(rotation_about((0, 0, 1), 0.02), np.array([0.03, -0.02, 0.004]))
 OF_WORKPIECE_M = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.35, 0.0), (0.25, 0.2, 0.1))
 FIXTURE: dict[str, Any] = {
     "fixture": "table",
@@ -37,7 +39,7 @@ FIXTURE: dict[str, Any] = {
 
 
 # About where the nest is, and what an arm by its drawing can promise of it.
-PROBED = Story(
+PROBED = ProcedureStory(
     "probed_frame",
     {
         "frame_number": 5,
@@ -62,7 +64,7 @@ PROBED = Story(
 QUICK = ("six_point_tcp", "three_point_frame", "frame_offset", "simulation_cell")
 
 
-def stories() -> tuple[Story, ...]:
+def day_stories() -> tuple[ProcedureStory, ...]:
     """Return the day's stories; the losses before ``mastering_recovery`` are the caller's to cause."""
     frame = {"frame_number": 2, "tip_in_flange_m": TIP_M, "check_above": True, "sigma_m": MISSED_M}
     tool = {
@@ -71,38 +73,42 @@ def stories() -> tuple[Story, ...]:
         "rough_flange_tool": {"position_m": [0.0, 0.0, 0.2]},
     }
     return (
-        Story("mastering_record", hold=True),
-        Story(
-            "six_point_tcp", {"tool_number": 3, "arm_sigma_m": 0.0}, _touches()
+        ProcedureStory("mastering_record", hold=True),
+        ProcedureStory(
+            "six_point_tcp", {"tool_number": 3, "arm_sigma_m": 0.0}, _touch_flanges()
         ),  # touched where it is believed
-        Story("three_point_frame", frame, _on_the_frame()),
-        Story("frame_offset", frame | {"points_in_frame_m": OF_WORKPIECE_M}, _on_the_moved_workpiece()),
-        Story("simulation_cell", _tags()),
-        Story("end_effector_points", tool),
-        Story("fixture_alignment", FIXTURE),
+        ProcedureStory("three_point_frame", frame, _on_the_frame()),
+        ProcedureStory(
+            "frame_offset", frame | {"points_in_frame_m": OF_WORKPIECE_M}, _on_the_moved_workpiece()
+        ),
+        ProcedureStory("simulation_cell", _tag_settings()),
+        ProcedureStory("end_effector_points", tool),
+        ProcedureStory("fixture_alignment", FIXTURE),
         PROBED,
-        Story("mastering_record", robot="second"),
-        Story("fixture_alignment", FIXTURE, robot="second"),
-        Story(
+        ProcedureStory("mastering_record", robot="second"),
+        ProcedureStory("fixture_alignment", FIXTURE, robot="second"),
+        ProcedureStory(
             "base_to_base",
             {"fixture": "table", "limits": {"origin_m": 0.001, "angle_rad": 0.001}},
             robot="second",
         ),
-        Story("robot_calibration", {"method": "tracker"}),
-        Story("accuracy_check", {"method": "tracker"}),
-        Story("drift_check"),
-        Story("mastering_recovery"),
-        Story("mastering_undo"),
+        ProcedureStory("robot_calibration", {"method": "tracker"}),
+        ProcedureStory("accuracy_check", {"method": "tracker"}),
+        ProcedureStory("drift_check"),
+        ProcedureStory("mastering_recovery"),
+        ProcedureStory("mastering_undo"),
     )
 
 
-def _touches() -> dict[str, Array]:
+def _touch_flanges() -> dict[str, Array]:
     """Return where the flange is for each touch and move of the textbook's method."""
     places = {"touch": flange_at(PIN_M, DOWN, TIP_M)}
     keys = ("touch_about_x", "touch_about_y", *(f"touch_{k}" for k in range(2, 13)))
     tilts = (((1, 0, 0), 0.9), ((0, 1, 0), 0.8), *(TILTS[k % len(TILTS)] for k in range(len(keys))))
     for key, (about, angle) in zip(keys, tilts, strict=False):
-        places[key] = flange_at(PIN_M, DOWN @ turned(np.array(about) / np.linalg.norm(about), angle), TIP_M)
+        places[key] = flange_at(
+            PIN_M, DOWN @ rotation_about(np.array(about) / np.linalg.norm(about), angle), TIP_M
+        )
     for axis, key in enumerate(("along_x", "along_y", "along_z")):
         # the tool's own axis, by a foot: those that point at the floor would end below the pin
         places[key] = flange_at(PIN_M + DOWN[:, axis] * STEP_M, DOWN, TIP_M)
@@ -119,32 +125,33 @@ def _on_the_frame() -> dict[str, Array]:
         "touch_more_on_xy": (0.1, 0.3, 0),
         "touch_above": (0.1, 0.1, 0.05),
     }
-    return {key: _at(FRAME, point) for key, point in points.items()}
+    return {key: _point_in_base(FRAME, point) for key, point in points.items()}
 
 
 def _on_the_moved_workpiece() -> dict[str, Array]:
     points: Mapping[str, Any] = {f"touch_point_{k}": point for k, point in enumerate(OF_WORKPIECE_M, 1)}
     return {
-        key: _at(FRAME @ MOVED, point) for key, point in {**points, "touch_above": (0.1, 0.1, 0.2)}.items()
+        key: _point_in_base(FRAME @ MOVED, point)
+        for key, point in {**points, "touch_above": (0.1, 0.1, 0.2)}.items()
     }
 
 
-def _at(base_frame: Array, point_m: Any) -> Array:
+def _point_in_base(base_frame: Array, point_m: Any) -> Array:
     tip = base_frame[:3, :3] @ np.asarray(point_m, dtype=float) + base_frame[:3, 3]
     return flange_at(tip, DOWN, TIP_M)
 
 
-def _tags() -> dict[str, Any]:
+def _tag_settings() -> dict[str, Any]:
     simulated, measured = two_paths(FIXTURE_BASE, 9)
     return {
         "part": "base",
-        "simulated": _told(simulated),
-        "measured": _told(measured),
+        "simulated": _file_setting(simulated),
+        "measured": _file_setting(measured),
         "nominal": {"position_m": [1.2, 0.0, 0.4]},
     }
 
 
-def _told(path: TagPath) -> dict[str, Any]:
+def _file_setting(path: TagPath) -> dict[str, Any]:
     """Return the file that a simulation exports, as a page sends it."""
     rows = [f"{name},{x!r},{y!r},{z!r}" for name, (x, y, z) in zip(path.names, path.positions_m, strict=True)]
     content = base64.b64encode("\n".join(["tag,x,y,z", *rows, ""]).encode()).decode()

@@ -12,7 +12,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.demo.fake_cell import free_address, running_fakes
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
-from tests.procedures.corners import corner_below
+from tests.procedures.probed_corner import corner_below
 from tests.wire.probe_cell import corner_tables
 
 POINTS_M = ((-0.35, -0.45, 0.0), (0.35, -0.45, 0.0), (-0.35, 0.45, 0.0), (0.35, 0.45, 0.25))
@@ -141,8 +141,8 @@ async def day_cell(
         path = folder / "cell.toml"
         head = f'[cell]\nname = "working day"\ndata_dir = {json.dumps(str(folder / "data"))}\n'
         path.write_text(head + "".join(robots) + rest, encoding="utf-8")
-    async with running_fakes(path) as door:
-        yield path, door
+    async with running_fakes(path) as fake_client:
+        yield path, fake_client
 
 
 def _in_mm(points_m: tuple[tuple[float, ...], ...]) -> str:

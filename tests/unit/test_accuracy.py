@@ -26,16 +26,16 @@ JOINTS = np.random.default_rng(0).uniform(-2, 2, (5, 6))
 COMMANDED = cube_positions((0.8, 0.1, 0.6), 0.5)
 
 
-def attained(seed=1, cycles=30, shift=(3e-4, -2e-4, 1e-4), scatter=2e-5, **fields):
+def attained_poses(seed=1, cycles=30, shift=(3e-4, -2e-4, 1e-4), scatter=2e-5, **fields):
     rng = np.random.default_rng(seed)
     positions = COMMANDED[:, None] + np.array(shift) + rng.normal(scale=scatter, size=(5, cycles, 3))
     return AttainedPoses(COMMANDED, positions, JOINTS, **fields)
 
 
 def test_the_formulas_by_hand():
-    seen = np.array([[[3.0, 0, 0], [1.0, 0, 0], [2.0, 1, 0], [2.0, -1, 2]]]) * 1e-3
+    positions_m = np.array([[[3.0, 0, 0], [1.0, 0, 0], [2.0, 1, 0], [2.0, -1, 2]]]) * 1e-3
     pose = evaluate_accuracy(
-        AttainedPoses(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
+        AttainedPoses(np.zeros((1, 3)), positions_m, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
     ).poses[0]
     # mean (2, 0, 0.5); squared distances 1.25, 1.25, 1.25, 3.25
     lengths = [math.sqrt(1.25)] * 3 + [math.sqrt(3.25)]
@@ -46,9 +46,9 @@ def test_the_formulas_by_hand():
 
 
 def test_two_cycles_either_side_are_their_half_distance():
-    seen = np.array([[[1.0, 0, 0], [-1.0, 0, 0]]]) * 1e-3
+    positions_m = np.array([[[1.0, 0, 0], [-1.0, 0, 0]]]) * 1e-3
     test = evaluate_accuracy(
-        AttainedPoses(np.zeros((1, 3)), seen, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
+        AttainedPoses(np.zeros((1, 3)), positions_m, JOINTS[:1]), FULL, fitted_joints_rad=NONE_FITTED
     )
     assert test.rp_m == pytest.approx(1e-3, rel=1e-12)
     assert test.ap_m == 0.0
@@ -58,14 +58,14 @@ def test_turns_are_mean_and_three_deviations_about_the_base_axes():
     commanded = np.stack([exp_rotation(v) for v in np.random.default_rng(2).normal(size=(5, 3))])
     tilt = np.array([[1e-3, 0, 0], [3e-3, 0, 0], [2e-3, 0, 1e-3]])
     turned = exp_rotation(tilt)[None] @ commanded[:, None]
-    data = replace(attained(cycles=3), commanded_rotations=commanded, rotations=turned)
+    data = replace(attained_poses(cycles=3), commanded_rotations=commanded, rotations=turned)
     pose = evaluate_accuracy(data, FULL, fitted_joints_rad=NONE_FITTED).poses[0]
     assert pose.ap_turns_rad == pytest.approx((2e-3, 0, 1e-3 / 3), abs=1e-9)
     assert pose.rp_turns_rad == pytest.approx((3e-3, 0, 3 * statistics.stdev([0, 0, 1e-3])), abs=1e-9)
 
 
 def test_the_total_is_the_worst_pose():
-    data = attained()
+    data = attained_poses()
     data.positions_m[3] += [1e-3, 0, 0]
     test = evaluate_accuracy(data, FULL, fitted_joints_rad=NONE_FITTED)
     assert test.ap_m == test.poses[3].ap_m
@@ -84,19 +84,19 @@ def test_the_total_is_the_worst_pose():
     ],
 )
 def test_what_is_less_than_the_full_test_says_so_in_its_title(conditions, cycles, departure):
-    test = evaluate_accuracy(attained(cycles=cycles), conditions, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained_poses(cycles=cycles), conditions, fitted_joints_rad=NONE_FITTED)
     assert test.title == REDUCED_TITLE
     assert len(test.departures) == 1
     assert departure in test.departures[0]
 
 
 def test_the_full_test_bears_its_name():
-    test = evaluate_accuracy(attained(), FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained_poses(), FULL, fitted_joints_rad=NONE_FITTED)
     assert (test.title, test.departures) == (FULL_TITLE, ())
 
 
 def test_fewer_poses_are_a_departure():
-    whole = attained()
+    whole = attained_poses()
     four = AttainedPoses(whole.commanded_m[:4], whole.positions_m[:4], whole.joints_rad[:4])
     assert evaluate_accuracy(four, FULL, fitted_joints_rad=NONE_FITTED).departures == (
         "4 poses instead of 5",
@@ -107,10 +107,10 @@ def test_fitted_poses_are_refused_even_where_the_controller_rounded():
     fitted = np.random.default_rng(3).uniform(-2, 2, (200, 6))
     fitted[17] = np.radians(np.round(np.degrees(JOINTS[2]), 1))
     with pytest.raises(CalibrationError, match="pose 2 is row 17") as caught:
-        evaluate_accuracy(attained(), FULL, fitted_joints_rad=fitted)
+        evaluate_accuracy(attained_poses(), FULL, fitted_joints_rad=fitted)
     assert caught.value.code == "calibration.leakage"
     fitted[17] += np.radians(0.5)
-    evaluate_accuracy(attained(), FULL, fitted_joints_rad=fitted)
+    evaluate_accuracy(attained_poses(), FULL, fitted_joints_rad=fitted)
 
 
 def test_one_joint_apart_is_another_pose():
@@ -121,7 +121,8 @@ def test_one_joint_apart_is_another_pose():
 
 def test_the_uncertainties_are_the_scatter_of_repeated_tests():
     tests = [
-        evaluate_accuracy(attained(seed), FULL, fitted_joints_rad=NONE_FITTED).poses[0] for seed in range(600)
+        evaluate_accuracy(attained_poses(seed), FULL, fitted_joints_rad=NONE_FITTED).poses[0]
+        for seed in range(600)
     ]
     ap, rp = np.array([t.ap_m for t in tests]), np.array([t.rp_m for t in tests])
     stated_ap = np.sqrt(np.mean([t.ap_sigma_m**2 for t in tests]))
@@ -131,27 +132,27 @@ def test_the_uncertainties_are_the_scatter_of_repeated_tests():
 
 
 def test_an_instruments_uncertainty_does_not_average_out():
-    test = evaluate_accuracy(attained(device_sigma_m=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
+    test = evaluate_accuracy(attained_poses(device_sigma_m=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
     assert all(1e-4 < pose.ap_sigma_m < 1.01e-4 for pose in test.poses)
 
 
 def test_before_and_after_claim_a_change_only_where_it_shows():
-    before = evaluate_accuracy(attained(1), FULL, fitted_joints_rad=NONE_FITTED)
-    better = evaluate_accuracy(attained(2, shift=(5e-5, 0, 0)), FULL, fitted_joints_rad=NONE_FITTED)
-    same = evaluate_accuracy(attained(3), FULL, fitted_joints_rad=NONE_FITTED)
+    before = evaluate_accuracy(attained_poses(1), FULL, fitted_joints_rad=NONE_FITTED)
+    better = evaluate_accuracy(attained_poses(2, shift=(5e-5, 0, 0)), FULL, fitted_joints_rad=NONE_FITTED)
+    same = evaluate_accuracy(attained_poses(3), FULL, fitted_joints_rad=NONE_FITTED)
     gained = compare_accuracy(before, better)
     assert gained.improved == (True,) * 5
     assert all(change < -2e-4 for change in gained.ap_change_m)
     assert gained.repeatability_alike
     assert compare_accuracy(better, before).improved == (False,) * 5
     assert compare_accuracy(before, same).improved.count(None) >= 4
-    loose = evaluate_accuracy(attained(4, scatter=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
+    loose = evaluate_accuracy(attained_poses(4, scatter=1e-4), FULL, fitted_joints_rad=NONE_FITTED)
     assert not compare_accuracy(before, loose).repeatability_alike
 
 
 def test_other_conditions_cannot_be_compared():
-    before = evaluate_accuracy(attained(), FULL, fitted_joints_rad=NONE_FITTED)
-    after = evaluate_accuracy(attained(), replace(FULL, speed_share=0.5), fitted_joints_rad=NONE_FITTED)
+    before = evaluate_accuracy(attained_poses(), FULL, fitted_joints_rad=NONE_FITTED)
+    after = evaluate_accuracy(attained_poses(), replace(FULL, speed_share=0.5), fitted_joints_rad=NONE_FITTED)
     with pytest.raises(CalibrationError, match="alike"):
         compare_accuracy(before, after)
 
@@ -191,9 +192,9 @@ def test_the_four_planes_differ():
         {"positions_m": np.zeros((5, 3))},
     ],
 )
-def test_the_door_refuses_what_is_no_test(change):
+def test_invalid_test_data_are_refused(change):
     with pytest.raises(CalibrationError):
-        replace(attained(), **change)
+        replace(attained_poses(), **change)
 
 
 def test_a_cube_without_a_side_is_refused():

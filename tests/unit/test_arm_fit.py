@@ -35,32 +35,34 @@ POOL = candidate_joints(MODEL, LIMITS, 260, seed=4, hook_in_flange_m=HOOK)
 TESTS = TestPoses(POOL[200:240])
 
 
-def _measured(task: ArmTask, joints: np.ndarray, dice: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _measure_arm(
+    task: ArmTask, joints: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Return readings of an arm drawn from the task's own priors, and the DH errors."""
-    errors = dice.normal(size=(6, 5)) * np.array([2e-3, 5e-4, 5e-4, 5e-4, 5e-4])
+    errors = rng.normal(size=(6, 5)) * np.array([2e-3, 5e-4, 5e-4, 5e-4, 5e-4])
     tips = MODEL.with_dh_errors(errors).tip_positions(joints, np.array(HOOK))
     if task.kind == "point":
-        return tips + dice.normal(size=tips.shape) * task.sigma_m, errors
+        return tips + rng.normal(size=tips.shape) * task.sigma_m, errors
     lengths = np.linalg.norm(tips - np.array(ANCHOR) - 0.004, axis=1) + 0.0003
-    return (lengths + dice.normal(size=len(tips)) * task.sigma_m)[:, None], errors
+    return (lengths + rng.normal(size=len(tips)) * task.sigma_m)[:, None], errors
 
 
 @pytest.mark.parametrize("task", [WIRE, POINTS], ids=["wire", "points"])
 def test_held_out_readings_lie_within_what_a_fit_predicts(task: ArmTask) -> None:
-    dice, squares = np.random.default_rng(5), []
+    rng, squares = np.random.default_rng(5), []
     for _ in range(8):
-        values, _ = _measured(task, POOL[:80], dice)
+        values, _ = _measure_arm(task, POOL[:80], rng)
         rows = task.to_observations(POOL[:80], values)
         robust = fit_arm(task, rows.select_rows(np.arange(50)))
-        held = rows.select_rows(np.arange(50, 80))
-        sigma = np.hypot(predicted_sigma(robust.fit, task, held.joints_rad), task.sigma_m)
-        squares.append(np.mean((errors_at(robust.fit.state, held) / sigma) ** 2))
+        held_out_rows = rows.select_rows(np.arange(50, 80))
+        sigma = np.hypot(predicted_sigma(robust.fit, task, held_out_rows.joints_rad), task.sigma_m)
+        squares.append(np.mean((errors_at(robust.fit.state, held_out_rows) / sigma) ** 2))
         assert reading_sigma(task, robust) >= task.sigma_m
     assert 0.5 < np.mean(squares) < 1.4
 
 
-def test_known_zeros_are_found_and_places_belong_to_nobody() -> None:
-    values, errors = _measured(POINTS, POOL[:60], np.random.default_rng(6))
+def test_known_zeros_are_found_and_placements_are_not_listed() -> None:
+    values, errors = _measure_arm(POINTS, POOL[:60], np.random.default_rng(6))
     found = {
         p.name: p for p in found_parameters(fit_arm(POINTS, POINTS.to_observations(POOL[:60], values)).fit)
     }
@@ -69,15 +71,15 @@ def test_known_zeros_are_found_and_places_belong_to_nobody() -> None:
 
 
 def test_a_known_arm_is_only_placed() -> None:
-    values, errors = _measured(POINTS, POOL[:40], np.random.default_rng(7))
+    values, errors = _measure_arm(POINTS, POOL[:40], np.random.default_rng(7))
     rows = POINTS.to_observations(POOL[:40], values)
     names = {
         f"J{i + 1} {what}": errors[i, k]
         for i in range(6)
         for k, what in enumerate(("offset", "d", "a", "alpha", "beta"))
     }
-    nominal, known = fit_placement(POINTS, rows, {}).state, fit_placement(POINTS, rows, names).state
-    assert np.std(errors_at(known, rows)) < 1.3 * POINTS.sigma_m
+    nominal, known_state = fit_placement(POINTS, rows, {}).state, fit_placement(POINTS, rows, names).state
+    assert np.std(errors_at(known_state, rows)) < 1.3 * POINTS.sigma_m
     assert np.std(errors_at(nominal, rows)) > 5 * POINTS.sigma_m
 
 
@@ -91,7 +93,7 @@ def test_chosen_poses_tell_more_than_drawn_ones_and_the_need_is_counted() -> Non
     assert len(set(turn.order)) == 30
     assert chosen < drawn
     needed = random_poses_needed(
-        before, POOL[:200], lambda known: target_expanded_u(known, TESTS)[0] <= chosen
+        before, POOL[:200], lambda candidate: target_expanded_u(candidate, TESTS)[0] <= chosen
     )
     assert needed is not None
     assert 30 < needed <= 60
@@ -99,9 +101,9 @@ def test_chosen_poses_tell_more_than_drawn_ones_and_the_need_is_counted() -> Non
 
 
 def test_readings_worse_than_stated_widen_the_uncertainty() -> None:
-    dice = np.random.default_rng(8)
-    values, _ = _measured(WIRE, POOL[:70], dice)
-    worse = values + dice.normal(size=values.shape) * 4 * WIRE.sigma_m
+    rng = np.random.default_rng(8)
+    values, _ = _measure_arm(WIRE, POOL[:70], rng)
+    worse = values + rng.normal(size=values.shape) * 4 * WIRE.sigma_m
     good, bad = (fit_arm(WIRE, WIRE.to_observations(POOL[:70], v)) for v in (values, worse))
     assert reading_sigma(WIRE, bad) > 2.5 * reading_sigma(WIRE, good)
     assert (
@@ -142,14 +144,18 @@ def test_readings_of_another_kind_are_refused() -> None:
 
 def test_errors_along_a_line_are_means_and_scatters() -> None:
     joints = POOL[: len(cube_positions((0.8, 0.0, 0.5), 0.3))]
-    wanted = np.full(5, 1.0)
-    found = wanted[:, None] + np.array([0.0009, 0.001, 0.0011])[None]
-    test = evaluate_lengths(wanted, found, joints, device_sigma_m=5e-5, fitted_joints_rad=POOL[10:20])
+    expected_means = np.full(5, 1.0)
+    found = expected_means[:, None] + np.array([0.0009, 0.001, 0.0011])[None]
+    test = evaluate_lengths(expected_means, found, joints, device_sigma_m=5e-5, fitted_joints_rad=POOL[10:20])
     assert test.ap_m == pytest.approx(0.001)
     assert test.rp_m == pytest.approx(0.0003)
     with pytest.raises(CalibrationError, match="fitted"):
-        evaluate_lengths(wanted, found, joints, device_sigma_m=0.0, fitted_joints_rad=POOL[:3])
+        evaluate_lengths(expected_means, found, joints, device_sigma_m=0.0, fitted_joints_rad=POOL[:3])
     with pytest.raises(CalibrationError, match="one cycle"):
-        evaluate_lengths(wanted, found[:, :1], joints, device_sigma_m=0.0, fitted_joints_rad=POOL[10:20])
+        evaluate_lengths(
+            expected_means, found[:, :1], joints, device_sigma_m=0.0, fitted_joints_rad=POOL[10:20]
+        )
     with pytest.raises(CalibrationError, match="finite"):
-        evaluate_lengths(wanted, found * np.nan, joints, device_sigma_m=0.0, fitted_joints_rad=POOL[10:20])
+        evaluate_lengths(
+            expected_means, found * np.nan, joints, device_sigma_m=0.0, fitted_joints_rad=POOL[10:20]
+        )

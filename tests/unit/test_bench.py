@@ -113,11 +113,11 @@ def test_whole_times_are_compared_where_a_topic_says_so():
 
 
 def test_turns_keep_the_best_time_and_do_not_ask_the_missing_again():
-    asked = []
+    called_names = []
     times = iter([0.3, 0.1, 0.2])
 
     def run_one(each):
-        asked.append(each.name)
+        called_names.append(each.name)
         return AbsentContestant(each, "gone") if each is NOBODY else {}
 
     def judge_one(each, answers):
@@ -126,7 +126,7 @@ def test_turns_keep_the_best_time_and_do_not_ask_the_missing_again():
     results, absent = take_turns((OURS, NOBODY), 3, run_one, judge_one)
     assert [result.seconds for result in results] == [0.1]
     assert [each.contestant for each in absent] == [NOBODY]
-    assert asked.count("nobody") == 1
+    assert called_names.count("nobody") == 1
 
 
 def test_the_determinant_root_is_that_of_the_sum():
@@ -141,9 +141,9 @@ def test_accuracy_is_that_of_many_draws_and_near_the_bound():
     case = identify.case_of(0, 100)
     result = BenchResult("cellcal", "100 rows", 100, 0.01, 0.02, "mm rms")
     often = {**case.often, "draws": np.array(60)}
-    told = identify.over_many_draws(result, replace(case, often=often))
+    accuracy = identify.over_many_draws(result, replace(case, often=often))
     # Sixty draws of 27 unknowns leave 2 % to chance.
-    assert told.notes["over_cramer_rao_60_draws"] == pytest.approx(1.0, abs=0.08)
+    assert accuracy.notes["over_cramer_rao_60_draws"] == pytest.approx(1.0, abs=0.08)
 
 
 def test_the_shipped_measurements_are_those_of_the_published_files():
@@ -156,9 +156,9 @@ def test_the_shipped_measurements_are_those_of_the_published_files():
 
 
 def test_rows_are_fitted_or_held_out_never_both():
-    train, held = real.split_rows(1400, 3)
+    train, held_out = real.split_rows(1400, 3)
     assert len(train) == 600
-    assert sorted([*train, *held]) == list(range(1400))
+    assert sorted([*train, *held_out]) == list(range(1400))
     assert len(real.split_rows(100, 3)[0]) == 60
     assert (real.split_rows(1400, 4)[0] != train).any()
 
@@ -176,7 +176,7 @@ def test_an_answer_of_the_wrong_shape_has_no_error_worth_a_number():
     assert result.error == float("inf")
 
 
-def test_measurements_that_nobody_can_use_are_refused(tmp_path):
+def test_unusable_measurements_are_refused(tmp_path):
     path = tmp_path / "wire.csv"
     rows = [
         ",".join(f"{value:.3f}" for value in row) for row in np.random.default_rng(0).uniform(0, 90, (70, 7))

@@ -55,16 +55,16 @@ def config(tmp_path: Path) -> CellConfig:
     return read_cell_file(path)
 
 
-def _store(config: CellConfig, what: str, value: object, run: str = "run-1") -> None:
+def _store_result(config: CellConfig, what: str, value: object, run: str = "run-1") -> None:
     body = stored_body(what, SERIAL, SERIAL, to_jsonable_python(value))
     with open_journal(config) as journal:
         journal.append(run, EventKind.STORED, body, actor="test")
 
 
-def test_what_was_kept_is_lent_to_the_next_run(config: CellConfig) -> None:
+def test_a_stored_calibration_is_given_to_the_next_run(config: CellConfig) -> None:
     assert offline_cell_with_history(config).calibrated is None
-    _store(config, "parameter_set", ARM)
-    _store(config, "drift_reference", REFERENCE, "run-2")
+    _store_result(config, "parameter_set", ARM)
+    _store_result(config, "drift_reference", REFERENCE, "run-2")
     cell = offline_cell_with_history(config)
     assert cell.calibrated == ARM
     assert cell.drift_references == (REFERENCE,)
@@ -74,7 +74,7 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
     sets = ParameterSets(tmp_path / "sets")
     with pytest.raises(ParameterSetError, match="no calibration"):
         save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
-    _store(config, "parameter_set", ARM)
+    _store_result(config, "parameter_set", ARM)
     saved = save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
     assert (saved.version, saved.robot_serial, saved.made_by) == (1, SERIAL, "anna")
     moved = calibrated_model(load_model("fanuc_m6ib"), sets.load_set(SERIAL))
@@ -87,18 +87,18 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
         save_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
 
 
-def test_a_kept_calibration_says_what_its_measurement_did_not_determine() -> None:
+def test_a_stored_calibration_names_undetermined_parameters() -> None:
     unseen = replace(FOUND[0], name="J1 offset", sigma=FOUND[0].prior)
     arm = replace(ARM, parameters=(unseen, *FOUND))
     values = draft_of(arm, SetOrigin(SERIAL, "anna", "2026-11-21T08:00:00+01:00")).values
     assert [value.determined for value in values] == [False, True, True]
 
 
-def test_a_kept_calibration_keeps_its_correlations(config: CellConfig, tmp_path: Path) -> None:
+def test_a_stored_calibration_keeps_its_correlations(config: CellConfig, tmp_path: Path) -> None:
     sets = ParameterSets(tmp_path / "sets")
     correlated = replace(ARM, correlations=((), (-0.4,)))
     assert len({ARM.sha256, correlated.sha256, replace(ARM, correlations=((), (0.4,))).sha256}) == 3
-    _store(config, "parameter_set", correlated)
+    _store_result(config, "parameter_set", correlated)
     assert offline_cell_with_history(config).calibrated == correlated
     save_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
     covariance = covariance_of(sets.load_set(SERIAL))
@@ -106,7 +106,7 @@ def test_a_kept_calibration_keeps_its_correlations(config: CellConfig, tmp_path:
     assert covariance == pytest.approx(np.array([[1e-8, -0.4 * 5e-9], [-0.4 * 5e-9, 2.5e-9]]))
 
 
-def test_what_was_kept_without_correlations_keeps_its_hash_and_tells_no_covariance() -> None:
+def test_a_calibration_stored_without_correlations_keeps_its_hash_and_has_no_covariance() -> None:
     # of the record as it was kept before correlations were: such a calibration is not saved a second time
     assert ARM.sha256 == hashlib.sha256(repr(ARM).encode()).hexdigest()
     assert "correlations" not in repr(ARM)

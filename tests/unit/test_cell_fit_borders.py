@@ -22,14 +22,14 @@ from cellcal.calibration.cells.prediction import frame_between, tip_covariance
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS, nominal_state
-from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World
+from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, SimulatedWorld
 
-WORLD = World(seed=1)
-POINTS = WORLD.points(20)
+WORLD = SimulatedWorld(seed=1)
+POINTS = WORLD.point_rows(20)
 BARE = CellOptions(level=OFFSETS, judge=False)
 
 
-def cell(**changes):
+def cell_with_changes(**changes):
     parts = {
         "robots": [CellRobot("arm", WORLD.model)],
         "tools": [CellTool("tip", "arm")],
@@ -40,7 +40,7 @@ def cell(**changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"tools": [CellTool("tip", "arm 2")]}, "there is no robot 'arm 2'"),
         ({"targets": [CellTarget("smr", "probe", FramePrior.from_point(REFLECTORS[1]))]}, "no tool 'probe'"),
@@ -62,15 +62,15 @@ def cell(**changes):
         ),
     ],
 )
-def test_names_and_shapes_that_do_not_fit_are_refused(changes, said):
-    with pytest.raises(CalibrationError, match=said):
-        cell(**changes)
+def test_names_and_shapes_that_do_not_fit_are_refused(changes, message):
+    with pytest.raises(CalibrationError, match=message):
+        cell_with_changes(**changes)
 
 
 def test_joints_of_another_robot_are_refused():
     few = replace(POINTS, joints_rad=POINTS.joints_rad[:, :5])
     with pytest.raises(CalibrationError, match="has 6 joints, its rows have 5"):
-        cell(series=[CellSeries("rows", "tracker", "tip", few)])
+        cell_with_changes(series=[CellSeries("rows", "tracker", "tip", few)])
 
 
 @pytest.mark.parametrize(
@@ -123,12 +123,12 @@ def test_places_are_rigid_and_their_deviations_not_negative():
 
 
 def test_a_robot_that_nothing_ties_to_the_world_is_refused():
-    other = World("abb_irb120", seed=2)
+    other = SimulatedWorld("abb_irb120", seed=2)
     robots = [CellRobot("arm", WORLD.model), CellRobot("mate", other.model)]
     tools = [CellTool("tip", "arm"), CellTool("probe", "mate")]
     series = [
         CellSeries("rows", "tracker", "tip", POINTS),
-        CellSeries("others", "second tracker", "probe", other.points(20)),
+        CellSeries("others", "second tracker", "probe", other.point_rows(20)),
     ]
     devices = [CellDevice("tracker"), CellDevice("second tracker")]
     loose = CalibrationCell(robots, tools, devices, series)
@@ -140,7 +140,7 @@ def test_a_robot_that_nothing_ties_to_the_world_is_refused():
 
 def test_touches_of_a_plane_alone_ask_for_a_rough_tool_and_do_with_it():
     plane = homogeneous_matrix(np.eye(3), np.array([0.4, 0.1, 0.1]))
-    touched = cell(
+    touched = cell_with_changes(
         devices=[CellDevice("table")], series=[CellSeries("t", "table", "tip", WORLD.at_plane(plane, 40))]
     )
     with pytest.raises(DegenerateDataError, match="'tool'") as caught:
@@ -156,11 +156,13 @@ def test_touches_of_a_plane_alone_ask_for_a_rough_tool_and_do_with_it():
 
 def test_bars_alone_ask_for_a_rough_tool():
     with pytest.raises(DegenerateDataError, match="'tool'"):
-        fit_cell(cell(series=[CellSeries("b", "tracker", "tip", WORLD.bar(count=30))]), BARE)
+        fit_cell(
+            cell_with_changes(series=[CellSeries("b", "tracker", "tip", WORLD.bar_rows(count=30))]), BARE
+        )
 
 
 def test_too_few_rows_are_refused_with_what_to_do():
-    few = cell(series=[CellSeries("rows", "tracker", "tip", WORLD.points(3))])
+    few = cell_with_changes(series=[CellSeries("rows", "tracker", "tip", WORLD.point_rows(3))])
     with pytest.raises(DegenerateDataError, match="9 readings cannot tell 9 unknown") as caught:
         fit_cell(few, BARE)
     assert "Measure more" in caught.value.remedy
@@ -168,17 +170,17 @@ def test_too_few_rows_are_refused_with_what_to_do():
 
 def test_options_that_name_nothing_are_refused():
     with pytest.raises(CalibrationError, match="no level 9"):
-        fit_cell(cell(), replace(BARE, level=9))
+        fit_cell(cell_with_changes(), replace(BARE, level=9))
     with pytest.raises(CalibrationError, match="no parameter 'J9 offset'"):
-        fit_cell(cell(), replace(BARE, free=("J9 offset",)))
-    found = fit_cell(cell(), CellOptions(level=OFFSETS, judge=False, fixed=("J2", "J3 offset")))
+        fit_cell(cell_with_changes(), replace(BARE, free=("J9 offset",)))
+    found = fit_cell(cell_with_changes(), CellOptions(level=OFFSETS, judge=False, fixed=("J2", "J3 offset")))
     assert [p.name for p in found.robust.fit.layout.parameters if p.role == "offset"] == [
         f"J{i} offset" for i in (1, 4, 5, 6)
     ]
 
 
 def test_questions_about_what_the_cell_does_not_have_are_refused():
-    fit = fit_cell(cell(), BARE).robust.fit
+    fit = fit_cell(cell_with_changes(), BARE).robust.fit
     with pytest.raises(CalibrationError, match="no target 'tap'"):
         tip_covariance(fit, "tap", POINTS.joints_rad)
     with pytest.raises(CalibrationError, match="no robot and no device 'camera'"):
@@ -188,17 +190,17 @@ def test_questions_about_what_the_cell_does_not_have_are_refused():
 
 
 def test_earlier_parameters_of_another_model_are_refused():
-    other = World("abb_irb120").model
+    other = SimulatedWorld("abb_irb120").model
     strange = CellRobot("arm", replace(WORLD.model, dh=None), previous=nominal_state(other, ()))
     with pytest.raises(CalibrationError, match="another model"):
-        fit_cell(cell(robots=[strange]), BARE)
+        fit_cell(cell_with_changes(robots=[strange]), BARE)
 
 
 def test_a_series_of_few_rows_keeps_its_stated_deviations():
     nest = CellDevice("nest", (FramePrior.from_pose(TRACKER),))
-    short = CellSeries("nest", "nest", "tip", WORLD.points(1))
+    short = CellSeries("nest", "nest", "tip", WORLD.point_rows(1))
     found = fit_cell(
-        cell(
+        cell_with_changes(
             devices=[CellDevice("tracker"), nest],
             series=[CellSeries("rows", "tracker", "tip", POINTS), short],
         ),

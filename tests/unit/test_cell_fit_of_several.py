@@ -35,7 +35,7 @@ from cellcal.calibration.identification.parameters import (
     nominal_state,
 )
 from tests.unit.helpers.simulated_arm import random_joints
-from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
+from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, SimulatedWorld
 
 ANCHOR, OTHER_ANCHOR = np.array([0.9, -0.7, -0.4]), np.array([-0.8, 0.9, 0.1])
 PLANE = homogeneous_matrix(exp_rotation(np.array([0.1, -0.05, 0.0])), np.array([0.5, 0.2, 0.1]))
@@ -51,7 +51,7 @@ def one_arm(world, series, devices, *, tool=None, targets=(), **robot):
     )
 
 
-def reflectors(world, count=30):
+def reflector_rows(world, count=30):
     targets = [CellTarget(f"smr {i}", "tip", FramePrior.from_point(at)) for i, at in enumerate(REFLECTORS)]
     series = [
         CellSeries(f"rows {i}", "tracker", f"smr {i}", world.points(count, offset=at))
@@ -60,11 +60,11 @@ def reflectors(world, count=30):
     return targets, series
 
 
-def unknowns(found):
+def unknown_names(found):
     return {item.parameter: item for item in found.not_identified}
 
 
-def mahalanobis(found):
+def squared_mahalanobis(found):
     """Return d' C^-1 d of a small motion between a found frame and the truth."""
     error, covariance = found
     return float(error @ np.linalg.solve(covariance, error))
@@ -73,8 +73,8 @@ def mahalanobis(found):
 def test_three_reflectors_of_known_places_give_the_whole_tool_frame():
     distances = []
     for seed in range(4):
-        world = World(seed=seed, perfect=True)
-        targets, series = reflectors(world)
+        world = SimulatedWorld(seed=seed, perfect=True)
+        targets, series = reflector_rows(world)
         found = fit_cell(
             one_arm(world, series, [CellDevice("tracker")], targets=targets),
             CellOptions(level=FRAMES, judge=False),
@@ -85,66 +85,66 @@ def test_three_reflectors_of_known_places_give_the_whole_tool_frame():
         error = log_transform(inverse_transform(TOOL) @ found.state.places[1])
         assert np.abs(error[:3]).max() < 1e-4
         assert np.abs(error[3:]).max() < 1e-3
-        distances.append(mahalanobis((error, fit.covariance[np.ix_(rows, rows)])))
-        assert not any(name.startswith("tool") for name in unknowns(found))
+        distances.append(squared_mahalanobis((error, fit.covariance[np.ix_(rows, rows)])))
+        assert not any(name.startswith("tool") for name in unknown_names(found))
     assert 2.0 < np.mean(distances) < 12.0  # six are expected
 
 
 def test_one_reflector_gives_a_place_and_the_rest_is_named():
-    world = World(seed=2)
+    world = SimulatedWorld(seed=2)
     cell = one_arm(
         world,
-        [CellSeries("rows", "tracker", "tip", world.points(50))],
+        [CellSeries("rows", "tracker", "tip", world.point_rows(50))],
         [CellDevice("tracker")],
         tool=FramePrior.without_prior(),
     )
-    lost = unknowns(fit_cell(cell, BARE))
+    lost = unknown_names(fit_cell(cell, BARE))
     assert {"tool rx", "tool ry", "tool rz"} <= set(lost)
     assert not {"tool x", "tool y", "tool z"} & set(lost)
     assert "three targets" in lost["tool rx"].cure
 
 
 def test_independent_points_of_one_flange_are_found_each():
-    world = World(seed=3)
+    world = SimulatedWorld(seed=3)
     tools = [CellTool(f"point {i}", "arm") for i in range(3)]
     series = [
-        CellSeries(f"rows {i}", "tracker", f"point {i}", world.points(25, offset=at))
+        CellSeries(f"rows {i}", "tracker", f"point {i}", world.point_rows(25, offset=at))
         for i, at in enumerate(REFLECTORS)
     ]
     cell = CalibrationCell([CellRobot("arm", world.model)], tools, [CellDevice("tracker")], series)
     found = fit_cell(cell, BARE)
-    joints = world.joints(50)
+    joints = world.draw_joints(50)
     for i, at in enumerate(REFLECTORS):
         place = target_positions(found.robust.fit, f"point {i}", joints, seen_from="tracker")
-        truth = (inverse_transform(TRACKER) @ world.frames(joints, at))[:, :3, 3]
+        truth = (inverse_transform(TRACKER) @ world.flange_frames(joints, at))[:, :3, 3]
         assert np.sqrt(np.mean((place - truth) ** 2)) < 5e-5
 
 
 def test_two_robots_that_one_tracker_sees_know_where_they_stand():
     distances = []
     for seed in range(5):
-        arm, mate = World(seed=seed), World("abb_irb120", seed=seed + 50, base=MATE)
+        arm, mate = SimulatedWorld(seed=seed), SimulatedWorld("abb_irb120", seed=seed + 50, base=MATE)
         cell = CalibrationCell(
             [CellRobot("arm", arm.model), CellRobot("mate", mate.model)],
             [CellTool("tip", "arm"), CellTool("probe", "mate")],
             [CellDevice("tracker")],
             [
-                CellSeries("one", "tracker", "tip", arm.points(60)),
-                CellSeries("two", "tracker", "probe", mate.points(60)),
+                CellSeries("one", "tracker", "tip", arm.point_rows(60)),
+                CellSeries("two", "tracker", "probe", mate.point_rows(60)),
             ],
         )
         found = fit_cell(cell, BARE)
         between = frame_between(found.robust.fit, "arm", "mate")
         distances.append(
-            mahalanobis((log_transform(inverse_transform(between.pose) @ MATE), between.covariance))
+            squared_mahalanobis((log_transform(inverse_transform(between.pose) @ MATE), between.covariance))
         )
         back = frame_between(found.robust.fit, "mate", "arm")
         assert np.allclose(back.pose @ between.pose, np.eye(4), atol=1e-12)
-        lost = unknowns(found)
+        lost = unknown_names(found)
         assert "tracker" in lost["arm J1 offset"].partner
         assert "about z of the base of arm" in lost["arm J1 offset"].partner
         assert "base frame" in lost["mate J1 offset"].cure
-        tracked = target_positions(found.robust.fit, "probe", mate.joints(30), seen_from="tracker")
+        tracked = target_positions(found.robust.fit, "probe", mate.draw_joints(30), seen_from="tracker")
         assert np.isfinite(tracked).all()
     # Errors drawn are smaller than the priors of J1 expect.
     assert 0.1 < np.mean(distances) / 6 < 1.8
@@ -153,7 +153,7 @@ def test_two_robots_that_one_tracker_sees_know_where_they_stand():
 def test_two_robots_that_touch_the_same_pins_know_where_they_stand():
     pins = np.array([[0.9, 0.2, 0.3], [0.9, -0.3, 0.4], [1.0, 0.1, 0.7], [0.8, 0.3, 0.6]])
     opposite = homogeneous_matrix(exp_rotation(np.array([0.0, 0.0, 2.8])), np.array([1.5, 0.2, 0.1]))
-    arm, mate = World(seed=3, perfect=True), World(seed=4, base=opposite, perfect=True)
+    arm, mate = SimulatedWorld(seed=3, perfect=True), SimulatedWorld(seed=4, base=opposite, perfect=True)
     series = [
         CellSeries(f"{name} {i}", f"pin {i}", target, world.at_pin(pin, 6))
         for name, target, world in (("arm", "tip", arm), ("mate", "probe", mate))
@@ -169,79 +169,79 @@ def test_two_robots_that_touch_the_same_pins_know_where_they_stand():
     between = frame_between(found.robust.fit, "arm", "mate")
     error = log_transform(inverse_transform(between.pose) @ opposite)
     assert np.abs(error[:3]).max() < 1e-3
-    assert mahalanobis((error, between.covariance)) < 20
+    assert squared_mahalanobis((error, between.covariance)) < 20
 
 
 def test_the_world_may_be_the_tracker_s_frame():
-    world = World(seed=14, base=inverse_transform(TRACKER))
+    world = SimulatedWorld(seed=14, base=inverse_transform(TRACKER))
     cell = one_arm(
         world,
-        [CellSeries("rows", "tracker", "tip", world.points(50, device=np.eye(4)))],
+        [CellSeries("rows", "tracker", "tip", world.point_rows(50, device=np.eye(4)))],
         [CellDevice("tracker", (FramePrior.from_pose(np.eye(4)),))],
         base=FramePrior.without_prior(),
     )
     found = fit_cell(cell, BARE)
-    joints = world.joints(40)
+    joints = world.draw_joints(40)
     places = target_positions(found.robust.fit, "tip", joints, seen_from="")
-    assert np.sqrt(np.mean((places - world.tips(joints)) ** 2)) < 5e-5
+    assert np.sqrt(np.mean((places - world.tip_positions(joints)) ** 2)) < 5e-5
 
 
 def test_an_anchor_recorded_in_the_base_shows_j1():
-    world = World(seed=4)
-    points = CellSeries("rows", "tracker", "tip", world.points(60))
+    world = SimulatedWorld(seed=4)
+    points = CellSeries("rows", "tracker", "tip", world.point_rows(60))
     nest = CellSeries("nest", "nest", "tip", world.at_pin(PIN, 10))
     without = fit_cell(one_arm(world, [points], [CellDevice("tracker")]), OFFSETS_ONLY)
-    assert "rotation of device 'tracker' about z of the base" in unknowns(without)["J1 offset"].partner
+    assert "rotation of device 'tracker' about z of the base" in unknown_names(without)["J1 offset"].partner
     recorded = CellDevice("nest", (FramePrior.from_point(PIN, 5e-5),))
     found = fit_cell(one_arm(world, [points, nest], [CellDevice("tracker"), recorded]), OFFSETS_ONLY)
-    assert "J1 offset" not in unknowns(found)
-    joints = world.joints(20)
+    assert "J1 offset" not in unknown_names(found)
+    joints = world.draw_joints(20)
     loose = np.trace(tip_covariance(without.robust.fit, "tip", joints), axis1=1, axis2=2)
     tied = np.trace(tip_covariance(found.robust.fit, "tip", joints), axis1=1, axis2=2)
     assert (tied < 0.1 * loose).all()
 
 
 def test_a_target_on_the_last_axis_hides_j6():
-    on_axis = World(seed=5, tool=homogeneous_matrix(np.eye(3), np.array([0.0, 0.0, 0.15])))
-    off_axis = World(seed=5)
+    on_axis = SimulatedWorld(seed=5, tool=homogeneous_matrix(np.eye(3), np.array([0.0, 0.0, 0.15])))
+    off_axis = SimulatedWorld(seed=5)
     for world, hidden in ((on_axis, True), (off_axis, False)):
         cell = one_arm(
             world,
-            [CellSeries("rows", "tracker", "tip", world.points(60))],
+            [CellSeries("rows", "tracker", "tip", world.point_rows(60))],
             [CellDevice("tracker", (FramePrior.from_pose(TRACKER),))],
             tool=FramePrior.from_pose(world.tool),
         )
-        lost = unknowns(fit_cell(cell, OFFSETS_ONLY))
+        lost = unknown_names(fit_cell(cell, OFFSETS_ONLY))
         assert ("J6 offset" in lost) == hidden
         assert "J1 offset" not in lost
     free_tool = replace(cell, tools=[CellTool("tip", "arm")])
-    lost = unknowns(fit_cell(free_tool, OFFSETS_ONLY))
+    lost = unknown_names(fit_cell(free_tool, OFFSETS_ONLY))
     assert lost["J6 offset"].partner.startswith("place of the tool")
     assert "target off the last axis" in lost["J6 offset"].cure
 
 
 def test_plane_ball_bar_wires_and_tracker_in_one_fit_predict_better_than_any_alone():
-    world = World(seed=6)
+    world = SimulatedWorld(seed=6)
     series = [
-        CellSeries("points", "tracker", "tip", world.points(25)),
-        CellSeries("one", "one", "tip", world.lengths(ANCHOR, 30)),
-        CellSeries("two", "two", "tip", world.lengths(OTHER_ANCHOR, 30)),
+        CellSeries("points", "tracker", "tip", world.point_rows(25)),
+        CellSeries("one", "one", "tip", world.length_rows(ANCHOR, 30)),
+        CellSeries("two", "two", "tip", world.length_rows(OTHER_ANCHOR, 30)),
         CellSeries("plane", "plane", "tip", world.at_plane(PLANE, 25)),
         CellSeries("ball", "ball", "tip", world.at_sphere(BALL, 0.3, 25)),
         CellSeries("pin", "pin", "tip", world.at_pin(PIN, 12)),
-        CellSeries("bar", "bar", "tip", world.bar(count=30)),
+        CellSeries("bar", "bar", "tip", world.bar_rows(count=30)),
     ]
     devices = [
         CellDevice("tracker", (FramePrior.from_pose(TRACKER, 1e-5, 1e-5),)),
         *(CellDevice(name) for name in ("one", "two", "plane", "ball", "pin", "bar")),
     ]
-    joints = world.joints(100)
+    joints = world.draw_joints(100)
     sizes = []
     for some in (series[:1], series):
         found = fit_cell(
             one_arm(world, some, [d for d in devices if d.name in {s.device for s in some}]), BARE
         )
-        error = target_positions(found.robust.fit, "tip", joints) - world.tips(joints)
+        error = target_positions(found.robust.fit, "tip", joints) - world.tip_positions(joints)
         covariance = tip_covariance(found.robust.fit, "tip", joints)
         sizes.append(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean()))
         assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 2 * sizes[-1]
@@ -250,12 +250,12 @@ def test_plane_ball_bar_wires_and_tracker_in_one_fit_predict_better_than_any_alo
 
 
 def test_an_arm_that_was_known_before_needs_few_points_for_new_offsets():
-    world = World(seed=8)
+    world = SimulatedWorld(seed=8)
     earlier = ArmState(world.model, world.errors, (), np.zeros(0), np.eye(4), ())
     world.real = world.real.with_dh_errors(np.array([[0, 0, 0, 0, 0], [0.02, 0, 0, 0, 0], *[[0] * 5] * 4]))
     cell = one_arm(
         world,
-        [CellSeries("rows", "tracker", "tip", world.points(7))],
+        [CellSeries("rows", "tracker", "tip", world.point_rows(7))],
         [CellDevice("tracker", (FramePrior.from_pose(TRACKER),))],
         tool=FramePrior.from_pose(world.tool),
         previous=earlier,
@@ -269,10 +269,10 @@ def test_an_arm_that_was_known_before_needs_few_points_for_new_offsets():
 
 
 def test_the_level_is_chosen_by_rows_of_all_series_and_judged_without_them():
-    world = World(seed=9)
+    world = SimulatedWorld(seed=9)
     series = [
-        CellSeries("points", "tracker", "tip", world.points(24)),
-        CellSeries("pulled", "wire", "tip", world.lengths(ANCHOR, 24)),
+        CellSeries("points", "tracker", "tip", world.point_rows(24)),
+        CellSeries("pulled", "wire", "tip", world.length_rows(ANCHOR, 24)),
         CellSeries("pin", "pin", "tip", world.at_pin(PIN, 4)),
     ]
     cell = one_arm(world, series, [CellDevice("tracker"), CellDevice("wire"), CellDevice("pin")])
@@ -286,9 +286,9 @@ def test_the_level_is_chosen_by_rows_of_all_series_and_judged_without_them():
 
 
 def test_series_at_the_same_stops_are_held_out_together():
-    world = World(seed=10)
-    points = world.points(30)
-    lengths = world.lengths(ANCHOR, 30)
+    world = SimulatedWorld(seed=10)
+    points = world.point_rows(30)
+    lengths = world.length_rows(ANCHOR, 30)
     lengths = replace(lengths, joints_rad=points.joints_rad)
     cell = one_arm(
         world,
@@ -300,8 +300,8 @@ def test_series_at_the_same_stops_are_held_out_together():
 
 
 def test_rows_that_go_together_widen_what_is_stated():
-    world = World(seed=15)
-    points = world.points(60)
+    world = SimulatedWorld(seed=15)
+    points = world.point_rows(60)
     stops = np.arange(60) // 6
     shared = 2e-4 * np.random.default_rng(2).standard_normal((10, 3))[stops]
     sizes = []
@@ -317,10 +317,10 @@ def test_rows_that_go_together_widen_what_is_stated():
     assert sizes[1] < 0.5 * sizes[0]
 
 
-def mixed(world, frame=None, *, order=None, mirrored=False):
+def mixed_cell(world, frame=None, *, order=None, mirrored=False):
     """Return a mixed cell with everything seen from another world, rows and series in another order."""
     frame = np.eye(4) if frame is None else frame
-    points, lengths, pin = world.points(40), world.lengths(ANCHOR, 40), world.at_pin(PIN, 8)
+    points, lengths, pin = world.point_rows(40), world.length_rows(ANCHOR, 40), world.at_pin(PIN, 8)
     order = np.arange(40) if order is None else order
     # A pin's axes are those of the world: what the tip missed it by turns with the world.
     pin = replace(pin, positions_m=pin.positions_m @ frame[:3, :3].T)
@@ -344,13 +344,13 @@ def mixed(world, frame=None, *, order=None, mirrored=False):
 
 @pytest.mark.parametrize("change", ["world", "order"])
 def test_neither_world_nor_order_of_rows_and_series_matters(change):
-    usual = fit_cell(mixed(World(seed=21)), BARE)
+    usual = fit_cell(mixed_cell(SimulatedWorld(seed=21)), BARE)
     turn = exp_twist(np.array([3.0, -2.0, 1.0, 0.5, 2.0, -1.0]))
     order = np.random.default_rng(1).permutation(40)
     other = (
-        mixed(World(seed=21), turn)
+        mixed_cell(SimulatedWorld(seed=21), turn)
         if change == "world"
-        else mixed(World(seed=21), order=order, mirrored=True)
+        else mixed_cell(SimulatedWorld(seed=21), order=order, mirrored=True)
     )
     found = fit_cell(other, BARE)
     joints = np.random.default_rng(2).uniform(-1.5, 1.5, (30, 6))
@@ -361,9 +361,9 @@ def test_neither_world_nor_order_of_rows_and_series_matters(change):
 
 
 def test_the_unit_of_length_does_not_matter():
-    world = World(seed=12)
+    world = SimulatedWorld(seed=12)
     joints, sigma = random_joints(world.model, np.random.default_rng(3), 40), 5e-5
-    usual = mixed(world)
+    usual = mixed_cell(world)
     lengths = np.array([1.0, 1e3, 1e3, 1.0, 1.0])
     dh = DhTable.from_rows(world.model.dh.to_rows() * lengths)
     first = world.model.placements[0].copy()
@@ -371,13 +371,13 @@ def test_the_unit_of_length_does_not_matter():
     in_mm = RobotModel.from_dh(dh, base=first, name="in mm", joint_coupling=world.model.joint_coupling)
     series = []
     for each in usual.series:
-        seen = each.observations
+        observations = each.observations
         named = {
-            name: getattr(seen, name) * 1e3
+            name: getattr(observations, name) * 1e3
             for name in ("positions_m", "lengths_m", "sigma_m")
-            if hasattr(seen, name)
+            if hasattr(observations, name)
         }
-        series.append(replace(each, observations=replace(seen, **named)))
+        series.append(replace(each, observations=replace(observations, **named)))
     devices = [*usual.devices[:2], CellDevice("pin", (FramePrior.from_point(PIN * 1e3, 1e-4 * 1e3),))]
     usual_priors = Priors()
     priors = Priors(
@@ -392,18 +392,18 @@ def test_the_unit_of_length_does_not_matter():
 
 
 def test_a_model_without_a_table_is_fitted_by_twists():
-    world = World(seed=13)
+    world = SimulatedWorld(seed=13)
     bare = replace(world.model, dh=None)
     cell = CalibrationCell(
         [CellRobot("arm", bare, previous=nominal_state(bare, ()))],
         [CellTool("tip", "arm")],
         [CellDevice("tracker", (FramePrior.from_pose(TRACKER, 1e-5, 1e-5),)), CellDevice("wire")],
         [
-            CellSeries("rows", "tracker", "tip", world.points(60)),
-            CellSeries("l", "wire", "tip", world.lengths(ANCHOR)),
+            CellSeries("rows", "tracker", "tip", world.point_rows(60)),
+            CellSeries("l", "wire", "tip", world.length_rows(ANCHOR)),
         ],
     )
     found = fit_cell(cell, BARE)
-    joints = world.joints(50)
-    error = target_positions(found.robust.fit, "tip", joints) - world.tips(joints)
+    joints = world.draw_joints(50)
+    error = target_positions(found.robust.fit, "tip", joints) - world.tip_positions(joints)
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1.2e-4

@@ -24,7 +24,7 @@ from cellcal.service.engineering.measured.cell_rows import read_cell
 from cellcal.service.engineering.measured.cells import describes_a_cell, read_cell_layout
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
+from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, SimulatedWorld
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "deploy" / "layouts"
 PLATE = LAYOUTS / "cells" / "tracker_plate_and_draw_wire.toml"
@@ -33,7 +33,7 @@ ANCHOR, NEST = np.array([0.9, -0.7, -0.4]), np.array([0.6, 0.3, 0.2])
 JOINTS = [f"J{i}" for i in range(1, 7)]
 
 
-def written(path, names, rows):
+def write_table(path, names, rows):
     lines = [
         ",".join(names),
         *(",".join(v if isinstance(v, str) else f"{v:.7f}" for v in row) for row in rows),
@@ -44,30 +44,32 @@ def written(path, names, rows):
 
 @pytest.fixture
 def plate_file(tmp_path):
-    world = World(seed=1)
-    joints = world.joints(40)
-    seen = [world.points(offset=at, joints=joints).positions_m for at in REFLECTORS]
-    wire = np.linalg.norm(world.tips(joints, REFLECTORS[1]) - ANCHOR, axis=1) + world.noise(40)
+    world = SimulatedWorld(seed=1)
+    joints = world.draw_joints(40)
+    positions_by_target = [world.point_rows(offset=at, joints=joints).positions_m for at in REFLECTORS]
+    wire = np.linalg.norm(world.tip_positions(joints, REFLECTORS[1]) - ANCHOR, axis=1) + world.draw_noise(40)
     names = [*JOINTS, *(f"{axis}{i}" for i in (1, 2, 3) for axis in "xyz"), "wire", "stop"]
-    rows = np.column_stack([np.rad2deg(joints), *(1e3 * s for s in seen), 1e3 * wire, np.arange(40.0)])
+    rows = np.column_stack(
+        [np.rad2deg(joints), *(1e3 * s for s in positions_by_target), 1e3 * wire, np.arange(40.0)]
+    )
     body = [list(row) for row in rows]
     body[3][6:9] = ["", "", ""]  # the tracker lost its target
-    return written(tmp_path / "plate.csv", names, body)
+    return write_table(tmp_path / "plate.csv", names, body)
 
 
 def two_robots(path):
-    left = World(seed=2)
-    right = World(
+    left_world = SimulatedWorld(seed=2)
+    right = SimulatedWorld(
         "abb_irb120", seed=3, base=homogeneous_matrix(exp_rotation(np.array([0, 0, 2.0])), [1.6, 0.4, 0.1])
     )
     rows = []
-    for world, arm, reflector in ((left, "left", "A"), (right, "right", "B")):
-        seen = world.points(30)
-        for joints, place in zip(seen.joints_rad, seen.positions_m, strict=True):
+    for world, arm, reflector in ((left_world, "left", "A"), (right, "right", "B")):
+        point_rows = world.point_rows(30)
+        for joints, place in zip(point_rows.joints_rad, point_rows.positions_m, strict=True):
             rows.append([*np.rad2deg(joints), arm, "AT960", reflector, *(1e3 * place)])
-    touched = left.at_pin(NEST, 6)
+    touched = left_world.at_pin(NEST, 6)
     rows += [[*np.rad2deg(joints), "left", "nest", "A", "", "", ""] for joints in touched.joints_rad]
-    return written(path, [*JOINTS, "arm", "instrument", "reflector", "X", "Y", "Z"], rows), right.base
+    return write_table(path, [*JOINTS, "arm", "instrument", "reflector", "X", "Y", "Z"], rows), right.base
 
 
 def test_a_plate_and_a_wire_give_tool_frame_and_j1(plate_file):
@@ -125,10 +127,12 @@ def with_one_reading(name, path):
 
 def test_a_cell_leaves_a_set_a_description_pictures_and_points_behind(plate_file, tmp_path, capsys):
     out = tmp_path / "out"
-    posture = World(seed=1).joints(40)[2:4]
+    posture = SimulatedWorld(seed=1).draw_joints(40)[2:4]
     pose = load_model("ur10").base_flange(posture)
     rows = [["reflector 2", *(1e3 * p[:3, 3]), *quaternion_from_rotation(p[:3, :3])] for p in pose]
-    poses = written(tmp_path / "poses.csv", ["target", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"], rows)
+    poses = write_table(
+        tmp_path / "poses.csv", ["target", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"], rows
+    )
     words = ["identify", str(plate_file), "--robot", "ur10", "--layout", str(PLATE), "--level", "1", "--json"]
     words += [
         "--save",
@@ -147,18 +151,18 @@ def test_a_cell_leaves_a_set_a_description_pictures_and_points_behind(plate_file
     assert document["offsets"]["robot"]["offsets"][0]["parameter"] == "J2 offset"
     points = document["at"]["reflector 2"]["points"]
     assert np.array([point["joints_rad"] for point in points]) == pytest.approx(posture, abs=1e-6)
-    truth = World(seed=1).tips(posture, REFLECTORS[1])
+    truth = SimulatedWorld(seed=1).tip_positions(posture, REFLECTORS[1])
     assert np.abs(np.array([point["position_m"] for point in points]) - truth).max() < 3e-3
     saved = ParameterSets(out / "sets").load_set("4711")
-    told = {item["name"]: item["value"] for item in document["parameters"]}
-    assert saved.find_value("J2 offset").value == told["J2 offset"]
+    parameter_values = {item["name"]: item["value"] for item in document["parameters"]}
+    assert saved.find_value("J2 offset").value == parameter_values["J2 offset"]
     assert "robot" in (tmp_path / "a.urdf").read_text(encoding="utf-8")
     names = {path.stem for path in out.glob("*.svg")}
     assert {"overview", "correlations", "residuals_by_row_pulled", "distribution_pulled"} <= names
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         (["--start", "previous"], "starts from nominal arms"),
         (["--check", "x.csv"], "would need its own layout"),
@@ -166,7 +170,7 @@ def test_a_cell_leaves_a_set_a_description_pictures_and_points_behind(plate_file
         (["--save", "x", "--by", "Ada", "--serial", "left=1,right=2"], "one serial for each robot"),
     ],
 )
-def test_what_a_cell_cannot_do_is_said_with_the_reason(plate_file, tmp_path, capsys, more, said):
+def test_what_a_cell_cannot_do_is_reported_with_the_reason(plate_file, tmp_path, capsys, more, message):
     layout = tmp_path / "one.toml"  # the wire alone: quick
     text = PLATE.read_text(encoding="utf-8")
     layout.write_text(
@@ -174,18 +178,22 @@ def test_what_a_cell_cannot_do_is_said_with_the_reason(plate_file, tmp_path, cap
     )
     words = ["identify", str(plate_file), "--robot", "ur10", "--layout", str(layout), "--level", "1"]
     assert run_command_line([*words, *more]) != 0
-    assert said in " ".join(capsys.readouterr().err.split())
+    assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_device_that_was_moved_keeps_its_numbers_and_gets_another_place(tmp_path):
-    world = World(seed=5)
+    world = SimulatedWorld(seed=5)
     anchors = ANCHOR, ANCHOR + np.array([0.2, 0.5, 0.1])
     rows = []
     for name, anchor in zip(("wire", "wire at noon"), anchors, strict=True):
-        joints = world.joints(60)
-        lengths = 2e-3 + np.linalg.norm(world.tips(joints, REFLECTORS[0]) - anchor, axis=1) + world.noise(60)
+        joints = world.draw_joints(60)
+        lengths = (
+            2e-3
+            + np.linalg.norm(world.tip_positions(joints, REFLECTORS[0]) - anchor, axis=1)
+            + world.draw_noise(60)
+        )
         rows += [[*np.rad2deg(q), name, 1e3 * length] for q, length in zip(joints, lengths, strict=True)]
-    path = written(tmp_path / "moved.csv", [*JOINTS, "gauge", "L"], rows)
+    path = write_table(tmp_path / "moved.csv", [*JOINTS, "gauge", "L"], rows)
     layout = tmp_path / "moved.toml"
     layout.write_text(MOVED, encoding="utf-8")
     report = identify_cell_file(path, layout, "ur10", CellOptions(level=OFFSETS, judge=False))
@@ -220,13 +228,13 @@ sigma_mm = 0.1
 """
 
 
-def test_layouts_of_one_device_are_told_from_those_of_a_cell():
+def test_layouts_of_one_device_are_distinguished_from_those_of_a_cell():
     assert describes_a_cell(PLATE)
     assert not any(describes_a_cell(path) for path in LAYOUTS.glob("*.toml"))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('kind = "length"', 'kind = "lenght"', "no kind 'lenght'"),
         ('columns = ["wire"]', "", "a length has 1 columns, not 0"),
@@ -243,12 +251,12 @@ def test_layouts_of_one_device_are_told_from_those_of_a_cell():
         ('name = "wire"', 'name = "tracker"', "depends on its attitude"),
     ],
 )
-def test_what_a_layout_gets_wrong_is_said(plate_file, tmp_path, old, new, said):
+def test_what_a_layout_gets_wrong_is_reported(plate_file, tmp_path, old, new, message):
     text = PLATE.read_text(encoding="utf-8")
     assert old in text
     broken = tmp_path / "broken.toml"
     broken.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(CellError, match=said):
+    with pytest.raises(CellError, match=message):
         identify_cell_file(plate_file, broken, "ur10", CellOptions(level=OFFSETS, judge=False))
 
 
@@ -261,11 +269,11 @@ def test_a_robot_that_the_layout_does_not_know_is_named(tmp_path):
 
 
 def test_every_kind_can_be_read(tmp_path):
-    world = World(seed=4)
-    joints, other = np.rad2deg(world.joints(12)), np.rad2deg(world.joints(12))
+    world = SimulatedWorld(seed=4)
+    joints, other = np.rad2deg(world.draw_joints(12)), np.rad2deg(world.draw_joints(12))
     names = [*JOINTS, *(f"to{i}" for i in range(6)), "L", "rx", "ry", "rz", "X", "Y", "Z"]
     rows = np.column_stack([joints, other, np.full(12, 300.0), np.zeros((12, 3)), np.ones((12, 3))])
-    path = written(tmp_path / "kinds.csv", names, [list(row) for row in rows])
+    path = write_table(tmp_path / "kinds.csv", names, [list(row) for row in rows])
     layout = read_cell_layout(PLATE)
     reading = replace(layout.readings[3], columns=("L",), target="tip", device="d")
     columns = {"pose": ("X", "Y", "Z"), "pin": (), "plane": (), "sphere": ()}
@@ -281,9 +289,9 @@ def test_every_kind_can_be_read(tmp_path):
         whole = replace(
             layout, readings=(each,), devices=(), tools=(), targets=(), names_in={}, convention="ros_rpy"
         )
-        seen = read_cell(path, whole, "ur10").cell.series[0].observations
-        assert (seen.kind, len(seen)) == (kind, 12)
+        observations = read_cell(path, whole, "ur10").cell.series[0].observations
+        assert (observations.kind, len(observations)) == (kind, 12)
         if kind == "sphere":
-            assert seen.radii_m == pytest.approx(0.025)
+            assert observations.radii_m == pytest.approx(0.025)
         if kind in ("length", "bar"):
-            assert seen.lengths_m == pytest.approx(0.3)
+            assert observations.lengths_m == pytest.approx(0.3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.soak.changed_wires import CHANGES, is_wrong, recover_changed
-from tests.unit.helpers.recovery_cases import MODEL, kit, lose
+from tests.unit.helpers.recovery_cases import MODEL, lose_turns, record_poses
 
 
 @pytest.mark.parametrize("change", list(CHANGES))
@@ -25,11 +25,11 @@ def test_an_anchor_that_moved_around_j1_is_not_a_new_motor() -> None:
 def test_another_zero_or_scale_of_the_wire_does_not_keep_whole_turns_from_coming_back(
     zero_m: float, scale: float
 ) -> None:
-    loss = lose(2, poses=kit()[:28])
+    loss = lose_turns(2, poses=record_poses()[:28])
     loss.world.zero += zero_m
     loss.world.scale *= 1.0 + scale
-    loss.captures = loss.capture(kit()[:28])
-    found = loss.recover()
+    loss.captures = loss.capture_poses(record_poses()[:28])
+    found = loss.recover_turns()
     assert found.accepted, found.reason
     assert found.mode == "turns"
     assert found.turns == tuple(int(turns) for turns in loss.true_turns)
@@ -40,6 +40,6 @@ def test_another_zero_or_scale_of_the_wire_does_not_keep_whole_turns_from_coming
 
 def test_an_untold_new_reference_near_a_whole_turn_is_undecided() -> None:
     for axis in range(MODEL.axis_count):
-        loss = lose(4, 24, fractions=np.eye(6)[axis] * 0.04)
-        found = loss.recover()
+        loss = lose_turns(4, 24, fractions=np.eye(6)[axis] * 0.04)
+        found = loss.recover_turns()
         assert not (found.accepted and found.mode == "motor"), found.reason

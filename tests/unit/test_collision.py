@@ -24,7 +24,7 @@ MODEL = load_model("fanuc_m6ib")
 STRETCHED = np.array([[0.0, 0.3, 0.2, 0.0, 0.4, 0.0]])
 
 
-def witness(shape, at, other, other_at):
+def reference_distance(shape, at, other, other_at):
     result = coal.DistanceResult()
     return coal.distance(shape, at, other, other_at, coal.DistanceRequest(), result)
 
@@ -39,7 +39,7 @@ def placed_capsule(start, end, radius):
     return coal.Capsule(radius, length), coal.Transform3s(turn, (start + end) / 2)
 
 
-def columns(points):
+def as_columns(points):
     return np.asarray(points).T
 
 
@@ -49,12 +49,12 @@ def test_segments_are_as_far_apart_as_an_independent_library_says():
     ends[:20, 3] = ends[:20, 2] + (ends[:20, 1] - ends[:20, 0])  # parallel
     ends[20:40, 3] = ends[20:40, 2] + 1e-7 * rng.normal(size=(20, 3))  # nearly a point
     ours = segment_distance(
-        (columns(ends[:, 0]), columns(ends[:, 1])), (columns(ends[:, 2]), columns(ends[:, 3]))
+        (as_columns(ends[:, 0]), as_columns(ends[:, 1])), (as_columns(ends[:, 2]), as_columns(ends[:, 3]))
     )
     theirs = []
     for a, b, c, d in ends:
         first, second = placed_capsule(a, b, 0.01), placed_capsule(c, d, 0.01)
-        theirs.append(witness(*first, *second) + 0.02)
+        theirs.append(reference_distance(*first, *second) + 0.02)
     apart = ours > 0.03
     assert apart.sum() > 250
     assert np.allclose(ours[apart], np.array(theirs)[apart], atol=2e-6)
@@ -65,27 +65,30 @@ def test_boxes_are_as_far_away_as_an_independent_library_says():
     for _ in range(150):
         turn, centre, size = exp_rotation(rng.normal(size=3)), rng.uniform(-1, 1, 3), rng.uniform(0.1, 1, 3)
         a, b = rng.uniform(-2, 2, (2, 3))
-        ours = box_distance((columns([a]), columns([b])), homogeneous_matrix(turn, centre), size)[0]
-        theirs = witness(*placed_capsule(a, b, 1e-3), coal.Box(*size), coal.Transform3s(turn, centre)) + 1e-3
+        ours = box_distance((as_columns([a]), as_columns([b])), homogeneous_matrix(turn, centre), size)[0]
+        theirs = (
+            reference_distance(*placed_capsule(a, b, 1e-3), coal.Box(*size), coal.Transform3s(turn, centre))
+            + 1e-3
+        )
         assert ours == pytest.approx(max(theirs, 0.0), abs=2e-6) or (ours < 2e-3 and theirs <= 2e-3)
 
 
 def test_a_segment_that_enters_a_box_is_at_no_distance():
-    through = (columns([[-2.0, 0.1, 0.1]]), columns([[2.0, -0.1, 0.2]]))
+    through = (as_columns([[-2.0, 0.1, 0.1]]), as_columns([[2.0, -0.1, 0.2]]))
     assert box_distance(through, np.eye(4), np.ones(3))[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_points_and_parallels_have_distances():
     point = (np.zeros((3, 1)), np.zeros((3, 1)))
     assert segment_distance(point, point)[0] == 0.0
-    line = (columns([[1.0, -1.0, 0.0]]), columns([[1.0, 1.0, 0.0]]))
+    line = (as_columns([[1.0, -1.0, 0.0]]), as_columns([[1.0, 1.0, 0.0]]))
     assert segment_distance(point, line)[0] == pytest.approx(1.0)
-    beside = (columns([[1.5, 3.0, 0.0]]), columns([[1.5, 2.0, 0.0]]))
+    beside = (as_columns([[1.5, 3.0, 0.0]]), as_columns([[1.5, 2.0, 0.0]]))
     assert segment_distance(line, beside)[0] == pytest.approx(np.hypot(0.5, 1.0))
 
 
 def test_height_above_a_plane_is_that_of_the_lower_end():
-    line = (columns([[0.0, 0.0, 0.4]]), columns([[0.0, 0.0, 0.1]]))
+    line = (as_columns([[0.0, 0.0, 0.4]]), as_columns([[0.0, 0.0, 0.1]]))
     assert plane_distance(line, np.array([0.0, 0.0, -0.2]), np.array([0.0, 0.0, 2.0]))[0] == pytest.approx(
         0.3
     )
@@ -154,8 +157,8 @@ def test_a_thin_wall_is_not_jumped_over():
 
 
 def test_the_floor_is_solid_below():
-    floor = PlaneObstacle("floor", (0.0, 0.0, -0.3), (0.0, 0.0, 1.0))
-    check = CollisionCheck.from_model(MODEL, assumed_shape(MODEL, (floor,)))
+    tablets = PlaneObstacle("floor", (0.0, 0.0, -0.3), (0.0, 0.0, 1.0))
+    check = CollisionCheck.from_model(MODEL, assumed_shape(MODEL, (tablets,)))
     up, down = np.zeros(6), np.array([0.0, 1.6, -0.9, 0.0, 0.0, 0.0])
     assert MODEL.base_flange(down[None])[0, 2, 3] < -0.3
     assert check.is_free(np.array([up, down])).tolist() == [True, False]

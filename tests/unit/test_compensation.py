@@ -31,7 +31,7 @@ def errors_of(model, seed):
     return model.with_dh_errors(errors)
 
 
-def pair(name="ur10", seed=3):
+def model_pair(name="ur10", seed=3):
     nominal = load_model(name)
     return errors_of(nominal, seed), nominal
 
@@ -41,7 +41,7 @@ def random_joints(model, count, seed, share=1.0):
     return share * rng.uniform(model.lower_rad, model.upper_rad, (count, model.axis_count))
 
 
-def remaining(moved, followed, found, start, tip=None):
+def remaining_error(moved, followed, found, start, tip=None):
     """Distance and angle left, by the public forward kinematics and the logarithm: not as the solver counts."""
     tip = np.eye(4) if tip is None else tip
     there, here = followed.base_flange(start) @ tip, moved.base_flange(found) @ tip
@@ -51,11 +51,11 @@ def remaining(moved, followed, found, start, tip=None):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_random_poses_end_in_the_truth_about_them(name):
-    real, nominal = pair(name)
+    real, nominal = model_pair(name)
     start = random_joints(nominal, 5000, seed=11)
     done = compensate(real, nominal, start)
-    distance, angle = remaining(real, nominal, done.joints_rad, start)
-    before, before_angle = remaining(real, nominal, start, start)
+    distance, angle = remaining_error(real, nominal, done.joints_rad, start)
+    before, before_angle = remaining_error(real, nominal, start, start)
     ok = done.has_converged
     assert np.abs(done.joints_rad - start).max() <= 0.5 + 1e-12
     assert distance[ok].max() < 1.0001e-8
@@ -73,7 +73,7 @@ def test_random_poses_end_in_the_truth_about_them(name):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_up_and_down_again_is_where_one_began(name):
-    real, nominal = pair(name)
+    real, nominal = model_pair(name)
     start = random_joints(nominal, 500, seed=4, share=0.7)
     up = compensate(real, nominal, start)
     down = compensate(real, nominal, up.joints_rad, direction=ProgramDirection.DOWNLOAD)
@@ -95,7 +95,7 @@ def test_equal_arms_need_no_step():
 
 
 def test_tools_of_their_own_meet_at_the_tip():
-    real, nominal = pair()
+    real, nominal = model_pair()
     real_tool = TOOL @ exp_twist(np.array([1e-3, -5e-4, 2e-3, 4e-3, -2e-3, 1e-3]))
     start = random_joints(nominal, 300, seed=8, share=0.5)
     done = compensate(TipArm(real, real_tool), TipArm(nominal, TOOL), start)
@@ -118,7 +118,7 @@ def test_sag_and_ripple_of_an_identified_arm_are_compensated():
     start = random_joints(nominal, 400, seed=9, share=0.5)
     done = compensate(TipArm.of_state(state), TipArm(nominal, TOOL), start)
     carried = state.moved_joints(done.joints_rad, term_values(nominal, done.joints_rad, terms))
-    distance, angle = remaining(state.arm_model, nominal, carried, start, TOOL)
+    distance, angle = remaining_error(state.arm_model, nominal, carried, start, TOOL)
     ok = done.has_converged
     assert ok.mean() > 0.9
     assert distance[ok].max() < 1.0001e-8
@@ -135,13 +135,13 @@ def test_a_stretched_arm_that_came_out_short_says_unreachable():
     start = np.array([[0.4, -1.2, 1e-4, -1.3, 1.2, 0.3]])
     done = compensate(short, nominal, start)
     assert done.status[0] == PointStatus.UNREACHABLE
-    distance, _ = remaining(short, nominal, done.joints_rad, start)
+    distance, _ = remaining_error(short, nominal, done.joints_rad, start)
     assert distance[0] == pytest.approx(done.position_error_m[0], abs=1e-12)
     assert 1e-5 < distance[0] < 1e-3
 
 
 def test_a_wrist_in_line_keeps_its_branch_and_says_so():
-    real, nominal = pair("abb_irb120", seed=7)
+    real, nominal = model_pair("abb_irb120", seed=7)
     start = np.array([[0.3, 0.2, -0.1, 0.9, 1e-6, 0.4]])
     done = compensate(real, nominal, start)
     assert done.status[0] == PointStatus.BRANCH_KEPT
@@ -152,7 +152,7 @@ def test_a_wrist_in_line_keeps_its_branch_and_says_so():
 
 
 def test_a_joint_limit_in_the_way_is_named_and_kept():
-    real, nominal = pair()
+    real, nominal = model_pair()
     start = np.array([[0.4, -1.2, 1.3, -1.3, 1.2, 0.3]])
     free = compensate(real, nominal, start)
     way = free.joints_rad[0] - start[0]
@@ -164,11 +164,11 @@ def test_a_joint_limit_in_the_way_is_named_and_kept():
     assert free.has_converged.all()
     assert done.status[0] == PointStatus.LIMIT
     assert (done.joints_rad <= upper).all()
-    assert 1e-7 < done.position_error_m[0] < remaining(real, nominal, start, start)[0][0]
+    assert 1e-7 < done.position_error_m[0] < remaining_error(real, nominal, start, start)[0][0]
 
 
 def test_a_point_from_beyond_a_limit_says_limit():
-    real, nominal = pair()
+    real, nominal = model_pair()
     start = np.array([[0.4, -1.2, 1.3, -1.3, 1.2, 0.3]])
     fenced = replace(real, upper_rad=np.where(np.arange(6) == 4, 1.0, real.upper_rad))
     done = compensate(fenced, nominal, start)
@@ -177,7 +177,7 @@ def test_a_point_from_beyond_a_limit_says_limit():
 
 
 def test_neither_order_nor_blocks_nor_the_world_matter():
-    real, nominal = pair()
+    real, nominal = model_pair()
     start = random_joints(nominal, 4500, seed=2)
     done = compensate(real, nominal, start)
     order = np.random.default_rng(0).permutation(len(start))
@@ -203,7 +203,7 @@ def test_arms_far_apart_end_in_an_answer_too():
     grotesque = nominal.with_dh_errors(rng.normal(size=(6, 5)) * [0.2, 0.03, 0.03, 0.15, 0.15])
     start = random_joints(nominal, 1000, seed=3, share=0.5)
     done = compensate(grotesque, nominal, start)
-    distance, angle = remaining(grotesque, nominal, done.joints_rad, start)
+    distance, angle = remaining_error(grotesque, nominal, done.joints_rad, start)
     ok = done.has_converged
     assert 0 < ok.sum() < 1000
     assert distance[ok].max() < 1.0001e-8
@@ -213,7 +213,7 @@ def test_arms_far_apart_end_in_an_answer_too():
 
 
 def test_no_points_are_no_answer():
-    real, nominal = pair()
+    real, nominal = model_pair()
     done = compensate(real, nominal, np.empty((0, 6)))
     assert isinstance(done, Compensation)
     assert done.joints_rad.shape == (0, 6)
@@ -224,15 +224,15 @@ def test_no_points_are_no_answer():
     "joints",
     [np.zeros(6), np.zeros((3, 5)), np.full((1, 6), np.nan), np.full((2, 6), np.inf)],
 )
-def test_the_door_refuses_what_is_no_posture(joints):
-    real, nominal = pair()
+def test_invalid_postures_are_refused(joints):
+    real, nominal = model_pair()
     with pytest.raises(CalibrationError):
         compensate(real, nominal, joints)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1e-8, np.nan, np.inf])
-def test_the_door_refuses_tolerances_that_mean_nothing(bad):
-    real, nominal = pair()
+def test_meaningless_tolerances_are_refused(bad):
+    real, nominal = model_pair()
     with pytest.raises(CalibrationError):
         compensate(real, nominal, np.zeros((1, 6)), limits=CompensationLimits(position_m=bad))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.soak.coverage import KINDS, tally
+from tests.soak.coverage import KINDS, tally_kind
 
 _RUNS = 16
 _SPREAD = 0.055  # of the share that one calibration's intervals hold: its parameters share their rows
@@ -17,12 +17,12 @@ def as_promised(share):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_intervals_of_a_known_deviation_hold_the_truth_as_often_as_they_say(kind):
-    assert as_promised(tally(kind, False, range(_RUNS)).parameters.mean())
+    assert as_promised(tally_kind(kind, False, range(_RUNS)).parameters.mean())
 
 
 @pytest.mark.parametrize("kind", ["length", "point", "pose", "pin"])
 def test_intervals_of_a_deviation_found_from_few_rows_hold_the_truth_as_often_as_they_say(kind):
-    assert as_promised(tally(kind, True, range(_RUNS)).parameters.mean())
+    assert as_promised(tally_kind(kind, True, range(_RUNS)).parameters.mean())
 
 
 def test_intervals_that_are_too_short_by_a_third_are_noticed():

@@ -27,7 +27,7 @@ SHAPES = {
 }
 
 
-def described(shapes=SHAPES):
+def described_robot(shapes=SHAPES):
     text = bare_urdf(MODEL)
     for link, shape in shapes.items():
         text = text.replace(
@@ -36,8 +36,8 @@ def described(shapes=SHAPES):
     return read_urdf(text, tip_link="flange")
 
 
-def hand_only():
-    return described({"flange": SHAPES["flange"]})
+def flange_shape_robot():
+    return described_robot({"flange": SHAPES["flange"]})
 
 
 OBSTACLES = (
@@ -50,7 +50,7 @@ OBSTACLES = (
 def test_both_checks_agree_where_both_know_the_shapes():
     arm = (LinkCapsule("hand", 6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.08),)
     ours = CollisionCheck(MODEL, CellShape(arm, OBSTACLES)).is_free(JOINTS)
-    theirs = DescriptionCheck.from_description(hand_only(), OBSTACLES).is_free(JOINTS)
+    theirs = DescriptionCheck.from_description(flange_shape_robot(), OBSTACLES).is_free(JOINTS)
     assert np.array_equal(ours, theirs)
     assert 0.1 < ours.mean() < 0.9
 
@@ -60,7 +60,7 @@ def test_a_hand_in_the_own_arm_is_seen():
     hand = MODEL.base_flange(many)[:, :3, 3]
     in_base = many[np.linalg.norm(hand - [0.0, 0.0, 0.05], axis=1) < 0.1]
     assert len(in_base) > 5
-    check = DescriptionCheck.from_description(described())
+    check = DescriptionCheck.from_description(described_robot())
     assert not check.is_free(in_base).any()
     assert 0.5 < check.is_free(JOINTS).mean() <= 1.0
 
@@ -69,7 +69,7 @@ def test_the_margin_is_kept():
     flange = MODEL.base_flange(JOINTS[:1])[0, :3, 3]
     for gap, free in ((0.0201, True), (0.0199, False)):
         ball = SphereObstacle("ball", tuple(flange + np.array([0.0, 0.0, 0.08 + 0.05 + gap])), 0.05)
-        assert DescriptionCheck.from_description(hand_only(), (ball,)).is_free(JOINTS[:1])[0] == free
+        assert DescriptionCheck.from_description(flange_shape_robot(), (ball,)).is_free(JOINTS[:1])[0] == free
 
 
 def test_what_always_touches_is_left_out_and_named():
@@ -78,7 +78,7 @@ def test_what_always_touches_is_left_out_and_named():
         "link_5": '<geometry><sphere radius="0.3"/></geometry>',
         "link_3": '<geometry><sphere radius="0.5"/></geometry>',
     }
-    words = DescriptionCheck.from_description(described(shapes)).not_checked
+    words = DescriptionCheck.from_description(described_robot(shapes)).not_checked
     assert any("link_3_0 and link_5_0" in word for word in words)
     assert any("no obstacles" in word for word in words)
 
@@ -100,13 +100,15 @@ def test_coupled_joints_are_turned_into_those_of_the_description():
 def test_numbers_that_are_not_finite_are_not_free():
     joints = JOINTS[:3].copy()
     joints[0, 0], joints[2, 5] = np.nan, np.inf
-    far = DescriptionCheck.from_description(hand_only(), (SphereObstacle("far", (9.0, 9.0, 9.0), 0.1),))
+    far = DescriptionCheck.from_description(
+        flange_shape_robot(), (SphereObstacle("far", (9.0, 9.0, 9.0), 0.1),)
+    )
     assert far.is_free(joints).tolist() == [False, True, False]
 
 
 def test_descriptions_without_shapes_or_with_lost_meshes_are_refused():
     with pytest.raises(CalibrationError, match="no collision shapes"):
-        DescriptionCheck.from_description(described({}))
+        DescriptionCheck.from_description(described_robot({}))
     lost = {"flange": '<geometry><mesh filename="package://nowhere/hand.stl"/></geometry>'}
     with pytest.raises(CalibrationError, match="cannot be loaded"):
-        DescriptionCheck.from_description(described(lost))
+        DescriptionCheck.from_description(described_robot(lost))

@@ -26,7 +26,7 @@ ARMS = ("fanuc_m6ib", "ur10e", "abb_irb120")
 BOX = ((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))
 
 
-def checked(model: RobotModel) -> CollisionCheck:
+def collision_check(model: RobotModel) -> CollisionCheck:
     table = BoxObstacle("table", homogeneous_matrix(np.eye(3), np.array([0.8, 0.5, -0.4])), (0.4, 0.4, 0.6))
     stands = (
         PlaneObstacle("floor", (0, 0, -0.9), (0, 0, 1)),
@@ -38,7 +38,7 @@ def checked(model: RobotModel) -> CollisionCheck:
     return CollisionCheck.from_model(model, CellShape(arm, stands, wire))
 
 
-def postures(model: RobotModel, count: int, seed: int) -> np.ndarray:
+def draw_postures(model: RobotModel, count: int, seed: int) -> np.ndarray:
     low, high = np.maximum(model.lower_rad, -3.0), np.minimum(model.upper_rad, 3.0)
     return np.random.default_rng(seed).uniform(low, high, (count, model.axis_count))
 
@@ -46,26 +46,28 @@ def postures(model: RobotModel, count: int, seed: int) -> np.ndarray:
 @pytest.mark.parametrize("name", ARMS)
 def test_no_posture_within_the_doubt_is_nearer_than_the_margin_foresees(name: str) -> None:
     model, rng = load_model(name), np.random.default_rng(3)
-    check, nominal = checked(model), postures(model, 40, 1)
+    check, nominal = collision_check(model), draw_postures(model, 40, 1)
     doubt = tuple(float(v) for v in rng.uniform(0.0, 0.2, model.axis_count))
-    told = check.compute_clearances(nominal, PositionUncertainty(doubt, doubt))
-    assert told.uncertainty is not None
-    used = np.zeros(told.uncertainty.shape)
+    clearances = check.compute_clearances(nominal, PositionUncertainty(doubt, doubt))
+    assert clearances.uncertainty is not None
+    used = np.zeros(clearances.uncertainty.shape)
     for _ in range(200):
         signs = rng.choice([-1.0, 1.0], nominal.shape) * np.where(
             rng.random(nominal.shape) < 0.7, 1.0, rng.random()
         )
         found = check.compute_clearances(nominal + signs * np.array(doubt)).found
-        nearer = told.found - found
-        outside = (told.found > 0) & (found > 0)  # inside each other nothing is a distance
-        assert (nearer <= told.uncertainty + 1e-9)[outside].all()
+        nearer = clearances.found - found
+        outside = (clearances.found > 0) & (found > 0)  # inside each other nothing is a distance
+        assert (nearer <= clearances.uncertainty + 1e-9)[outside].all()
         used = np.maximum(used, np.where(outside, nearer, 0.0))
-    assert np.median(used.max(axis=1) / told.uncertainty.max(axis=1)) > 0.4  # it is a bound, not a fright
+    assert (
+        np.median(used.max(axis=1) / clearances.uncertainty.max(axis=1)) > 0.4
+    )  # it is a bound, not a fright
 
 
 def test_the_workspace_shrinks_by_what_each_point_may_be_elsewhere() -> None:
     model, rng = load_model("fanuc_m6ib"), np.random.default_rng(4)
-    nominal, tip, doubt = postures(model, 60, 2), (0.0, 0.1, 0.2), (0.1, 0.05, 0.07, 0.1, 0.1, 0.2)
+    nominal, tip, doubt = draw_postures(model, 60, 2), (0.0, 0.1, 0.2), (0.1, 0.05, 0.07, 0.1, 0.1, 0.2)
     shrunk = workspace_excess(model, nominal, BOX, tip, PositionUncertainty(doubt, doubt))
     whole = workspace_excess(model, nominal, BOX, tip)
     more = (shrunk.excess - whole.excess).reshape(60, -1, 3)
@@ -92,7 +94,7 @@ def test_one_axis_alone_swings_a_point_by_its_chord() -> None:
 
 def test_a_refusal_says_which_body_and_how_much_of_it_is_doubt() -> None:
     model = load_model("fanuc_m6ib")
-    limits = MotionLimits(clearances=checked(model), box_low_m=BOX[0], box_high_m=BOX[1])
+    limits = MotionLimits(clearances=collision_check(model), box_low_m=BOX[0], box_high_m=BOX[1])
     here, there = np.zeros(6), np.array([[0.0, 0.9, -0.4, 0.0, 0.0, 0.0]])
     sure = check_moves(model, here, there, limits, speed_rad_s=1e-3)
     assert not [finding for finding in sure.findings if "floor" in finding.sentence]
@@ -100,10 +102,10 @@ def test_a_refusal_says_which_body_and_how_much_of_it_is_doubt() -> None:
     found = check_moves(
         model, here, there, replace(limits, position_uncertainty=doubt), speed_rad_s=1e-3
     ).findings
-    told = [finding.sentence for finding in found if finding.check == "clearance"]
-    assert told
-    assert all("for turns that are not known yet" in sentence for sentence in told)
-    assert all(" and " in sentence for sentence in told)
+    clearance_sentences = [finding.sentence for finding in found if finding.check == "clearance"]
+    assert clearance_sentences
+    assert all("for turns that are not known yet" in sentence for sentence in clearance_sentences)
+    assert all(" and " in sentence for sentence in clearance_sentences)
 
 
 def test_motors_seen_healthy_are_in_doubt_by_half_a_turn_and_the_others_by_all_that_may_be_lost() -> None:

@@ -7,11 +7,11 @@ from cellcal.calibration.mastering.pose_design import candidate_joints, predict_
 from cellcal.procedures.motion.lost_plans import compare_drawn
 from cellcal.procedures.motion.plans import MotionBounds, motion_limits
 from cellcal.procedures.steps.mastering import read_motors
-from tests.procedures.cells import record_of, scene
+from tests.procedures.procedure_scenes import healthy_scene, record_of
 
 
 async def test_more_captures_of_ones_own_ask_for_more_drawn_ones() -> None:
-    record, made = await record_of(scene()), scene()
+    record, made = await record_of(healthy_scene()), healthy_scene()
     state, room = await read_motors(made.cell), MotionBounds()
     model, limits = made.arm.model, motion_limits(state, record.drive, room)
     hook = record.wire_lengths()[1].hook_in_flange_m

@@ -24,14 +24,14 @@ TASKS = {kind: ArmTask("fanuc_m6ib", kind, 1e-4, HOOK, ANCHOR) for kind in ("len
 SIZES = {"warmth": 2e-4, "tool": 1e-3, "device": 1.5e-3, "joint": 0.002}
 
 
-def _joints(count: int = 40) -> np.ndarray:
+def _draw_joints(count: int = 40) -> np.ndarray:
     limits = MotionLimits(wire=WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.08))
     return candidate_joints(load_model("fanuc_m6ib"), limits, count, seed=3, hook_in_flange_m=HOOK)
 
 
 @pytest.mark.parametrize("kind", ["length", "point"])
 def test_named_causes_are_the_true_ones_in_nearly_all_draws(kind: str) -> None:
-    task, dice, drawn = TASKS[kind], np.random.default_rng(1), _joints()
+    task, rng, drawn = TASKS[kind], np.random.default_rng(1), _draw_joints()
     joints = drawn[list(most_informative_order(task, drawn, SIGMA_M, 6))]
     values = load_model(task.model).tip_positions(joints, np.array(HOOK)) if kind == "point" else None
     every = drift_causes(task, joints, values)
@@ -40,9 +40,9 @@ def test_named_causes_are_the_true_ones_in_nearly_all_draws(kind: str) -> None:
         for _ in range(20):
             if truth.kind in (OTHER, "nothing"):
                 continue
-            size = SIZES[truth.kind] * dice.normal(size=truth.columns.shape[1])
+            size = SIZES[truth.kind] * rng.normal(size=truth.columns.shape[1])
             changes = (truth.columns @ size).reshape(6, -1)
-            changes = changes + dice.normal(size=changes.shape) * SIGMA_M
+            changes = changes + rng.normal(size=changes.shape) * SIGMA_M
             found = explain_changes(every, changes, SIGMA_M)
             if found.has_changed and found.is_decided(0.9):
                 right += found.likeliest_cause.name == truth.name
@@ -52,24 +52,26 @@ def test_named_causes_are_the_true_ones_in_nearly_all_draws(kind: str) -> None:
 
 
 def test_noise_alone_is_no_change() -> None:
-    dice, joints = np.random.default_rng(2), _joints(6)
+    rng, joints = np.random.default_rng(2), _draw_joints(6)
     every = drift_causes(TASKS["length"], joints)
-    seen = [
-        explain_changes(every, dice.normal(size=(6, 1)) * SIGMA_M, SIGMA_M).has_changed for _ in range(300)
+    causes = [
+        explain_changes(every, rng.normal(size=(6, 1)) * SIGMA_M, SIGMA_M).has_changed for _ in range(300)
     ]
-    assert sum(seen) <= 4
+    assert sum(causes) <= 4
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-0.01, 0.01), min_size=6, max_size=6))
 def test_probabilities_add_up_whatever_happened(changes: list[float]) -> None:
-    found = explain_changes(drift_causes(TASKS["length"], _joints(6)), np.array(changes)[:, None], SIGMA_M)
+    found = explain_changes(
+        drift_causes(TASKS["length"], _draw_joints(6)), np.array(changes)[:, None], SIGMA_M
+    )
     assert sum(one.probability for one in found.suspects) == pytest.approx(1.0)
     assert found.change_max_m == pytest.approx(max(map(abs, changes)))
 
 
 def test_the_pose_that_tells_is_the_one_at_which_two_causes_differ() -> None:
-    task, joints = TASKS["length"], _joints(12)
+    task, joints = TASKS["length"], _draw_joints(12)
     taken = drift_causes(task, joints[:4])
     both = drift_causes(task, joints)
     j2 = next(cause for cause in both if cause.name == "J2")
@@ -85,7 +87,7 @@ def test_the_pose_that_tells_is_the_one_at_which_two_causes_differ() -> None:
 
 def test_numbers_that_are_none_are_refused() -> None:
     with pytest.raises(CalibrationError, match="finite"):
-        explain_changes(drift_causes(TASKS["length"], _joints(6)), np.full((6, 1), np.nan), SIGMA_M)
+        explain_changes(drift_causes(TASKS["length"], _draw_joints(6)), np.full((6, 1), np.nan), SIGMA_M)
     with pytest.raises(CalibrationError, match="twice"):
         DriftReference("F", "m", "wire", (), 0, (0.0,), ((0.0,),), ((0.0,),), ((np.nan,),), ((1.0,),), 1e-4)
 

@@ -28,7 +28,7 @@ OPTIONS = IdentificationOptions(level=GEOMETRY, judge=False)
 
 
 @pytest.fixture(scope="module")
-def earlier():
+def earlier_fit():
     simulated = tracker_points(count=80)
     fit = identify_arm(simulated.model, simulated.observations, options=OPTIONS).robust.fit
     arm = [i for i, p in enumerate(fit.layout.parameters) if p.role in ("offset", "geometry")]
@@ -41,8 +41,8 @@ def few_rows(simulated, slip_rad=0.0, count=5):
     joints = random_joints(simulated.model, np.random.default_rng(3), count)
     moved = joints + slip_rad * np.eye(6)[1]
     tips = simulated.truth.seen_from(0).base_flange(moved)[:, :3, 3]
-    seen = tips + 5e-5 * np.random.default_rng(4).standard_normal(tips.shape)
-    return replace(tracker_points(count=count, joints=joints).observations, positions_m=seen)
+    measured_m = tips + 5e-5 * np.random.default_rng(4).standard_normal(tips.shape)
+    return replace(tracker_points(count=count, joints=joints).observations, positions_m=measured_m)
 
 
 def miss_and_claim_m(simulated, found):
@@ -53,8 +53,8 @@ def miss_and_claim_m(simulated, found):
     return miss, np.sqrt(np.einsum("nii->n", tips.covariance_m2).mean())
 
 
-def test_five_rows_add_to_what_was_known_instead_of_blurring_it(earlier):
-    simulated, start = earlier
+def test_five_rows_add_to_what_was_known_instead_of_blurring_it(earlier_fit):
+    simulated, start = earlier_fit
     rows = few_rows(simulated)
     found = identify_arm(simulated.model, rows, options=replace(OPTIONS, start=start))
     miss, claim = miss_and_claim_m(simulated, found)
@@ -74,8 +74,8 @@ def test_five_rows_add_to_what_was_known_instead_of_blurring_it(earlier):
     )
 
 
-def test_an_offset_that_slipped_is_found_again_from_five_rows_or_contradicts(earlier):
-    simulated, start = earlier
+def test_an_offset_that_slipped_is_found_again_from_five_rows_or_contradicts(earlier_fit):
+    simulated, start = earlier_fit
     rows = few_rows(simulated, 5e-3)
     found = identify_arm(simulated.model, rows, options=replace(OPTIONS, start=start))
     assert found.contradicted[0].parameter == "J2 offset"
@@ -86,9 +86,9 @@ def test_an_offset_that_slipped_is_found_again_from_five_rows_or_contradicts(ear
     assert slip == pytest.approx(5e-3, abs=3e-4)
 
 
-def test_two_fits_in_a_row_know_as_much_as_one_of_all_rows(earlier):
+def test_two_fits_in_a_row_know_as_much_as_one_of_all_rows(earlier_fit):
     """Gaussian knowledge adds up: no row is counted twice, none is lost."""
-    simulated, start = earlier
+    simulated, start = earlier_fit
     rows = tracker_points(
         count=60, seed=1, joints=random_joints(simulated.model, np.random.default_rng(5), 60)
     )

@@ -37,13 +37,13 @@ def test_commands(number: TrackerCommand, parameters: bytes, golden: str) -> Non
     assert encode_command(number, parameters) == bytes.fromhex(golden)
 
 
-def body(words: tuple[int, ...], count: int) -> bytes:
+def packet_body(words: tuple[int, ...], count: int) -> bytes:
     """Return status, words and the numbers 1, 2, 3, … as doubles."""
     return struct.pack(f"<I{len(words)}i{count}d", 0, *words, *(float(n) for n in range(1, count + 1)))
 
 
 def test_a_point_has_seventeen_numbers() -> None:
-    found = decode_result(PacketKind.POINT, body((0, 1), 17))
+    found = decode_result(PacketKind.POINT, packet_body((0, 1), 17))
     assert found.is_try
     assert (found.value, found.scatter) == ((1, 2, 3), (4, 5, 6))
     assert found.expected == (11, 12, 13)  # 7 is their total, 8 to 10 are pointing errors, 14 a total again
@@ -52,7 +52,7 @@ def test_a_point_has_seventeen_numbers() -> None:
 
 
 def test_a_point_with_covariance_has_twenty_three() -> None:
-    found = decode_result(PacketKind.POINT_WITH_COVARIANCE, body((0, 0), 23))
+    found = decode_result(PacketKind.POINT_WITH_COVARIANCE, packet_body((0, 0), 23))
     assert (found.value, found.scatter) == ((1, 2, 3), (4, 5, 6))
     assert found.expected == (14, 15, 16)  # 8 to 10 are the scatter's covariances, 11 to 13 pointing errors
     assert found.covariance == (18, 19, 20)
@@ -60,7 +60,7 @@ def test_a_point_with_covariance_has_twenty_three() -> None:
 
 
 def test_a_probe_has_forty_one() -> None:
-    found = decode_result(PacketKind.PROBE, body((6, 0, 0, 0x21, 5, 1, 2, 7, 8), 41))
+    found = decode_result(PacketKind.PROBE, packet_body((6, 0, 0, 0x21, 5, 1, 2, 7, 8), 41))
     assert (found.mode, found.rotation_status, found.tip_status) == (6, 0x21, 2)
     assert (found.value, found.scatter, found.expected) == ((1, 2, 3), (4, 5, 6), (11, 12, 13))
     assert found.covariance == (15, 16, 17)

@@ -22,67 +22,76 @@ from cellcal.service.engineering.parameters.mastering_files import (
 )
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunStore
-from tests.procedures.cells import record_of, scene
-from tests.procedures.certified import cell_config
-from tests.unit.helpers.fanuc_va import Controller
+from tests.procedures.certified_runs import cell_config
+from tests.procedures.procedure_scenes import healthy_scene, record_of
+from tests.unit.helpers.fanuc_va import VariablesController
 
 
 @dataclass(frozen=True)
-class Of:
+class RobotOptions:
     robot: str | None = "fanuc"
     group: int = 1
 
 
 @pytest.fixture
-def controller() -> Controller:
-    return Controller(
+def fake_controller() -> VariablesController:
+    return VariablesController(
         ratios=(99.5, 121.0, 119.2, 80.4, 76.1, 51.3), reference_rad=[0.1, -0.2, 0.3, 0.4, 0.5, 0.6]
     )
 
 
-def test_a_backup_becomes_the_record_in_force(controller, tmp_path: Path) -> None:
+def test_a_backup_becomes_the_record_in_force(fake_controller, tmp_path: Path) -> None:
     config = cell_config(tmp_path / "cell")
-    done = import_backup(config, controller.save(tmp_path / "backup"), who="anna", of=Of())
+    done = import_backup(
+        config, fake_controller.save_variables(tmp_path / "backup"), who="anna", of=RobotOptions()
+    )
     record = in_force(config).record
     assert done.record == record
     assert not done.was_known
-    assert record.counts_at_zero == tuple(controller.counts)
-    assert record.reference_counts == tuple(controller.counts_at(controller.reference_rad))
-    assert record.reference_joints_rad == pytest.approx(controller.reference_rad, abs=1e-6)
-    assert np.allclose(record.drive.radians_per_count, controller.interaction(), rtol=1e-6)
+    assert record.counts_at_zero == tuple(fake_controller.counts)
+    assert record.reference_counts == tuple(fake_controller.counts_at(fake_controller.reference_rad))
+    assert record.reference_joints_rad == pytest.approx(fake_controller.reference_rad, abs=1e-6)
+    assert np.allclose(record.drive.radians_per_count, fake_controller.coupling_matrix(), rtol=1e-6)
     assert (record.wire, record.prior, record.captures, record.kit) == (None, None, (), None)
     assert record.sha256 == seal_of(record)
     assert "wire lengths" in done.untold[0]
-    assert import_backup(config, tmp_path / "backup", who="anna", of=Of()).was_known
+    assert import_backup(config, tmp_path / "backup", who="anna", of=RobotOptions()).was_known
 
 
-def test_its_sheet_and_its_way_to_another_computer(controller, tmp_path: Path) -> None:
+def test_its_sheet_and_its_way_to_another_computer(fake_controller, tmp_path: Path) -> None:
     config = cell_config(tmp_path / "cell")
-    controller.reference_rad = None
-    done = import_backup(config, controller.save(tmp_path / "backup"), who="anna", of=Of())
+    fake_controller.reference_rad = None
+    done = import_backup(
+        config, fake_controller.save_variables(tmp_path / "backup"), who="anna", of=RobotOptions()
+    )
     assert "reference pose" in done.untold[-1]
     signed, sheet = export_record(config, None, tmp_path / "stick")
     text = sheet.read_text()
-    for told in ("nothing measured", "not told", "cannot be found with it", str(controller.counts[5])):
-        assert told in " ".join(text.split())
+    for expected_text in (
+        "nothing measured",
+        "not told",
+        "cannot be found with it",
+        str(fake_controller.counts[5]),
+    ):
+        assert expected_text in " ".join(text.split())
     assert max(map(len, text.splitlines())) <= 80
     other = cell_config(tmp_path / "other")
     assert import_record(other, signed, who="bert").record == done.record
 
 
 async def test_a_record_of_counts_only_finds_no_turns_and_replaces_no_better_one(
-    controller, tmp_path: Path
+    fake_controller, tmp_path: Path
 ) -> None:
-    made = scene()
+    made = healthy_scene()
     config, record = cell_config(tmp_path / "cell"), await record_of(made)
-    backup = controller.save(tmp_path / "backup")
-    done = import_backup(config, backup, who="anna", of=Of())
+    backup = fake_controller.save_variables(tmp_path / "backup")
+    done = import_backup(config, backup, who="anna", of=RobotOptions())
     with pytest.raises(RefusalError, match="no lengths or places"):
         await stored_record(replace(made.cell, record=done.record))
     with open_journal(config) as journal:
         RunStore(journal).put_mastering_record(record, actor="anna")
     with pytest.raises(RecordFileError, match="Only the one in force can find lost turns"):
-        import_backup(config, backup, who="anna", of=Of())
+        import_backup(config, backup, who="anna", of=RobotOptions())
     assert in_force(config).record == record
 
 
@@ -94,66 +103,70 @@ async def test_a_record_of_counts_only_finds_no_turns_and_replaces_no_better_one
         ({"ratios": (99.5, 121.0, 119.2)}, "has 6 axes, group 1 of the backup 3"),
     ],
 )
-def test_a_mastering_that_is_not_valid_is_refused(controller, tmp_path: Path, change, words: str) -> None:
+def test_a_mastering_that_is_not_valid_is_refused(
+    fake_controller, tmp_path: Path, change, words: str
+) -> None:
     config = cell_config(tmp_path / "cell")
     for name, value in change.items():
-        setattr(controller, name, value)
+        setattr(fake_controller, name, value)
     if "ratios" in change:
-        controller.counts, controller.states = controller.counts[:3], [2] * 3
-        controller.reference_rad = None
+        fake_controller.counts, fake_controller.states = fake_controller.counts[:3], [2] * 3
+        fake_controller.reference_rad = None
     with pytest.raises(RecordFileError, match=words):
-        import_backup(config, controller.save(tmp_path / "backup"), who="anna", of=Of())
+        import_backup(
+            config, fake_controller.save_variables(tmp_path / "backup"), who="anna", of=RobotOptions()
+        )
     with pytest.raises(RecordFileError, match="no mastering record"):
         in_force(config)
 
 
-def test_files_that_are_missing_or_damaged(controller, tmp_path: Path) -> None:
+def test_files_that_are_missing_or_damaged(fake_controller, tmp_path: Path) -> None:
     config = cell_config(tmp_path / "cell")
-    backup = controller.save(tmp_path / "backup")
+    backup = fake_controller.save_variables(tmp_path / "backup")
     with pytest.raises(RecordFileError, match="does not say whose it is"):
-        import_backup(config, backup, who="anna", of=Of(robot=None))
+        import_backup(config, backup, who="anna", of=RobotOptions(robot=None))
     with pytest.raises(RecordFileError, match="group 2 has no axes"):
-        import_backup(config, backup, who="anna", of=Of(group=2))
+        import_backup(config, backup, who="anna", of=RobotOptions(group=2))
     data = (backup / "SYMOTN.VA").read_bytes()
     (backup / "SYMOTN.VA").write_bytes(data[:-900])
     with pytest.raises(ProgramFileError, match=r"SYMOTN\.VA:\d+"):
-        import_backup(config, backup, who="anna", of=Of())
+        import_backup(config, backup, who="anna", of=RobotOptions())
     (backup / "SYMOTN.VA").unlink()
     with pytest.raises(RecordFileError, match=r"SYMOTN\.VA is not in"):
-        import_backup(config, backup, who="anna", of=Of())
+        import_backup(config, backup, who="anna", of=RobotOptions())
 
 
-def test_the_edits_back_to_the_controller(controller, tmp_path: Path) -> None:
+def test_the_edits_back_to_the_controller(fake_controller, tmp_path: Path) -> None:
     config = cell_config(tmp_path / "cell")
     with pytest.raises(RecordFileError, match="no mastering record"):
-        edits_to(config, controller.save(tmp_path / "backup"), Of())
-    import_backup(config, tmp_path / "backup", who="anna", of=Of())
-    assert edits_to(config, tmp_path / "backup", Of()) == ()
-    controller.counts[2] += 3 * 2**19
-    controller.save(tmp_path / "now")
-    lines = edits_to(config, tmp_path / "now", Of())
+        edits_to(config, fake_controller.save_variables(tmp_path / "backup"), RobotOptions())
+    import_backup(config, tmp_path / "backup", who="anna", of=RobotOptions())
+    assert edits_to(config, tmp_path / "backup", RobotOptions()) == ()
+    fake_controller.counts[2] += 3 * 2**19
+    fake_controller.save_variables(tmp_path / "now")
+    lines = edits_to(config, tmp_path / "now", RobotOptions())
     assert "$DMR_GRP[1].$MASTER_COUN[3] from 17778281 to 16205417" in lines[0]
     assert "$MASTER_DONE" in lines[1]
 
 
-def test_the_commands(controller, tmp_path: Path, capsys) -> None:
+def test_the_commands(fake_controller, tmp_path: Path, capsys) -> None:
     cell = str(cell_config(tmp_path / "cell").path)
-    backup = str(controller.save(tmp_path / "backup"))
+    backup = str(fake_controller.save_variables(tmp_path / "backup"))
     of = ("--cell", cell, "--robot", "fanuc")
-    assert called("import", backup, *of, "--group", "1", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["counts_at_zero"] == controller.counts
-    assert len(told["untold"]) == 3
-    assert called("show", *of) == 0
+    assert run_command("import", backup, *of, "--group", "1", "--json") == 0
+    output = json.loads(capsys.readouterr().out)
+    assert output["counts_at_zero"] == fake_controller.counts
+    assert len(output["untold"]) == 3
+    assert run_command("show", *of) == 0
     assert "nothing measured" in capsys.readouterr().out
-    assert called("edits", backup, *of) == 0
+    assert run_command("edits", backup, *of) == 0
     assert "Nothing" in capsys.readouterr().out
-    controller.mastered = False
-    controller.save(tmp_path / "backup")
+    fake_controller.mastered = False
+    fake_controller.save_variables(tmp_path / "backup")
     with pytest.raises(RecordFileError, match="MASTER_DONE is FALSE"):
-        called("import", backup, *of, "--replace")
-    assert in_force(read_cell_file(Path(cell))).record.counts_at_zero == tuple(controller.counts)
+        run_command("import", backup, *of, "--replace")
+    assert in_force(read_cell_file(Path(cell))).record.counts_at_zero == tuple(fake_controller.counts)
 
 
-def called(*words: str) -> int:
+def run_command(*words: str) -> int:
     return mastering(words, exit_on_error=False, result_action="return_value")

@@ -10,7 +10,7 @@ from cellcal.calibration.identification.effect_mixture import KINDS, average_ove
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
 from cellcal.calibration.identification.selection import IdentificationOptions
-from tests.soak.few_rows import EFFECTS, identify_few, share_inside, world
+from tests.soak.few_rows import EFFECTS, draw_world, identify_few, share_inside
 
 
 @pytest.mark.parametrize("rows", [8, 20, 60])
@@ -20,7 +20,7 @@ def test_two_stated_deviations_hold_with_few_rows(rows):
 
 
 def test_the_geometry_with_its_priors_is_chosen_for_eight_rows():
-    there = world("none", 8, np.random.default_rng(4))
+    there = draw_world("none", 8, np.random.default_rng(4))
     found = identify_arm(there.truth.nominal, there.observations, options=IdentificationOptions(judge=False))
     assert found.level == GEOMETRY
     joints = np.random.default_rng(5).uniform(-1.0, 1.0, (50, 6))
@@ -36,8 +36,8 @@ def test_the_geometry_with_its_priors_is_chosen_for_eight_rows():
     ("effect", "kind"),
     [("compliance", "joints"), ("ripple", "joints"), ("backlash", "play"), ("drift", "order")],
 )
-def test_what_the_model_lacks_is_told_by_kind(effect, kind):
-    there = world(effect, 40, np.random.default_rng(11))
+def test_model_errors_are_reported_by_kind(effect, kind):
+    there = draw_world(effect, 40, np.random.default_rng(11))
     options = IdentificationOptions(judge=False, level=GEOMETRY, find_breaks=False)
     found = identify_arm(there.truth.nominal, there.observations, options=options)
     chances = dict(zip(KINDS, found.misfit.probability, strict=True))
@@ -47,14 +47,14 @@ def test_what_the_model_lacks_is_told_by_kind(effect, kind):
 
 
 def test_clean_rows_have_no_misfit_and_eight_rows_leave_it_open():
-    there = world("none", 60, np.random.default_rng(12))
+    there = draw_world("none", 60, np.random.default_rng(12))
     found = identify_arm(
         there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, find_breaks=False)
     )
     assert max(found.misfit.probability) < 0.1
     assert found.misfit.noise_m == pytest.approx(5e-5, rel=0.3)
     assert misfit_notes(found.misfit, 60, 0) == []
-    there = world("none", 8, np.random.default_rng(12))
+    there = draw_world("none", 8, np.random.default_rng(12))
     found = identify_arm(
         there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, find_breaks=False)
     )
@@ -67,7 +67,7 @@ def test_blunders_are_a_note_of_their_own():
 
 
 def test_many_rows_keep_their_own_deviations():
-    there = world("none", 61, np.random.default_rng(3))
+    there = draw_world("none", 61, np.random.default_rng(3))
     found = identify_arm(
         there.truth.nominal, there.observations, options=IdentificationOptions(judge=False, level=GEOMETRY)
     )
@@ -75,7 +75,7 @@ def test_many_rows_keep_their_own_deviations():
 
 
 def test_a_device_that_was_moved_is_seen_though_no_level_helps():
-    there = world("none", 40, np.random.default_rng(3))
+    there = draw_world("none", 40, np.random.default_rng(3))
     places = there.observations.positions_m + np.where(np.arange(40) < 20, 0.0, 0.05)[:, None]
     found = identify_arm(
         there.truth.nominal,
@@ -89,7 +89,7 @@ def test_a_device_that_was_moved_is_seen_though_no_level_helps():
 
 
 def test_deviations_of_few_rows_do_not_depend_on_the_stated_size_of_noise():
-    there = world("none", 30, np.random.default_rng(8))
+    there = draw_world("none", 30, np.random.default_rng(8))
     options = IdentificationOptions(judge=False, level=GEOMETRY, find_breaks=False)
     found = identify_arm(there.truth.nominal, there.observations, options=options)
     louder = replace(there.observations, sigma_m=5 * there.observations.sigma_m)

@@ -97,7 +97,7 @@ def test_tables_as_instruments_write_them(text: str) -> None:
         ("a;b;c\n1;2;3\n", "no line names the columns x, y, z"),
     ],
 )
-def test_a_bad_cell_is_told_with_line_and_column(text: str, where: str) -> None:
+def test_a_bad_cell_is_reported_with_line_and_column(text: str, where: str) -> None:
     with pytest.raises(TextError, match=where):
         rows_of(text, XYZ)
 

@@ -22,11 +22,11 @@ WRONG = np.random.default_rng(4).normal(0.0, 3.0, MM.shape)
 J = [f"J{i}" for i in range(1, 7)]
 
 
-def identified(path, capsys, *options, robot="abb_irb120", level="1"):
+def identify_file_as(path, capsys, *options, robot="abb_irb120", level="1"):
     """Return the exit code, the report as an object, and what was said on standard error."""
     code = run_command_line(["identify", str(path), "--robot", robot, "--level", level, "--json", *options])
-    said = capsys.readouterr()
-    return code, json.loads(said.out) if said.out.strip() else {}, " ".join(said.err.split())
+    captured = capsys.readouterr()
+    return code, json.loads(captured.out) if captured.out.strip() else {}, " ".join(captured.err.split())
 
 
 def file_of(folder, lines, encoding="utf-8", name="rows.csv"):
@@ -35,24 +35,27 @@ def file_of(folder, lines, encoding="utf-8", name="rows.csv"):
     return path
 
 
-def rows(*blocks, separator=",", comma=False, digits=4):
-    def cell(value):
+def text_rows(*blocks, separator=",", comma=False, digits=4):
+    def format_cell(value):
         text = value if isinstance(value, str) else f"{value:.{digits}f}"
         return text.replace(".", ",") if comma else text
 
-    table = [[cell for block in blocks for cell in np.atleast_1d(block[i])] for i in range(len(blocks[0]))]
-    return [separator.join(cell(value) for value in row) for row in table]
+    table = [
+        [format_cell for block in blocks for format_cell in np.atleast_1d(block[i])]
+        for i in range(len(blocks[0]))
+    ]
+    return [separator.join(format_cell(value) for value in row) for row in table]
 
 
 @pytest.mark.parametrize("name", ["v02_nomact.csv", "v11_inch.csv", "v17_gbk.csv"])
 def test_field_files_are_read_to_their_hundredths(name, capsys):
-    code, report, _ = identified(FIELD / name, capsys, level="2")
+    code, report, _ = identify_file_as(FIELD / name, capsys, level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 5e-5
 
 
 def test_an_expanded_uncertainty_is_no_position_of_the_controller(capsys):
-    code, report, _ = identified(FIELD / "leica_u.csv", capsys)
+    code, report, _ = identify_file_as(FIELD / "leica_u.csv", capsys)
     assert code == ExitCode.PASS
     assert not [guess for guess in report["guesses"] if "U(95)" in guess]
     assert any("abb_quaternion" in guess for guess in report["guesses"])
@@ -68,19 +71,19 @@ def test_an_expanded_uncertainty_is_no_position_of_the_controller(capsys):
 )
 def test_field_files_that_do_not_fit_are_refused_with_a_cure_that_works(name, robot, cure, capsys, tmp_path):
     save = ["--save", str(tmp_path / "sets"), "--serial", "1", "--by", "me"]
-    code, report, said = identified(FIELD / name, capsys, *save, robot=robot)
+    code, report, message = identify_file_as(FIELD / name, capsys, *save, robot=robot)
     assert (code, report) == (ExitCode.REFUSED, {})
-    assert cure in said
-    assert "wider range" not in said
+    assert cure in message
+    assert "wider range" not in message
     assert not (tmp_path / "sets").exists()
     option = ["--columns", cure] if "=" in cure else cure.split()
-    code, report, _ = identified(FIELD / name, capsys, *option, robot=robot, level="2")
+    code, report, _ = identify_file_as(FIELD / name, capsys, *option, robot=robot, level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 1e-4
 
 
 def test_the_good_twin_of_a_coupled_robot_passes(capsys):
-    code, report, _ = identified(FIELD / "m6_ctl.csv", capsys, robot="fanuc_m6ib", level="2")
+    code, report, _ = identify_file_as(FIELD / "m6_ctl.csv", capsys, robot="fanuc_m6ib", level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 1e-4
 
@@ -96,10 +99,10 @@ def test_point_lists_of_spatialanalyzer_place_a_base(capsys):
 
 
 def test_a_point_list_is_no_identification_and_the_hint_speaks_of_it(capsys):
-    code, _, said = identified(FIELD / "sa_a.txt", capsys)
+    code, _, message = identify_file_as(FIELD / "sa_a.txt", capsys)
     assert code == ExitCode.USAGE
-    assert "list of points" in said
-    assert "q1" not in said
+    assert "list of points" in message
+    assert "q1" not in message
 
 
 HEADINGS = {
@@ -141,44 +144,45 @@ HEADINGS = {
 )
 def test_headings_of_many_languages_and_encodings(language, encoding, tmp_path, capsys):
     joints, position = HEADINGS[language]
-    path = file_of(tmp_path, [",".join([*joints, *position]), *rows(DEG, MM)], encoding)
-    code, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [",".join([*joints, *position]), *text_rows(DEG, MM)], encoding)
+    code, report, _ = identify_file_as(path, capsys)
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
 @pytest.mark.parametrize("comma", [False, True])
 def test_thousands_marks(comma, tmp_path, capsys):
-    def number(value):
+    def format_thousands(value):
         text = f"{value:,.3f}"
         return text.translate(str.maketrans(",.", ".,")) if comma else f'"{text}"'
 
     lines = [
-        (";" if comma else ",").join(number(v) for v in (*d, *m)) for d, m in zip(DEG, MM * 1.0, strict=True)
+        (";" if comma else ",").join(format_thousands(v) for v in (*d, *m))
+        for d, m in zip(DEG, MM * 1.0, strict=True)
     ]
     head = (";" if comma else ",").join([*J, "X", "Y", "Z"])
-    _, report, _ = identified(file_of(tmp_path, [head, *lines]), capsys)
+    _, report, _ = identify_file_as(file_of(tmp_path, [head, *lines]), capsys)
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_fixed_widths_with_units_beside_the_names(tmp_path, capsys):
     head = "  ".join([*(f"{j} [deg]" for j in J), *(f"{a} (mm)" for a in "XYZ")])
     body = ["".join(f"{v:12.4f}" for v in (*d, *m)) for d, m in zip(DEG, MM, strict=True)]
-    _, report, _ = identified(file_of(tmp_path, [head, *body]), capsys)
+    _, report, _ = identify_file_as(file_of(tmp_path, [head, *body]), capsys)
     assert report["held_out"]["rmse_m"] < 3e-3
     assert len(report["guesses"]) == 1
 
 
 def test_numbered_quaternions_that_end_with_the_scalar(tmp_path, capsys):
     names = [*J, "X", "Y", "Z", "q1", "q2", "q3", "q4"]
-    path = file_of(tmp_path, [",".join(names), *rows(DEG, MM, QUATERNIONS[:, [1, 2, 3, 0]], digits=6)])
-    _, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [",".join(names), *text_rows(DEG, MM, QUATERNIONS[:, [1, 2, 3, 0]], digits=6)])
+    _, report, _ = identify_file_as(path, capsys)
     assert any("read as ros_quaternion" in guess for guess in report["guesses"])
 
 
 def test_a_degree_sign_in_a_western_file_is_not_chinese(tmp_path):
     names = [*(f"Größe J{i} [°]" for i in range(1, 7)), "X", "Y", "Z"]
-    path = file_of(tmp_path, [",".join(names), *rows(DEG, MM)], "cp1252")
+    path = file_of(tmp_path, [",".join(names), *text_rows(DEG, MM)], "cp1252")
     assert read_table(path).names[0] == "Größe J1 [°]"
 
 
@@ -195,18 +199,18 @@ def test_a_degree_sign_in_a_western_file_is_not_chinese(tmp_path):
         ("Nom{}", "Meas{}", "d{}"),
     ],
 )
-def test_nominal_actual_and_deviation_are_told_apart(triples, tmp_path, capsys):
+def test_nominal_actual_and_deviation_are_distinguished(triples, tmp_path, capsys):
     names = [pattern.format(axis) for pattern in triples for axis in "XYZ"]
-    path = file_of(tmp_path, [",".join([*J, *names]), *rows(DEG, MM + WRONG, MM, -WRONG)])
-    code, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [",".join([*J, *names]), *text_rows(DEG, MM + WRONG, MM, -WRONG)])
+    code, report, _ = identify_file_as(path, capsys)
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_groups_of_columns_over_x_y_and_z(tmp_path, capsys):
     head = [",,,,,,Nominal,,,Actual,,", ",".join([*J, *"XYZXYZ"])]
-    path = file_of(tmp_path, [*head, *rows(DEG, MM + WRONG, MM)])
-    _, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [*head, *text_rows(DEG, MM + WRONG, MM)])
+    _, report, _ = identify_file_as(path, capsys)
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
@@ -225,9 +229,10 @@ def test_groups_of_columns_over_x_y_and_z(tmp_path, capsys):
 )
 def test_quaternions_by_name_in_either_order(names, order, tmp_path, capsys):
     path = file_of(
-        tmp_path, [",".join([*J, "X", "Y", "Z", *names]), *rows(DEG, MM, QUATERNIONS[:, order], digits=6)]
+        tmp_path,
+        [",".join([*J, "X", "Y", "Z", *names]), *text_rows(DEG, MM, QUATERNIONS[:, order], digits=6)],
     )
-    _, report, _ = identified(path, capsys)
+    _, report, _ = identify_file_as(path, capsys)
     assert any("quaternion: " in guess for guess in report["guesses"]), report["guesses"]
     assert not any("left out" in guess or "controller" in guess for guess in report["guesses"])
 
@@ -247,74 +252,74 @@ def test_quaternions_by_name_in_either_order(names, order, tmp_path, capsys):
 )
 def test_a_unit_in_the_heading_wins(unit, factor, tmp_path, capsys):
     names = [*J, *(f"{axis} ({unit})" for axis in "XYZ")]
-    path = file_of(tmp_path, [",".join(names), *rows(DEG, MM / factor, digits=7)])
-    code, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [",".join(names), *text_rows(DEG, MM / factor, digits=7)])
+    code, report, _ = identify_file_as(path, capsys)
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 3e-3
     assert not any("position" in guess for guess in report["guesses"])
 
 
 @pytest.mark.parametrize("factor", [25.4, 10.0, 1.0, 1e3, 304.8])
-def test_a_unit_that_nothing_tells_is_told_by_the_fit(factor, tmp_path, capsys):
-    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG, MM / factor, digits=7)])
-    code, report, _ = identified(path, capsys)
+def test_an_unstated_unit_is_determined_by_the_fit(factor, tmp_path, capsys):
+    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG, MM / factor, digits=7)])
+    code, report, _ = identify_file_as(path, capsys)
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_columns_of_two_units_are_refused(tmp_path, capsys):
     names = [*J, "X [mm]", "Y [mm]", "Z [m]"]
-    code, _, said = identified(file_of(tmp_path, [",".join(names), *rows(DEG, MM)]), capsys)
+    code, _, message = identify_file_as(file_of(tmp_path, [",".join(names), *text_rows(DEG, MM)]), capsys)
     assert code == ExitCode.USAGE
-    assert "different units" in said
+    assert "different units" in message
 
 
 def test_a_file_without_heading_is_read_by_the_numbers_of_its_columns(tmp_path, capsys):
-    path = file_of(tmp_path, ["// exported", *rows(MM, DEG)])
-    code, _, said = identified(path, capsys)
+    path = file_of(tmp_path, ["// exported", *text_rows(MM, DEG)])
+    code, _, message = identify_file_as(path, capsys)
     assert code == ExitCode.USAGE
-    assert "--columns joints=1,2,3,4,5,6" in said
-    given = ["--columns", "joints=4,5,6,7,8,9", "--columns", "position=1,2,3"]
-    code, report, _ = identified(path, capsys, *given)
+    assert "--columns joints=1,2,3,4,5,6" in message
+    column_options = ["--columns", "joints=4,5,6,7,8,9", "--columns", "position=1,2,3"]
+    code, report, _ = identify_file_as(path, capsys, *column_options)
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_remarks_between_the_rows_are_no_rows(tmp_path, capsys):
-    lines = [",".join([*J, "X", "Y", "Z"]), *rows(DEG, MM)]
+    lines = [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG, MM)]
     lines[20:20] = ["# station moved?", "// shot again,,,,,,,,"]
-    _, report, _ = identified(file_of(tmp_path, lines), capsys)
+    _, report, _ = identify_file_as(file_of(tmp_path, lines), capsys)
     assert (report["rows"], report["usable"]) == (40, 40)
 
 
 def test_units_below_the_heading_and_decimal_commas(tmp_path, capsys):
     lines = [";".join([*J, "X", "Y", "Z"]), ";".join(["[°]"] * 6 + ["[mm]"] * 3)]
-    path = file_of(tmp_path, [*lines, *rows(DEG, MM, separator=";", comma=True)], "cp1252")
-    _, report, _ = identified(path, capsys)
+    path = file_of(tmp_path, [*lines, *text_rows(DEG, MM, separator=";", comma=True)], "cp1252")
+    _, report, _ = identify_file_as(path, capsys)
     assert report["held_out"]["rmse_m"] < 3e-3
     assert len(report["guesses"]) == 1
 
 
-def test_rows_without_a_reading_are_told_apart_from_rejected_ones(tmp_path, capsys):
-    seen = MM.copy()
-    seen[3] = 0.0
-    seen[7] = -9999.0
-    seen[11] = 9999.0
-    seen[15] = seen[14]  # the instrument stood still
-    seen[25] += 30.0
-    lines = [",".join([*J, "X", "Y", "Z"]), *rows(DEG, seen)]
+def test_rows_without_a_reading_are_distinguished_from_rejected_ones(tmp_path, capsys):
+    positions_mm = MM.copy()
+    positions_mm[3] = 0.0
+    positions_mm[7] = -9999.0
+    positions_mm[11] = 9999.0
+    positions_mm[15] = positions_mm[14]  # the instrument stood still
+    positions_mm[25] += 30.0
+    lines = [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG, positions_mm)]
     lines[30] = lines[30].rsplit(",", 1)[0] + ",NaN"
     path = file_of(tmp_path, lines)
-    _, report, _ = identified(path, capsys)
+    _, report, _ = identify_file_as(path, capsys)
     unread = [row["row"] for row in report["rejected"] if row["kind"] == UNREAD]
     assert unread == [3, 7, 11, 14, 15, 29]
     assert [row["row"] for row in report["rejected"] if row["kind"] != UNREAD] == [25]
     assert (report["rows"], report["usable"], report["held_out"]["n"]) == (40, 34, 34)
     run_command_line(["identify", str(path), "--robot", "abb_irb120", "--level", "1"])
-    said = capsys.readouterr().out
-    assert "34 usable rows of 40" in said
-    assert "6 rows hold no reading" in said
-    assert "1 rows rejected" in said
+    output = capsys.readouterr().out
+    assert "34 usable rows of 40" in output
+    assert "6 rows hold no reading" in output
+    assert "1 rows rejected" in output
 
 
 HOSTILE = [
@@ -348,9 +353,9 @@ def test_whatever_a_file_holds_ends_in_a_sentence(content, tmp_path, capsys):
         ["simulate-cell", "base", str(path), str(path)],
     ):
         code = run_command_line(command)
-        said = capsys.readouterr()
+        captured = capsys.readouterr()
         assert code in (ExitCode.USAGE, ExitCode.REFUSED), (command, code)
-        assert "Internal error" not in said.err + said.out
+        assert "Internal error" not in captured.err + captured.out
 
 
 @pytest.mark.parametrize(
@@ -367,21 +372,23 @@ def test_columns_that_name_nothing_are_refused(columns, capsys):
 
 
 def test_few_rows_speak_of_no_endless_number(tmp_path, capsys):
-    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG, MM)])
+    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG, MM)])
     run_command_line(["identify", str(path), "--robot", "abb_irb120", "--level", "1"])
     shown = " ".join(capsys.readouterr().out.split())
     assert "(what few rows leave open is in the sigmas)" in shown
 
 
 def test_rows_of_one_posture_are_refused(tmp_path, capsys):
-    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG[[3] * 30], MM[[3] * 30] + WRONG[:30])])
-    code, _, said = identified(path, capsys)
+    path = file_of(
+        tmp_path, [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG[[3] * 30], MM[[3] * 30] + WRONG[:30])]
+    )
+    code, _, message = identify_file_as(path, capsys)
     assert code == ExitCode.REFUSED
-    assert "1 postures in 30 usable rows are too few" in said
+    assert "1 postures in 30 usable rows are too few" in message
 
 
 def test_a_file_with_five_of_six_joints_is_no_list_of_points(tmp_path, capsys):
-    path = file_of(tmp_path, [",".join([*J[:5], "X", "Y", "Z"]), *rows(DEG[:, :5], MM)])
-    _, _, said = identified(path, capsys)
-    assert "no 6 joint columns" in said
-    assert "without the joints" not in said
+    path = file_of(tmp_path, [",".join([*J[:5], "X", "Y", "Z"]), *text_rows(DEG[:, :5], MM)])
+    _, _, message = identify_file_as(path, capsys)
+    assert "no 6 joint columns" in message
+    assert "without the joints" not in message

@@ -21,11 +21,13 @@ def with_terms(simulated, terms, coefficients, sigma_m=5e-5):
     joints = simulated.observations.joints_rad
     moved = state.moved_joints(joints, term_values(simulated.model, joints, terms))
     tips = state.seen_from(0).base_flange(moved)[:, :3, 3]
-    seen = tips + sigma_m * np.random.default_rng(77).standard_normal(tips.shape)
-    return replace(simulated, observations=replace(simulated.observations, positions_m=seen), truth=state)
+    measured_m = tips + sigma_m * np.random.default_rng(77).standard_normal(tips.shape)
+    return replace(
+        simulated, observations=replace(simulated.observations, positions_m=measured_m), truth=state
+    )
 
 
-def value(found, name):
+def value_and_sigma(found, name):
     names = [p.name for p in found.robust.fit.layout.parameters]
     at = names.index(name)
     return found.robust.fit.deviations[at], np.sqrt(found.robust.fit.covariance[at, at])
@@ -48,18 +50,18 @@ def test_a_gear_ratio_is_found_where_unseen_rows_show_it():
     found = identify_arm(simulated.model, simulated.observations, options=IdentificationOptions(judge=False))
     assert found.level == GEAR
     for name, truth in (("J3 gear ratio", 4e-4), ("J5 coupling to J4", -3e-4)):
-        seen, sigma = value(found, name)
-        assert abs(seen - truth) < 4 * sigma
+        found_value, sigma = value_and_sigma(found, name)
+        assert abs(found_value - truth) < 4 * sigma
 
 
 def test_a_gear_ratio_is_not_asked_of_a_joint_with_few_angles():
     model = load_model("ur10")
     joints = random_joints(model, np.random.default_rng(0), 200)
     joints[:, 3] = np.round(joints[:, 3] * 2) / 2
-    asked = {t.name for t in terms_of_level(model, joints, GEAR) if t.kind == "gear"}
-    assert "J4 gear ratio" not in asked
-    assert "J5 coupling to J4" not in asked
-    assert "J6 coupling to J5" in asked
+    gear_names = {t.name for t in terms_of_level(model, joints, GEAR) if t.kind == "gear"}
+    assert "J4 gear ratio" not in gear_names
+    assert "J5 coupling to J4" not in gear_names
+    assert "J6 coupling to J5" in gear_names
 
 
 def test_waves_are_not_read_into_few_angles():
@@ -70,7 +72,7 @@ def test_waves_are_not_read_into_few_angles():
     assert orders == set(range(1, 7))
 
 
-def known_before(simulated):
+def prior_with_free_j2(simulated):
     """Everything as it is, but for what happens to J2 afterwards."""
     found = identify_arm(
         simulated.model, simulated.observations, options=IdentificationOptions(level=2, judge=False)
@@ -82,25 +84,25 @@ def known_before(simulated):
 
 
 @pytest.fixture(scope="module")
-def before():
+def earlier_fit():
     simulated = tracker_points(count=150)
-    return simulated, *known_before(simulated)
+    return simulated, *prior_with_free_j2(simulated)
 
 
-def slipped(simulated, count, slip_rad):
+def slipped_rows(simulated, count, slip_rad):
     joints = random_joints(simulated.model, np.random.default_rng(3), count)
     moved = joints.copy()
     moved[:, 1] += slip_rad
     tips = simulated.truth.seen_from(0).base_flange(moved)[:, :3, 3]
-    seen = tips + 5e-5 * np.random.default_rng(4).standard_normal(tips.shape)
+    measured_m = tips + 5e-5 * np.random.default_rng(4).standard_normal(tips.shape)
     rows = tracker_points(count=count, joints=joints).observations
-    return replace(rows, positions_m=seen)
+    return replace(rows, positions_m=measured_m)
 
 
-def test_one_offset_is_found_again_from_four_rows(before):
-    simulated, arm, places = before
+def test_one_offset_is_found_again_from_four_rows(earlier_fit):
+    simulated, arm, places = earlier_fit
     start = StartingPoint(arm, ("J2 offset",), places)
-    rows = slipped(simulated, 4, 2e-3)
+    rows = slipped_rows(simulated, 4, 2e-3)
     found = identify_arm(simulated.model, rows, options=IdentificationOptions(start=start))
     assert found.level == OFFSETS
     assert [p.name for p in found.robust.fit.layout.parameters] == ["J2 offset"]
@@ -108,11 +110,13 @@ def test_one_offset_is_found_again_from_four_rows(before):
     assert found.before_errors.rmse_m > 5 * found.held_out.rmse_m
 
 
-def test_what_is_held_stays_exactly_where_it_was(before):
-    simulated, arm, places = before
+def test_what_is_held_stays_exactly_where_it_was(earlier_fit):
+    simulated, arm, places = earlier_fit
     start = StartingPoint(arm, ("offsets", "tool"), places)
     found = identify_arm(
-        simulated.model, slipped(simulated, 30, 1e-3), options=IdentificationOptions(start=start, judge=False)
+        simulated.model,
+        slipped_rows(simulated, 30, 1e-3),
+        options=IdentificationOptions(start=start, judge=False),
     )
     roles = {p.role for p in found.robust.fit.layout.parameters}
     assert roles == {"offset", "tool"}
@@ -122,8 +126,8 @@ def test_what_is_held_stays_exactly_where_it_was(before):
     assert not np.allclose(found.state.flange_tool, places.flange_tool, atol=1e-12)
 
 
-def test_priors_stand_around_what_was_known_before(before):
-    simulated, arm, _ = before
+def test_priors_stand_around_what_was_known_before(earlier_fit):
+    simulated, arm, _ = earlier_fit
     start = StartingPoint({**arm, "J1 d": 7e-4})
     found = identify_arm(
         simulated.model,
@@ -134,8 +138,8 @@ def test_priors_stand_around_what_was_known_before(before):
     assert found.state.geometry[0, 1] == pytest.approx(7e-4, abs=5e-5)
 
 
-def test_an_arm_that_is_still_as_before_is_left_so(before):
-    simulated, arm, _ = before
+def test_an_arm_that_is_still_as_before_is_left_so(earlier_fit):
+    simulated, arm, _ = earlier_fit
     again = tracker_points(count=40, seed=1).observations
     found = identify_arm(
         simulated.model, again, options=IdentificationOptions(start=StartingPoint(arm), judge=False)
@@ -144,11 +148,13 @@ def test_an_arm_that_is_still_as_before_is_left_so(before):
     assert found.state.geometry[1, 0] == arm["J2 offset"]
 
 
-def test_base_and_tool_are_free_where_nobody_knows_them(before):
-    simulated, arm, _ = before
+def test_unknown_base_and_tool_are_free(earlier_fit):
+    simulated, arm, _ = earlier_fit
     start = StartingPoint(arm, ("J3",))
     found = identify_arm(
-        simulated.model, slipped(simulated, 12, 0.0), options=IdentificationOptions(start=start, judge=False)
+        simulated.model,
+        slipped_rows(simulated, 12, 0.0),
+        options=IdentificationOptions(start=start, judge=False),
     )
     roles = {p.role for p in found.robust.fit.layout.parameters}
     assert roles == {"base", "tool", "offset", "geometry"}
@@ -156,8 +162,8 @@ def test_base_and_tool_are_free_where_nobody_knows_them(before):
     assert np.abs(found.state.devices[0].device_base[:3, 3] - TRACKER[:3, 3]).max() < 0.01
 
 
-def test_a_name_that_does_not_exist_is_answered_with_those_that_do(before):
-    simulated, *_ = before
+def test_a_name_that_does_not_exist_is_answered_with_those_that_do(earlier_fit):
+    simulated, *_ = earlier_fit
     with pytest.raises(CalibrationError) as caught:
         identify_arm(
             simulated.model,
@@ -169,8 +175,10 @@ def test_a_name_that_does_not_exist_is_answered_with_those_that_do(before):
     assert "gravity" in caught.value.remedy
 
 
-def test_fewer_rows_than_what_is_free_are_refused(before):
-    simulated, arm, places = before
+def test_fewer_rows_than_what_is_free_are_refused(earlier_fit):
+    simulated, arm, places = earlier_fit
     start = StartingPoint(arm, ("geometry",), places)
     with pytest.raises(DegenerateDataError):
-        identify_arm(simulated.model, slipped(simulated, 6, 0.0), options=IdentificationOptions(start=start))
+        identify_arm(
+            simulated.model, slipped_rows(simulated, 6, 0.0), options=IdentificationOptions(start=start)
+        )

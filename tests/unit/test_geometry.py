@@ -184,25 +184,49 @@ def test_every_convention_refuses_what_is_not_finite(name, bad):
         values_from(name, np.full((3, 3), bad))
 
 
-def turn(axis, degrees):
+def axis_rotation(axis, degrees):
     return Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
 
 
 @pytest.mark.parametrize(
     ("name", "values", "rotation"),
     [
-        ("fanuc_wpr", (10, 20, 30), turn("z", 30) @ turn("y", 20) @ turn("x", 10)),
-        ("kuka_abc", (10, 20, 30), turn("z", 10) @ turn("y", 20) @ turn("x", 30)),
-        ("yaskawa_rpy", (10, 20, 30), turn("z", 30) @ turn("y", 20) @ turn("x", 10)),
-        ("staubli_rxryrz", (10, 20, 30), turn("x", 10) @ turn("y", 20) @ turn("z", 30)),
-        ("kawasaki_oat", (10, 20, 30), turn("z", 10) @ turn("y", 20) @ turn("z", 30)),
-        ("comau_zyz", (10, 20, 30), turn("z", 10) @ turn("y", 20) @ turn("z", 30)),
-        ("ros_rpy", (10, 20, 30), turn("z", 30) @ turn("y", 20) @ turn("x", 10)),
-        ("ur_rotation_vector", (0, 90, 0), turn("y", 90)),
-        ("instrument_xyz", (10, 20, 30), turn("x", 10) @ turn("y", 20) @ turn("z", 30)),
-        ("instrument_zyx", (10, 20, 30), turn("z", 30) @ turn("y", 20) @ turn("x", 10)),
-        ("mitsubishi_abc", (10, 20, 30), turn("z", 30) @ turn("y", 20) @ turn("x", 10)),
-        ("epson_uvw", (10, 20, 30), turn("z", 10) @ turn("y", 20) @ turn("x", 30)),
+        ("fanuc_wpr", (10, 20, 30), axis_rotation("z", 30) @ axis_rotation("y", 20) @ axis_rotation("x", 10)),
+        ("kuka_abc", (10, 20, 30), axis_rotation("z", 10) @ axis_rotation("y", 20) @ axis_rotation("x", 30)),
+        (
+            "yaskawa_rpy",
+            (10, 20, 30),
+            axis_rotation("z", 30) @ axis_rotation("y", 20) @ axis_rotation("x", 10),
+        ),
+        (
+            "staubli_rxryrz",
+            (10, 20, 30),
+            axis_rotation("x", 10) @ axis_rotation("y", 20) @ axis_rotation("z", 30),
+        ),
+        (
+            "kawasaki_oat",
+            (10, 20, 30),
+            axis_rotation("z", 10) @ axis_rotation("y", 20) @ axis_rotation("z", 30),
+        ),
+        ("comau_zyz", (10, 20, 30), axis_rotation("z", 10) @ axis_rotation("y", 20) @ axis_rotation("z", 30)),
+        ("ros_rpy", (10, 20, 30), axis_rotation("z", 30) @ axis_rotation("y", 20) @ axis_rotation("x", 10)),
+        ("ur_rotation_vector", (0, 90, 0), axis_rotation("y", 90)),
+        (
+            "instrument_xyz",
+            (10, 20, 30),
+            axis_rotation("x", 10) @ axis_rotation("y", 20) @ axis_rotation("z", 30),
+        ),
+        (
+            "instrument_zyx",
+            (10, 20, 30),
+            axis_rotation("z", 30) @ axis_rotation("y", 20) @ axis_rotation("x", 10),
+        ),
+        (
+            "mitsubishi_abc",
+            (10, 20, 30),
+            axis_rotation("z", 30) @ axis_rotation("y", 20) @ axis_rotation("x", 10),
+        ),
+        ("epson_uvw", (10, 20, 30), axis_rotation("z", 10) @ axis_rotation("y", 20) @ axis_rotation("x", 30)),
     ],
 )
 def test_angles_mean_what_the_maker_means(name, values, rotation):
@@ -229,9 +253,9 @@ def test_yaskawas_angles_are_those_of_the_makers_own_software():
 
 def test_quaternions_are_in_the_makers_order():
     half = math.sqrt(0.5)
-    assert np.allclose(rotation_from("abb_quaternion", (half, 0, 0, half)), turn("z", 90))
-    assert np.allclose(rotation_from("ros_quaternion", (0, 0, half, half)), turn("z", 90))
-    assert np.allclose(values_from("ros_quaternion", turn("z", 90)), (0, 0, half, half))
+    assert np.allclose(rotation_from("abb_quaternion", (half, 0, 0, half)), axis_rotation("z", 90))
+    assert np.allclose(rotation_from("ros_quaternion", (0, 0, half, half)), axis_rotation("z", 90))
+    assert np.allclose(values_from("ros_quaternion", axis_rotation("z", 90)), (0, 0, half, half))
 
 
 @pytest.mark.parametrize(
@@ -239,7 +263,7 @@ def test_quaternions_are_in_the_makers_order():
     [
         ("fanuc_wpr", [[0, 0, 1], [0, -1, 0], [1, 0, 0]], (180, -90, 0)),  # the pendant at all joints zero
         ("kuka_abc", [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], (0, 90, 0)),
-        ("kawasaki_oat", turn("z", 40), (0, 0, 40)),
+        ("kawasaki_oat", axis_rotation("z", 40), (0, 0, 40)),
     ],
 )
 def test_at_gimbal_lock_the_leftmost_angle_is_zero(name, rotation, degrees):

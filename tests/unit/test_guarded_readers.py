@@ -57,7 +57,7 @@ ALLOWED = {
 }
 
 
-def _reads(path: Path) -> set[str]:
+def _reader_names(path: Path) -> set[str]:
     """Return what a module reads formats with."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -76,7 +76,7 @@ def _reads(path: Path) -> set[str]:
                 found.add(called.attr)
             if called.attr == "open" and _reads_a_path(node):
                 found.add("open")
-        if isinstance(called, ast.Name) and called.id == "open" and _mode(node)[:1] == "r":
+        if isinstance(called, ast.Name) and called.id == "open" and _open_mode(node)[:1] == "r":
             found.add("open")
     return found
 
@@ -88,7 +88,7 @@ def _reads_a_path(call: ast.Call) -> bool:
     ) * (not {"w", "x", "a", "wb", "xb"} & set(words))
 
 
-def _mode(call: ast.Call) -> str:
+def _open_mode(call: ast.Call) -> str:
     modes = [arg.value for arg in call.args[1:2] if isinstance(arg, ast.Constant)]
     return str(modes[0]) if modes else "r"
 
@@ -108,7 +108,7 @@ def test_no_format_is_read_past_its_guarded_reader() -> None:
         for path in sorted((ROOT / package).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             allowed = {word for place, words in ALLOWED.items() if name.startswith(place) for word in words}
-            rest = _reads(path) - allowed - OPENED.get(name, set())
+            rest = _reader_names(path) - allowed - OPENED.get(name, set())
             if rest:
                 wrong[name] = sorted(rest)
     assert wrong == {}
@@ -127,7 +127,7 @@ def test_no_format_is_read_past_its_guarded_reader() -> None:
 )
 def test_another_reader_would_be_seen(tmp_path: Path, source: str) -> None:
     (tmp_path / "m.py").write_text(source)
-    assert _reads(tmp_path / "m.py")
+    assert _reader_names(tmp_path / "m.py")
 
 
 @pytest.mark.parametrize(

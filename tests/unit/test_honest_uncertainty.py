@@ -18,7 +18,7 @@ from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.tip_uncertainty import hayati_table, predict_tips
 from cellcal.calibration.uncertainty import Verdict, coverage_factor
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, tracker_poses, wire_lengths
-from tests.unit.test_identification import fitted
+from tests.unit.test_identification import fit_at_level
 
 UR10 = load_model("ur10")
 
@@ -40,25 +40,25 @@ def test_rows_that_share_an_error_count_as_fewer():
 def test_intervals_hold_the_truth_where_runs_share_an_error(runs):
     """Each run of ten rows is off as a whole; least squares alone would call itself twice as good as it is."""
     groups = np.repeat(np.arange(runs), 10)
-    held: dict[bool, list[float]] = {False: [], True: []}
+    inside: dict[bool, list[float]] = {False: [], True: []}
     for seed in range(8):
         rng = np.random.default_rng(seed)
         joints = random_joints(UR10, rng, runs)[groups] + rng.uniform(-0.02, 0.02, (10 * runs, 6))
         simulated = tracker_points(count=10 * runs, seed=seed, joints=joints)
         shifted = simulated.observations.positions_m + 1e-4 * rng.standard_normal((runs, 3))[groups]
         rows = replace(simulated.observations, positions_m=shifted)
-        robust = fitted(replace(simulated, observations=rows))
+        robust = fit_at_level(replace(simulated, observations=rows))
         check = random_joints(UR10, rng, 100)
         truth = simulated.truth.seen_from(0).base_flange(check)[:, :3, 3]
-        told, _ = widen_fit(robust, groups)
-        assert told.degrees_of_freedom < 3 * runs  # a run is known no better than its mean
-        for one in (robust, told):
+        widened, _ = widen_fit(robust, groups)
+        assert widened.degrees_of_freedom < 3 * runs  # a run is known no better than its mean
+        for one in (robust, widened):
             tips = predict_tips(one.fit, check)
             spread = np.sqrt(np.einsum("nii->ni", tips.covariance_m2))
             factor = coverage_factor(one.degrees_of_freedom)
-            held[one is told].append(float((np.abs(tips.positions_m - truth) < factor * spread).mean()))
-    assert np.mean(held[False]) < 0.75
-    assert np.mean(held[True]) > 0.9
+            inside[one is widened].append(float((np.abs(tips.positions_m - truth) < factor * spread).mean()))
+    assert np.mean(inside[False]) < 0.75
+    assert np.mean(inside[True]) > 0.9
 
 
 @pytest.mark.parametrize(
@@ -67,20 +67,20 @@ def test_intervals_hold_the_truth_where_runs_share_an_error(runs):
 )
 def test_noise_alone_widens_nothing_however_many_unknowns_there_are(simulate, runs):
     """Sixty rows and 27 to 33 unknowns: a fit takes a third of what groups differ by, which is no reason to doubt."""
-    said = []
+    widening_factors = []
     for seed in range(6):
         simulated = simulate(count=60, seed=seed)
-        robust = fitted(simulated)
-        told, effect = widen_fit(robust, np.repeat(np.arange(runs), 60 // runs))
-        said.append(effect.widening)
+        robust = fit_at_level(simulated)
+        widened, effect = widen_fit(robust, np.repeat(np.arange(runs), 60 // runs))
+        widening_factors.append(effect.widening)
         if effect.widening == 1.0:
-            assert told is robust
-    assert np.median(said) == 1.0
-    assert max(said) < 1.7
+            assert widened is robust
+    assert np.median(widening_factors) == 1.0
+    assert max(widening_factors) < 1.7
 
 
 def test_offsets_are_accepted_as_four_numbers_a_joint_have_them():
-    robust = fitted(tracker_points(count=120))
+    robust = fit_at_level(tracker_points(count=120))
     names = ("J2 offset", "J3 offset", "J4 offset", "J5 offset")
     accepted = accept_offsets(robust, np.deg2rad(0.02), names)
     assert accepted.verdict is Verdict.PASS
@@ -91,7 +91,7 @@ def test_offsets_are_accepted_as_four_numbers_a_joint_have_them():
 
 
 def test_a_missed_acceptance_says_how_many_poses_or_why_none_will_do():
-    robust = fitted(tracker_points(count=60))
+    robust = fit_at_level(tracker_points(count=60))
     limit = 0.5 * max(item.sigma_rad for item in accept_offsets(robust, 1.0, ("J2 offset",)).offsets)
     missed = accept_offsets(robust, limit, ("J2 offset", "J1 offset"))
     assert missed.verdict is Verdict.FAIL
@@ -101,16 +101,16 @@ def test_a_missed_acceptance_says_how_many_poses_or_why_none_will_do():
     assert "base frame" in never
 
 
-def test_more_poses_as_told_are_enough():
-    few = fitted(tracker_points(count=50))
+def test_the_stated_number_of_further_poses_is_enough():
+    few = fit_at_level(tracker_points(count=50))
     limit = 0.6 * accept_offsets(few, 1.0, ("J3 offset",)).offsets[0].sigma_rad
-    told = int(accept_offsets(few, limit, ("J3 offset",)).offsets[0].more.split()[1])
-    many = fitted(tracker_points(count=50 + told))
+    pose_count = int(accept_offsets(few, limit, ("J3 offset",)).offsets[0].more.split()[1])
+    many = fit_at_level(tracker_points(count=50 + pose_count))
     assert accept_offsets(many, 1.05 * limit, ("J3 offset",)).verdict is not Verdict.FAIL
 
 
 def test_offsets_that_were_not_fitted_are_refused():
-    robust = fitted(tracker_points(count=60), 0)
+    robust = fit_at_level(tracker_points(count=60), 0)
     with pytest.raises(CalibrationError, match="no joint offset"):
         accept_offsets(robust, 1e-3)
     with pytest.raises(CalibrationError, match="positive"):
@@ -121,7 +121,7 @@ def test_the_place_of_the_target_is_known_as_well_as_stated():
     ratios = []
     for seed in range(10):
         simulated = tracker_points(count=60, seed=seed, sigma_m=1e-4)
-        robust = fitted(simulated)
+        robust = fit_at_level(simulated)
         joints = random_joints(UR10, np.random.default_rng(50 + seed), 100)
         tips = predict_tips(robust.fit, joints)
         truth = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3]
@@ -153,9 +153,11 @@ def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is
     geometry[1:3, 3:] = np.deg2rad(0.3)
     truth = replace(simulated.truth, geometry=geometry)
     tips = truth.seen_from(0).base_flange(simulated.observations.joints_rad)[:, :3, 3]
-    seen = tips + 5e-5 * np.random.default_rng(5).standard_normal(tips.shape)
+    measured_m = tips + 5e-5 * np.random.default_rng(5).standard_normal(tips.shape)
     table = hayati_table(
-        fitted(replace(simulated, observations=replace(simulated.observations, positions_m=seen))).fit
+        fit_at_level(
+            replace(simulated, observations=replace(simulated.observations, positions_m=measured_m))
+        ).fit
     )
     names = [entry.name for entry in table.entries]
     assert "J2 beta" in names
@@ -163,13 +165,15 @@ def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is
     assert "J4 beta" not in names
     assert all(abs(e.value - e.nominal) < 4e-3 for e in table.entries if e.unit == "m")
     expected = hayati_dh(truth.arm_model, UR10).table.to_rows()
-    known = [entry for entry in table.entries if entry.name in ("J2 beta", "J3 alpha", "J3 a", "J4 offset")]
-    for entry in known:
+    known_entries = [
+        entry for entry in table.entries if entry.name in ("J2 beta", "J3 alpha", "J3 a", "J4 offset")
+    ]
+    for entry in known_entries:
         column = ("offset", "d", "a", "alpha", "beta").index(entry.name.split()[1])
         assert abs(entry.value - expected[int(entry.name[1]) - 1, column]) < 4 * entry.sigma
 
 
-def bent(joints):
+def bending_error_m(joints):
     """An arm's error that no parameter has [m]."""
     return 3e-4 * np.stack(
         [np.sin(3 * joints[:, 0]), np.cos(2 * joints[:, 2]), np.sin(joints[:, 1] * 2)], axis=1
@@ -179,11 +183,11 @@ def bent(joints):
 def test_a_residual_model_helps_where_it_has_seen_and_is_silent_far_away():
     rng = np.random.default_rng(0)
     joints, near = rng.uniform(-1, 1, (300, 6)), rng.uniform(-1, 1, (100, 6))
-    model = fit_residual(joints, bent(joints) + 5e-5 * rng.standard_normal((300, 3)))
+    model = fit_residual(joints, bending_error_m(joints) + 5e-5 * rng.standard_normal((300, 3)))
     mean, sigma = model.predict_residual(near)
-    left = bent(near) - mean
-    assert np.sqrt((left**2).mean()) < 0.4 * np.sqrt((bent(near) ** 2).mean())
-    assert 0.5 < np.sqrt((left**2).mean() / (sigma**2).mean()) < 1.6
+    remaining_m = bending_error_m(near) - mean
+    assert np.sqrt((remaining_m**2).mean()) < 0.4 * np.sqrt((bending_error_m(near) ** 2).mean())
+    assert 0.5 < np.sqrt((remaining_m**2).mean() / (sigma**2).mean()) < 1.6
     far, doubt = model.predict_residual(near + 60.0)
     assert np.abs(far).max() < 1e-12
     assert doubt == pytest.approx(np.sqrt(model.variance_m2))
@@ -194,7 +198,7 @@ def test_a_residual_model_helps_where_it_has_seen_and_is_silent_far_away():
 def test_a_residual_model_is_used_only_if_unseen_rows_gain(bend, chosen):
     joints = random_joints(UR10, np.random.default_rng(3), 100, reach=1.0)
     rows = tracker_points(count=100, joints=joints).observations
-    rows = replace(rows, positions_m=rows.positions_m + bend * bent(joints))
+    rows = replace(rows, positions_m=rows.positions_m + bend * bending_error_m(joints))
     options = IdentificationOptions(level=GEOMETRY, residual_model=True, find_breaks=False)
     found = identify_arm(UR10, rows, options=options)
     assert found.residual is not None

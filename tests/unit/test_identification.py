@@ -51,7 +51,7 @@ def best_start(model, observations):
     return min(fits, key=lambda fit: fit.cost).state
 
 
-def fitted(simulated, level=GEOMETRY):
+def fit_at_level(simulated, level=GEOMETRY):
     start = best_start(simulated.model, simulated.observations)
     return fit_level(simulated.model, simulated.observations, start, level, Priors())
 
@@ -97,7 +97,7 @@ def test_geometry_from_points_predicts_the_tip_within_its_uncertainty():
     ratios = []
     for seed in range(6):
         simulated = tracker_points(count=60, seed=seed)
-        robust = fitted(simulated)
+        robust = fit_at_level(simulated)
         joints = random_joints(simulated.model, np.random.default_rng(99), 200)
         error = tip_error_m(simulated, robust.fit.state, joints)
         check = PointObservations(joints, np.zeros((200, 3)), np.ones(200), np.zeros(200, dtype=np.intp))
@@ -110,12 +110,12 @@ def test_geometry_from_points_predicts_the_tip_within_its_uncertainty():
 
 
 def test_poses_give_the_last_offset_that_points_do_not():
-    by_points = fitted(tracker_points(), OFFSETS)
+    by_points = fit_at_level(tracker_points(), OFFSETS)
     names = [p.name for p in by_points.fit.layout.parameters]
     sigma = np.sqrt(np.diag(by_points.fit.covariance))[names.index("J1 offset")]
     assert sigma > 0.9 * Priors().offset_rad
     simulated = tracker_poses()
-    robust = fitted(simulated)
+    robust = fit_at_level(simulated)
     joints = random_joints(simulated.model, np.random.default_rng(5), 100)
     assert np.sqrt(np.mean(tip_error_m(simulated, robust.fit.state, joints) ** 2)) < 1e-4
 
@@ -130,12 +130,12 @@ def test_lengths_find_anchor_and_tool_without_any_start():
 def test_a_model_without_a_dh_table_is_identified_by_twists():
     simulated = tracker_points(count=80)
     bare = replace(simulated.model, dh=None)
-    robust = fitted(replace(simulated, model=bare))
+    robust = fit_at_level(replace(simulated, model=bare))
     joints = random_joints(bare, np.random.default_rng(5), 100)
     assert np.sqrt(np.mean(tip_error_m(simulated, robust.fit.state, joints) ** 2)) < 1.5e-4
 
 
-def test_sag_is_told_from_offsets():
+def test_sag_is_distinguished_from_offsets():
     simulated = tracker_points("fanuc_r2000ic_165f", 150)
     model = simulated.model
     terms = gravity_terms(model)
@@ -231,7 +231,7 @@ def test_parallel_axes_do_not_blow_up():
 def test_the_answer_does_not_depend_on_the_device_frame_or_the_order_of_rows():
     simulated = tracker_points(count=90)
     joints = random_joints(simulated.model, np.random.default_rng(8), 50)
-    reference = fitted(simulated).fit.state
+    reference = fit_at_level(simulated).fit.state
     turn = exp_twist(np.array([3.0, -2.0, 1.0, 0.5, 2.0, -1.0]))
     turned = simulated.observations.positions_m @ turn[:3, :3].T + turn[:3, 3]
     order = np.random.default_rng(2).permutation(90)
@@ -239,7 +239,7 @@ def test_the_answer_does_not_depend_on_the_device_frame_or_the_order_of_rows():
         (replace(simulated.observations, positions_m=turned), turn),
         (simulated.observations.select_rows(order), np.eye(4)),
     ):
-        state = fitted(replace(simulated, observations=changed)).fit.state
+        state = fit_at_level(replace(simulated, observations=changed)).fit.state
         there = frame @ reference.seen_from(0).base_flange(joints)
         assert np.abs(state.seen_from(0).base_flange(joints)[:, :3, 3] - there[:, :3, 3]).max() < 1e-7
 

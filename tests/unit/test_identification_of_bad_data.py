@@ -13,7 +13,7 @@ from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import assign_mountings, candidate_breaks
 from cellcal.calibration.identification.unrounding import find_resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
-from tests.unit.test_identification import fitted, tip_error_m
+from tests.unit.test_identification import fit_at_level, tip_error_m
 
 
 def with_outliers(simulated, share, size_m, seed):
@@ -32,10 +32,10 @@ def test_outliers_are_rejected_and_hardly_cost_anything():
     for seed in range(5):
         simulated = tracker_points(count=60, seed=seed, sigma_m=1e-4)
         spoilt, bad = with_outliers(simulated, 0.15, 5e-3, seed)
-        robust = fitted(spoilt)
+        robust = fit_at_level(spoilt)
         assert set(bad) <= set(robust.rejected)
         assert len(robust.rejected) <= len(bad) + 2
-        clean.append(np.mean(tip_error_m(simulated, fitted(simulated).fit.state, joints) ** 2))
+        clean.append(np.mean(tip_error_m(simulated, fit_at_level(simulated).fit.state, joints) ** 2))
         dirty.append(np.mean(tip_error_m(simulated, robust.fit.state, joints) ** 2))
     assert np.sqrt(np.mean(dirty)) < 1.25 * np.sqrt(np.mean(clean))
 

@@ -14,44 +14,46 @@ from tests.unit.test_identify_report import file_of
 
 
 @pytest.fixture(scope="module")
-def points(tmp_path_factory):
+def points_file(tmp_path_factory):
     return file_of(tracker_points("ur10", 120), tmp_path_factory.mktemp("points") / "points.csv")
 
 
-def run(capsys, path, *options):
+def run_identify(capsys, path, *options):
     code = run_command_line(["identify", str(path), "--robot", "ur10", *options])
     return code, capsys.readouterr()
 
 
-def asked(capsys, path, *options):
-    code, said = run(capsys, path, *options, "--json")
-    return code, json.loads(said.out)
+def predict_at(capsys, path, *options):
+    code, output = run_identify(capsys, path, *options, "--json")
+    return code, json.loads(output.out)
 
 
 @pytest.mark.parametrize(
     ("limit", "verdict", "code"), [("0.5mm", "pass", 0), ("20um", "fail", 3), ("0.00012m", "undecided", 3)]
 )
-def test_held_out_errors_are_judged_with_a_guard_band(points, capsys, limit, verdict, code):
-    ended, found = asked(capsys, points, "--level", "2", "--train-rows", "100", "--limit", limit)
+def test_held_out_errors_are_judged_with_a_guard_band(points_file, capsys, limit, verdict, code):
+    ended, found = predict_at(capsys, points_file, "--level", "2", "--train-rows", "100", "--limit", limit)
     error = found["verdicts"]["error"]
     if verdict == "undecided":
         # Whatever the figure is, a limit beside it proves nothing.
         beside = f"{error['value'] * 1e3:.6f}mm"
-        ended, found = asked(capsys, points, "--level", "2", "--train-rows", "100", "--limit", beside)
+        ended, found = predict_at(
+            capsys, points_file, "--level", "2", "--train-rows", "100", "--limit", beside
+        )
         error = found["verdicts"]["error"]
     assert error["verdict"] == verdict
     assert ended == code
     assert error["guard_band"] > error["standard_uncertainty"] > 0
 
 
-def test_offsets_are_accepted_or_the_way_there_is_told(points, capsys):
+def test_offsets_are_accepted_or_the_refusal_states_what_is_missing(points_file, capsys):
     options = ("--level", "2", "--accept-offset-sd", "0.02deg")
-    ended, said = run(capsys, points, *options, "--accept-offsets", "J2 offset")
+    ended, output = run_identify(capsys, points_file, *options, "--accept-offsets", "J2 offset")
     assert ended == 0
-    assert "PASS standard deviations of joint offsets" in said.out
-    ended, said = run(capsys, points, *options)
+    assert "PASS standard deviations of joint offsets" in output.out
+    ended, output = run_identify(capsys, points_file, *options)
     assert ended == 3
-    assert "not reachable with this set-up" in said.out
+    assert "not reachable with this set-up" in output.out
 
 
 @pytest.mark.parametrize(
@@ -67,18 +69,18 @@ def test_offsets_are_accepted_or_the_way_there_is_told(points, capsys):
         ("--residual-model", "--level", "17"),
     ],
 )
-def test_wrong_words_end_with_usage_and_what_to_do(points, capsys, options):
-    ended, said = run(capsys, points, *options)
+def test_wrong_words_end_with_usage_and_what_to_do(points_file, capsys, options):
+    ended, output = run_identify(capsys, points_file, *options)
     assert ended == 2
-    assert "What to do" in said.err
+    assert "What to do" in output.err
 
 
-def test_an_earlier_report_lets_one_offset_be_found_again_from_few_rows(points, tmp_path, capsys):
-    _, before = asked(capsys, points, "--level", "2")
+def test_an_earlier_report_lets_one_offset_be_found_again_from_few_rows(points_file, tmp_path, capsys):
+    _, before = predict_at(capsys, points_file, "--level", "2")
     report = tmp_path / "before.json"
     report.write_text(json.dumps(before), encoding="utf-8")
     few = file_of(tracker_points("ur10", 120), tmp_path / "few.csv", slice(0, 5))
-    ended, found = asked(capsys, few, "--start", str(report), "--free", "J2 offset")
+    ended, found = predict_at(capsys, few, "--start", str(report), "--free", "J2 offset")
     assert ended == 0
     free = [p["name"] for p in found["parameters"] if not p["held"]]
     assert free == ["J2 offset"]
@@ -89,10 +91,12 @@ def test_an_earlier_report_lets_one_offset_be_found_again_from_few_rows(points, 
     assert found["start"] == "the report before.json"
 
 
-def test_a_stored_set_is_the_start_and_its_held_values_go_into_the_next_version(points, tmp_path, capsys):
+def test_a_stored_set_is_the_start_and_its_held_values_go_into_the_next_version(
+    points_file, tmp_path, capsys
+):
     store = ("--save", str(tmp_path / "sets"), "--serial", "U1", "--by", "me")
-    assert run(capsys, points, "--level", "2", *store)[0] == 0
-    ended, found = asked(capsys, points, "--start", "previous", "--free", "offsets", *store)
+    assert run_identify(capsys, points_file, "--level", "2", *store)[0] == 0
+    ended, found = predict_at(capsys, points_file, "--start", "previous", "--free", "offsets", *store)
     assert ended == 0
     assert "places" in {lint["code"] for lint in found["lints"]}
     assert found["start"] == "version 1 of robot U1"
@@ -100,23 +104,23 @@ def test_a_stored_set_is_the_start_and_its_held_values_go_into_the_next_version(
     assert "J3 a" in second
 
 
-def test_a_report_of_another_robot_is_no_start(points, tmp_path, capsys):
-    _, before = asked(capsys, points, "--level", "1")
+def test_a_report_of_another_robot_is_no_start(points_file, tmp_path, capsys):
+    _, before = predict_at(capsys, points_file, "--level", "1")
     report = tmp_path / "before.json"
     report.write_text(json.dumps({**before, "robot": "ur5"}), encoding="utf-8")
-    assert run(capsys, points, "--start", str(report))[0] == 2
+    assert run_identify(capsys, points_file, "--start", str(report))[0] == 2
     report.write_text("[]", encoding="utf-8")
-    assert run(capsys, points, "--start", str(report))[0] == 2
+    assert run_identify(capsys, points_file, "--start", str(report))[0] == 2
 
 
-def test_points_that_are_asked_for_come_with_their_uncertainty(points, tmp_path, capsys):
+def test_points_that_are_asked_for_come_with_their_uncertainty(points_file, tmp_path, capsys):
     where, out = tmp_path / "where.csv", tmp_path / "out.csv"
     where.write_text(
         "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,-60,60,10,20,30\n300,-60,60,10,20,30\n",
         encoding="utf-8",
     )
     options = ("--level", "2", "--at", str(where), "--at-csv", str(out), "--dh")
-    ended, found = asked(capsys, points, *options)
+    ended, found = predict_at(capsys, points_file, *options)
     assert ended == 0
     inside, beyond = found["at"]["points"]
     assert 0 < inside["sigma_m"] < 2e-4
@@ -134,10 +138,10 @@ def test_points_that_are_asked_for_come_with_their_uncertainty(points, tmp_path,
     assert [row["extrapolated"] for row in rows] == ["no", "yes"]
     assert [row["far_from_rows"] for row in rows] == ["no", "yes"]
     assert {"J2 beta", "J4 d"} <= {entry["name"] for entry in found["dh"]["entries"]}
-    assert run(capsys, points, *options)[0] == 2  # no file is written over
+    assert run_identify(capsys, points_file, *options)[0] == 2  # no file is written over
 
 
-def spoiled(simulated, path, column, number):
+def spoil_column(simulated, path, column, number):
     lines = file_of(simulated, path).read_text(encoding="utf-8").splitlines()
     cells = lines[7].split(",")
     cells[column] = number
@@ -149,27 +153,27 @@ def spoiled(simulated, path, column, number):
 @pytest.mark.parametrize("number", ["1e308", "-1e308", "1e20", "1e12", "nan", "inf"])
 @pytest.mark.parametrize("column", [2, -1])
 @pytest.mark.parametrize("simulate", [tracker_points, wire_lengths])
-def test_numbers_that_nobody_measured_never_reach_a_fit(simulate, column, number, tmp_path):
-    path = spoiled(simulate("ur10", 40), tmp_path / "wild.csv", column, number)
+def test_numbers_that_were_not_measured_never_reach_a_fit(simulate, column, number, tmp_path):
+    path = spoil_column(simulate("ur10", 40), tmp_path / "wild.csv", column, number)
     found = read_measurements(path, load_model("ur10"), ReadOptions())
     assert 6 not in found.rows
     assert [row.row for row in found.rejected] == [6]
     assert len(found.observations) == 39
 
 
-def test_a_number_that_nobody_measured_is_listed_with_its_row(tmp_path, capsys):
-    path = spoiled(tracker_points("ur10", 40), tmp_path / "wild.csv", -1, "1e308")
-    ended, found = asked(capsys, path, "--level", "0")
+def test_a_number_that_was_not_measured_is_listed_with_its_row(tmp_path, capsys):
+    path = spoil_column(tracker_points("ur10", 40), tmp_path / "wild.csv", -1, "1e308")
+    ended, found = predict_at(capsys, path, "--level", "0")
     assert ended == 0
     (rejected,) = (row for row in found["rejected"] if row["row"] == 6)
     assert "nobody measured" in rejected["reason"]
     assert np.isfinite(found["fit"]["rmse_m"])
 
 
-def test_the_report_fits_a_narrow_terminal_and_shows_dh(points, capsys, monkeypatch):
+def test_the_report_fits_a_narrow_terminal_and_shows_dh(points_file, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    ended, said = run(capsys, points, "--level", "2", "--dh")
+    ended, output = run_identify(capsys, points_file, "--level", "2", "--dh")
     assert ended == 0
-    assert max(len(line) for line in said.out.splitlines()) <= 80
-    assert "beta stands for d" in said.out
-    assert "% is 2.0" in said.out or "% is 1.9" in said.out
+    assert max(len(line) for line in output.out.splitlines()) <= 80
+    assert "beta stands for d" in output.out
+    assert "% is 2.0" in output.out or "% is 1.9" in output.out

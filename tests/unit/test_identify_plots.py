@@ -19,18 +19,18 @@ WILD_ROW, WILD_M = 40, 0.02
 
 
 def file_of(simulated, path):
-    seen = simulated.observations
-    wire = seen.kind == "length"
-    values = seen.lengths_m[:, None] if wire else seen.positions_m
+    observations = simulated.observations
+    wire = observations.kind == "length"
+    values = observations.lengths_m[:, None] if wire else observations.positions_m
     names = [*(f"q{i}" for i in range(1, 7)), *(["L"] if wire else ["x", "y", "z"])]
-    table = np.concatenate([np.rad2deg(seen.joints_rad), values * 1e3], axis=1)
+    table = np.concatenate([np.rad2deg(observations.joints_rad), values * 1e3], axis=1)
     lines = [",".join(names), *(",".join(f"{v:.7f}" for v in row) for row in table)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
 @pytest.fixture(scope="module")
-def evidence(tmp_path_factory):
+def plot_evidence(tmp_path_factory):
     """A UR10 seen by a tracker, with one wild row: off upwards, as seen from the base."""
     simulated = tracker_points("ur10", 120)
     path = tmp_path_factory.mktemp("plots") / "points.csv"
@@ -49,26 +49,26 @@ def test_every_figure_is_written_as_png_and_svg(tmp_path):
     assert all(path.stat().st_size > 5000 for path in written)
 
 
-def test_the_same_report_draws_the_same_files(evidence, tmp_path):
+def test_the_same_report_draws_the_same_files(plot_evidence, tmp_path):
     twice = []
     for name in ("a", "b"):
         figure = new_figure(8, 6)
-        error_map(figure, evidence)
+        error_map(figure, plot_evidence)
         twice.append([path.read_bytes() for path in write_figures({"map": figure}, tmp_path / name)])
     assert twice[0] == twice[1]
 
 
-def test_residuals_have_sign_and_direction(evidence):
-    (at,) = np.flatnonzero(evidence.fitted_rows == WILD_ROW)
-    after = {name: pair[1][at] for name, pair in evidence.signed_mm.items()}
+def test_residuals_have_sign_and_direction(plot_evidence):
+    (at,) = np.flatnonzero(plot_evidence.fitted_rows == WILD_ROW)
+    after = {name: pair[1][at] for name, pair in plot_evidence.signed_mm.items()}
     assert after["upwards"] == pytest.approx(WILD_M * 1e3, abs=0.5)
     assert abs(after["outwards"]) < 0.5
     assert abs(after["sideways"]) < 0.5
 
 
-def test_rejected_rows_and_breaks_are_marked_where_they_are(evidence):
+def test_rejected_rows_and_breaks_are_marked_where_they_are(plot_evidence):
     report = replace(
-        evidence.report, held_out_rows=evidence.fitted_rows, held_out_m=np.ones(119), before_m=np.ones(119),
+        plot_evidence.report, held_out_rows=plot_evidence.fitted_rows, held_out_m=np.ones(119), before_m=np.ones(119),
         breaks=(33,),
     )  # fmt: skip
     panel = new_figure(4, 3).subplots()
@@ -79,35 +79,38 @@ def test_rejected_rows_and_breaks_are_marked_where_they_are(evidence):
     assert set(drawn["device moved"]) == {32.5}
 
 
-def test_predicted_uncertainty_is_that_of_the_covariance(evidence):
-    fit = evidence.report.identification.robust.fit
+def test_predicted_uncertainty_is_that_of_the_covariance(plot_evidence):
+    fit = plot_evidence.report.identification.robust.fit
     joints = np.array([[0.3, -1.1, 1.4, -0.8, 0.9, 0.4], [-2.0, -0.4, 0.7, 1.0, -1.1, 2.0]])
 
-    def seen(change):
+    def axis_sigma(change):
         state = fit.layout.apply_step(fit.state, change)
         return state.seen_from(0).base_flange(joints)[:, :3, 3]
 
     step = 1e-6
-    columns = [(seen(step * one) - seen(-step * one)) / (2 * step) for one in np.eye(len(fit.layout))]
+    columns = [
+        (axis_sigma(step * one) - axis_sigma(-step * one)) / (2 * step) for one in np.eye(len(fit.layout))
+    ]
     variance = np.einsum("pnc,pq,qnc->n", columns, fit.covariance, columns)
-    assert evidence.sigma_m(joints) == pytest.approx(np.sqrt(variance), rel=1e-5)
+    assert plot_evidence.sigma_m(joints) == pytest.approx(np.sqrt(variance), rel=1e-5)
 
 
-def test_places_are_those_of_the_target_in_the_base_frame(evidence):
-    device_base = evidence.identified_state.devices[0].device_base
-    measured = evidence.fitted_observations.positions_m[:20]
+def test_places_are_those_of_the_target_in_the_base_frame(plot_evidence):
+    device_base = plot_evidence.identified_state.devices[0].device_base
+    measured = plot_evidence.fitted_observations.positions_m[:20]
     in_base = (measured - device_base[:3, 3]) @ device_base[:3, :3]
     assert (
         np.abs(
-            places_of(evidence.identified_state, evidence.fitted_observations.joints_rad[:20]) - in_base
+            places_of(plot_evidence.identified_state, plot_evidence.fitted_observations.joints_rad[:20])
+            - in_base
         ).max()
         < 1e-3
     )
 
 
-def test_each_joint_has_its_panel_in_each_direction(evidence):
+def test_each_joint_has_its_panel_in_each_direction(plot_evidence):
     figure = new_figure(6, 4)
-    by_joint(figure, evidence)
+    by_joint(figure, plot_evidence)
     assert len(figure.axes) == 18
     assert [panel.get_xlabel() for panel in figure.axes[12:]] == [f"J{i} (deg)" for i in range(1, 7)]
     assert [figure.axes[6 * k].get_ylabel() for k in range(3)] == [

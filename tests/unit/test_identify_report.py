@@ -13,23 +13,23 @@ from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 
 def file_of(simulated, path, rows=slice(None)):
-    seen = simulated.observations
-    wire = seen.kind == "length"
-    values = seen.lengths_m[:, None] if wire else seen.positions_m
+    observations = simulated.observations
+    wire = observations.kind == "length"
+    values = observations.lengths_m[:, None] if wire else observations.positions_m
     names = [*(f"q{i}" for i in range(1, 7)), *(["L"] if wire else ["x", "y", "z"])]
-    table = np.concatenate([np.rad2deg(seen.joints_rad), values * 1e3], axis=1)[rows]
+    table = np.concatenate([np.rad2deg(observations.joints_rad), values * 1e3], axis=1)[rows]
     lines = [",".join(names), *(",".join(f"{v:.7f}" for v in row) for row in table)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
 @pytest.fixture(scope="module")
-def points(tmp_path_factory):
+def points_file(tmp_path_factory):
     return file_of(tracker_points("ur10", 160), tmp_path_factory.mktemp("points") / "points.csv")
 
 
-def test_held_out_rows_are_exactly_the_others(points):
-    report = identify_file(points, "ur10", IdentifyOptions(level=2, train_rows=100, seed=4))
+def test_held_out_rows_are_exactly_the_others(points_file):
+    report = identify_file(points_file, "ur10", IdentifyOptions(level=2, train_rows=100, seed=4))
     trained = set(np.sort(np.random.default_rng(4).permutation(160)[:100]))
     assert set(report.held_out_rows) == set(range(160)) - trained
     assert report.held_out.n == report.before.n == 60
@@ -38,41 +38,41 @@ def test_held_out_rows_are_exactly_the_others(points):
 
 
 @pytest.mark.parametrize("train_rows", [0, 160, 999])
-def test_a_split_that_holds_nothing_out_is_refused(points, train_rows):
+def test_a_split_that_holds_nothing_out_is_refused(points_file, train_rows):
     with pytest.raises(MeasurementError, match="hold out"):
-        identify_file(points, "ur10", IdentifyOptions(train_rows=train_rows))
+        identify_file(points_file, "ur10", IdentifyOptions(train_rows=train_rows))
 
 
-def test_a_check_file_is_evaluated_with_frames_and_leakage_is_named(points, tmp_path):
+def test_a_check_file_is_evaluated_with_frames_and_leakage_is_named(points_file, tmp_path):
     other = file_of(tracker_points("ur10", 160), tmp_path / "check.csv", slice(100, None))
-    report = identify_file(points, "ur10", IdentifyOptions(level=2, check=other))
+    report = identify_file(points_file, "ur10", IdentifyOptions(level=2, check=other))
     assert report.check is not None
     assert report.check.n == 60
     assert report.check.mean_m < 2e-4
     assert "leakage" in {lint.code for lint in report.lints}
 
 
-def test_check_rows_of_a_moved_device_are_named(points, tmp_path):
+def test_check_rows_of_a_moved_device_are_named(points_file, tmp_path):
     simulated = tracker_points("ur10", 160, seed=1)
     simulated.observations.positions_m[:] += [0.0, 0.02, 0.0]
     report = identify_file(
-        points, "ur10", IdentifyOptions(level=2, check=file_of(simulated, tmp_path / "c.csv"))
+        points_file, "ur10", IdentifyOptions(level=2, check=file_of(simulated, tmp_path / "c.csv"))
     )
     assert report.check is not None
     assert report.check.mean_m > 0.015
     assert "check_moved" in {lint.code for lint in report.lints}
 
 
-def test_a_check_by_another_instrument_is_refused(points, tmp_path):
+def test_a_check_by_another_instrument_is_refused(points_file, tmp_path):
     other = file_of(wire_lengths("ur10", 40), tmp_path / "wire.csv")
     with pytest.raises(MeasurementError, match="not points"):
-        identify_file(points, "ur10", IdentifyOptions(level=0, check=other))
+        identify_file(points_file, "ur10", IdentifyOptions(level=0, check=other))
 
 
-def test_the_command_prints_one_object_and_draws(points, tmp_path, capsys):
+def test_the_command_prints_one_object_and_draws(points_file, tmp_path, capsys):
     plots = tmp_path / "plots"
     code = run_command_line(
-        ["identify", str(points), "--robot", "ur10", "--level", "2", "--plot", str(plots), "--json"]
+        ["identify", str(points_file), "--robot", "ur10", "--level", "2", "--plot", str(plots), "--json"]
     )
     assert code == 0
     found = json.loads(capsys.readouterr().out)
@@ -83,8 +83,8 @@ def test_the_command_prints_one_object_and_draws(points, tmp_path, capsys):
     assert {"overview.png", "workspace.svg", "correlations.png"} <= {path.name for path in plots.iterdir()}
 
 
-def test_the_command_says_before_and_after_in_words(points, capsys):
-    assert run_command_line(["identify", str(points), "--robot", "ur10", "--level", "1"]) == 0
+def test_the_command_says_before_and_after_in_words(points_file, capsys):
+    assert run_command_line(["identify", str(points_file), "--robot", "ur10", "--level", "1"]) == 0
     printed = capsys.readouterr().out
     assert "before" in printed
     assert "held out" in printed
@@ -100,8 +100,8 @@ def test_the_command_says_before_and_after_in_words(points, capsys):
         (["{points}", "--robot", "ur10", "--level", "7"], 2),
     ],
 )
-def test_what_cannot_be_done_ends_in_a_sentence_and_an_exit_code(points, arguments, code, capsys):
-    assert run_command_line(["identify", *(a.format(points=points) for a in arguments)]) == code
+def test_what_cannot_be_done_ends_in_a_sentence_and_an_exit_code(points_file, arguments, code, capsys):
+    assert run_command_line(["identify", *(a.format(points=points_file) for a in arguments)]) == code
     assert "What to do" in capsys.readouterr().err
 
 
@@ -109,17 +109,17 @@ def test_what_cannot_be_done_ends_in_a_sentence_and_an_exit_code(points, argumen
 @pytest.mark.parametrize("simulate", [tracker_points, wire_lengths])
 def test_short_files_are_identified_or_refused_but_never_break(simulate, rows, tmp_path):
     path = file_of(simulate("ur10", 40), tmp_path / "short.csv", slice(0, rows))
-    assert said(path)
+    assert report_of(path)
 
 
 def test_a_wire_with_as_many_rows_as_unknowns_is_identified(tmp_path):
     assert (
-        json.loads(said(file_of(wire_lengths("ur10", 40), tmp_path / "short.csv", slice(0, 24))))["rows"]
+        json.loads(report_of(file_of(wire_lengths("ur10", 40), tmp_path / "short.csv", slice(0, 24))))["rows"]
         == 24
     )
 
 
-def said(path):
+def report_of(path):
     """The report as JSON, which knows no NaN, or what to do."""
     try:
         return json.dumps(identify_file(path, "ur10").as_document(), allow_nan=False)
@@ -140,4 +140,4 @@ def test_poor_data_never_breaks(spoil, tmp_path):
     if spoil == "garbage":
         positions[:] = np.random.default_rng(0).uniform(-1, 1, positions.shape)
     path = file_of(simulated, tmp_path / "poor.csv", slice(0, 9))
-    assert said(path)
+    assert report_of(path)

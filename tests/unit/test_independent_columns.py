@@ -18,10 +18,10 @@ from cellcal.calibration.geometry import exp_twist, log_rotation
 _POSTURES = 40
 
 
-def bent(name, seed=8):
-    model, dice = load_model(name), np.random.default_rng(seed)
-    model = model.with_dh_errors(dice.normal(scale=0.02, size=(model.axis_count, 5)))
-    return model.with_twists(dice.normal(scale=0.02, size=(model.axis_count + 1, 6)))
+def bent_model(name, seed=8):
+    model, rng = load_model(name), np.random.default_rng(seed)
+    model = model.with_dh_errors(rng.normal(scale=0.02, size=(model.axis_count, 5)))
+    return model.with_twists(rng.normal(scale=0.02, size=(model.axis_count + 1, 6)))
 
 
 def some_joints(model, seed=3):
@@ -37,19 +37,21 @@ def columns_of(model, joints, scale=None):
 
 
 @pytest.mark.parametrize("name", model_names())
-def test_every_twist_is_told_by_the_independent_columns(name):
-    model = bent(name)
+def test_every_twist_is_a_combination_of_the_independent_columns(name):
+    model = bent_model(name)
     joints = some_joints(model)
     rotations, origins = chain_frames(model, joints)
     every = placement_columns(rotations, origins, origins[-1]).reshape(-1, 3 * _POSTURES)
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3].reshape(-1, 3 * _POSTURES)
-    told = by_independent_columns(model.placements)[:, :-3] @ columns  # the tip's own turns move no tip
-    assert np.abs(told - every).max() < 1e-13
+    rebuilt_columns = (
+        by_independent_columns(model.placements)[:, :-3] @ columns
+    )  # the tip's own turns move no tip
+    assert np.abs(rebuilt_columns - every).max() < 1e-13
 
 
 @pytest.mark.parametrize("name", ["ur10", "fanuc_m6ib", "kuka_kr6_r900"])
-def test_pinocchios_regressor_is_told_by_the_independent_columns(name):
-    model = bent(name)
+def test_pinocchios_regressor_is_a_combination_of_the_independent_columns(name):
+    model = bent_model(name)
     twin, parent = pin.Model(), 0
     for joint, placement in zip(model.joint_names, model.placements, strict=False):
         parent = twin.addJoint(parent, pin.JointModelRZ(), pin.SE3(np.array(placement)), joint)
@@ -57,19 +59,21 @@ def test_pinocchios_regressor_is_told_by_the_independent_columns(name):
     frame = twin.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
     data, joints = twin.createData(), some_joints(model)
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
-    told = np.tensordot(by_independent_columns(model.placements)[:, :-3], columns, axes=1)
+    rebuilt_columns = np.tensordot(by_independent_columns(model.placements)[:, :-3], columns, axes=1)
     for i, angles in enumerate(joints @ model.joint_coupling.T + model.theta0_rad):
         pin.forwardKinematics(twin, data, angles)
         pin.updateFramePlacements(twin, data)
         regressor = pin.computeFrameKinematicRegressor(twin, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        assert np.abs(told[: 6 * model.axis_count, :, i].T - regressor[:3]).max() < 1e-13
+        assert np.abs(rebuilt_columns[: 6 * model.axis_count, :, i].T - regressor[:3]).max() < 1e-13
         assert (
-            np.abs(told[6 * model.axis_count :, :, i].T - np.eye(3, 6) @ _turned(data.oMf[frame])).max()
+            np.abs(
+                rebuilt_columns[6 * model.axis_count :, :, i].T - np.eye(3, 6) @ _tip_motions(data.oMf[frame])
+            ).max()
             < 1e-13
         )
 
 
-def _turned(place):
+def _tip_motions(place):
     """Return how a twist of the last placement moves the tip: by its three ways in the base's axes."""
     turned = np.zeros((6, 6))
     turned[:3, :3] = turned[3:, 3:] = place.rotation_matrix
@@ -78,7 +82,7 @@ def _turned(place):
 
 @pytest.mark.parametrize("name", ["ur10", "fanuc_m6ib", "abb_irb120"])
 def test_all_combinations_are_derivatives_of_place_and_attitude(name):
-    model = bent(name)
+    model = bent_model(name)
     joints, step = some_joints(model), 1e-6
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
     combine = by_independent_columns(model.placements)
@@ -109,7 +113,7 @@ def replace_placements(model, placements):
 
 @pytest.mark.parametrize("name", ["ur10", "abb_irb120", "kuka_kr6_r900"])
 def test_no_independent_column_is_a_combination_of_others(name):
-    model = bent(name)  # a tip on the last axis would not tell all of the wrist
+    model = bent_model(name)  # a tip on the last axis would not tell all of the wrist
     columns = columns_of(model, some_joints(model))[: 4 * model.axes + 3].reshape(4 * model.axes + 3, -1)
     sizes = np.linalg.svd(columns / np.linalg.norm(columns, axis=1, keepdims=True), compute_uv=False)
     assert sizes[-1] > 1e-3 * sizes[0]

@@ -11,7 +11,7 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.mastering.integer_search import search_integers, success_probability
 
 
-def covariance(seed, size, scale):
+def draw_covariance(seed, size, scale):
     rng = np.random.default_rng(seed)
     mixing = rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-1, 0.3, size)
     return scale**2 * (mixing @ mixing.T + 1e-4 * np.eye(size))
@@ -29,7 +29,7 @@ def brute_force(estimate, matrix, reach):
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 3), st.floats(0.05, 0.6))
 def test_the_two_nearest_are_those_of_brute_force(seed, size, scale):
-    matrix = covariance(seed, size, scale)
+    matrix = draw_covariance(seed, size, scale)
     estimate = np.random.default_rng(seed + 1).uniform(-30, 30, size)
     _, distances = brute_force(estimate, matrix, 20 if size < 3 else 12)
     fix = search_integers(estimate, matrix)
@@ -53,7 +53,7 @@ def test_strong_correlation_defeats_rounding_but_not_the_search():
 
 def test_the_success_probability_is_a_lower_bound_that_is_not_idle():
     rng = np.random.default_rng(11)
-    matrix = covariance(3, 6, 0.12)
+    matrix = draw_covariance(3, 6, 0.12)
     bound = success_probability(matrix)
     draws = rng.multivariate_normal(np.zeros(6), matrix, 600)
     rate = np.mean([search_integers(draw, matrix).best == (0,) * 6 for draw in draws])
@@ -70,7 +70,7 @@ def test_independent_unknowns_round_and_their_probability_is_the_textbook_one():
 
 
 def test_adding_integers_moves_the_answer_by_them():
-    matrix = covariance(8, 6, 0.1)
+    matrix = draw_covariance(8, 6, 0.1)
     estimate = np.random.default_rng(2).uniform(-1, 1, 6)
     shift = np.array([40, -3, 0, 17, -25, 8])
     plain, moved = search_integers(estimate, matrix), search_integers(estimate + shift, matrix)

@@ -11,18 +11,18 @@ from cellcal.calibration.geometry import log_transform
 from cellcal.calibration.points.alignment import Alignment, alignment_text, read_alignments
 from cellcal.calibration.points.fixture import place_points
 from cellcal.calibration.points.joint_bases import bases_together
-from tests.unit.helpers.two_robots import POINTS, Effort, two_robots
+from tests.unit.helpers.two_robots import POINTS, MeasuringEffort, two_robots
 
-EFFORT = Effort(POINTS, per_spot=8, record=30, samples=5)
+EFFORT = MeasuringEffort(POINTS, per_spot=8, record=30, samples=5)
 
 
 @cache
-def aligned(seed: int) -> tuple[Alignment, Alignment, np.ndarray]:
+def aligned_pair(seed: int) -> tuple[Alignment, Alignment, np.ndarray]:
     left, right = two_robots(seed, EFFORT)
-    return left.align(), right.align(), left.truth() @ np.linalg.inv(right.truth())
+    return left.align_robot(), right.align_robot(), left.true_fixture() @ np.linalg.inv(right.true_fixture())
 
 
-def _error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _base_error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     (base,) = bases_together(alignments).bases
     error = log_transform(np.linalg.inv(base.other_base_base.to_matrix()) @ truth)
     return error, np.sqrt(np.diag(np.array(base.covariance)))
@@ -30,29 +30,29 @@ def _error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndarray, 
 
 def test_bases_are_where_they_are_within_their_uncertainty() -> None:
     for seed in (1, 2, 3):
-        left, right, truth = aligned(seed)
-        error, sigma = _error([left, right], truth)
+        left, right, truth = aligned_pair(seed)
+        error, sigma = _base_error([left, right], truth)
         assert np.abs(error / sigma).max() < 4.0
         assert np.linalg.norm(error[:3]) < 0.001
         assert bases_together([left, right]).is_consistent()
 
 
 def test_seen_from_the_other_robot_it_is_the_same_place() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     (forth,), (back,) = bases_together([left, right]).bases, bases_together([right, left]).bases
     assert np.allclose((forth.other_base_base @ back.other_base_base).to_matrix(), np.eye(4), atol=1e-9)
 
 
-def test_without_what_the_wire_told_the_alignments_are_chained() -> None:
-    left, right, truth = aligned(1)
+def test_without_wire_data_the_alignments_are_chained() -> None:
+    left, right, truth = aligned_pair(1)
     found = bases_together([left, replace(right, points=None)])
     assert (found.jointly, found.is_consistent()) == (False, True)
-    error, sigma = _error([left, replace(right, points=None)], truth)
+    error, sigma = _base_error([left, replace(right, points=None)], truth)
     assert np.abs(error / sigma).max() < 4.0
 
 
 def test_two_wires_are_two_beliefs() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     assert right.points is not None
     other = replace(right, points=replace(right.points, wire="another"))
     shared, apart = (bases_together([left, r]).bases[0] for r in (right, other))
@@ -66,19 +66,21 @@ def _with_drawing(alignment: Alignment, off_m: np.ndarray, sigma_m: float) -> Al
     points = alignment.points
     assert points is not None
     found = np.array(points.found_m) + off_m @ alignment.base_fixture.rotation_matrix().T
-    told = replace(points, found_m=tuple(map(tuple, found.tolist())), sigma_drawing_m=sigma_m)
+    drawn_points = replace(points, found_m=tuple(map(tuple, found.tolist())), sigma_drawing_m=sigma_m)
     size = found.size
     placed = place_points(
         alignment.points_in_fixture_m,
-        told.found_m,
+        drawn_points.found_m,
         np.array(points.covariance)[:size, :size],
         sigma_point_m=float(np.hypot(points.sigma_seat_m, sigma_m)),
     )
-    return replace(alignment, base_fixture=placed.outer_inner, covariance=placed.covariance, points=told)
+    return replace(
+        alignment, base_fixture=placed.outer_inner, covariance=placed.covariance, points=drawn_points
+    )
 
 
 def test_what_the_drawing_has_wrong_falls_out_between_bases() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     off = np.random.default_rng(4).normal(size=(len(POINTS), 3)) * 2e-4
     before = bases_together([left, right]).bases[0]
     spoilt = [_with_drawing(one, off, 2e-4) for one in (left, right)]
@@ -90,14 +92,14 @@ def test_what_the_drawing_has_wrong_falls_out_between_bases() -> None:
 
 
 def test_a_robot_that_found_another_shape_is_noticed() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     off = np.zeros((len(POINTS), 3))
     off[2, 0] = 0.003
     assert not bases_together([left, _with_drawing(right, off, 0.0)]).is_consistent()
 
 
 def test_uncertainties_along_axes_and_in_space_belong_together() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     (base,) = bases_together([left, right]).bases
     along = np.array(base.origin_axes_u_m)
     assert along.max() <= base.origin_u_m <= base.origin_space_u_m <= 1.45 * np.linalg.norm(along)
@@ -106,7 +108,7 @@ def test_uncertainties_along_axes_and_in_space_belong_together() -> None:
 
 
 def test_an_alignment_survives_its_text_file_and_a_spoilt_one_does_not() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     text = alignment_text([left, replace(right, points=None)])
     assert read_alignments(text) == (left, replace(right, points=None))
     assert left.points is not None
@@ -120,7 +122,7 @@ def test_an_alignment_survives_its_text_file_and_a_spoilt_one_does_not() -> None
 
 
 def test_one_alignment_or_two_fixtures_are_refused() -> None:
-    left, right, _ = aligned(1)
+    left, right, _ = aligned_pair(1)
     with pytest.raises(CalibrationError, match="two alignments"):
         bases_together([left])
     other = replace(right, points_in_fixture_m=tuple(reversed(POINTS)))

@@ -65,13 +65,13 @@ def test_two_writers_share_one_chain(tmp_path: Path) -> None:
         assert [event.idx for event in right.list_events("run-0")] == [0, 1, 2, 3]
 
 
-def _filled(path: Path, count: int = 40) -> None:
+def _fill_journal(path: Path, count: int = 40) -> None:
     with Journal.open_file(path) as journal:
         for n in range(count):
             journal.append("run-1", "finding", {"n": n, "length_m": 1.5 + n / 7}, key=str(n))
 
 
-def _edited(path: Path, sql: str, *values: object) -> None:
+def _edit_journal(path: Path, sql: str, *values: object) -> None:
     connection = sqlite3.connect(path)
     with connection:
         connection.execute(sql, values)
@@ -91,8 +91,8 @@ def _edited(path: Path, sql: str, *values: object) -> None:
 )
 def test_an_edited_journal_opens_read_only_with_its_good_prefix(tmp_path: Path, sql: str) -> None:
     path = tmp_path / "journal.db"
-    _filled(path)
-    _edited(path, sql)
+    _fill_journal(path)
+    _edit_journal(path, sql)
     with Journal.open_file(path) as journal:
         assert journal.damage is not None
         assert journal.damage.after_seq == 12
@@ -104,13 +104,13 @@ def test_an_edited_journal_opens_read_only_with_its_good_prefix(tmp_path: Path, 
 
 def test_every_flipped_bit_of_a_row_is_found(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
-    _filled(path, 5)
+    _fill_journal(path, 5)
     with Journal.open_file(path) as journal:
         rows = journal.list_events()
-    dice = random.Random(7)
+    rng = random.Random(7)
     for _ in range(200):
-        row = dice.choice(rows)
-        place, bit = dice.randrange(len(row.body)), dice.randrange(7)
+        row = rng.choice(rows)
+        place, bit = rng.randrange(len(row.body)), rng.randrange(7)
         flipped = row.body[:place] + chr(ord(row.body[place]) ^ 1 << bit) + row.body[place + 1 :]
         forged = type(row)(**{name: getattr(row, name) for name in row.__slots__} | {"body": flipped})
         assert forged.expected_hash() != row.hash
@@ -126,7 +126,7 @@ def test_a_file_that_is_no_database_is_damage_and_not_an_empty_journal(tmp_path:
 
 def test_a_page_overwritten_in_the_file_is_found_on_opening(tmp_path: Path) -> None:
     path = tmp_path / "journal.db"
-    _filled(path, 200)
+    _fill_journal(path, 200)
     content = bytearray(path.read_bytes())
     middle = len(content) // 2
     content[middle : middle + 4096] = bytes(4096)

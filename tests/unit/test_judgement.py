@@ -19,10 +19,14 @@ def test_the_prediction_of_a_fold_does_not_know_its_values():
     simulated = wire_lengths(count=72)
     rows = simulated.observations
     grouping = group_rows(rows.joints_rad)
-    held = assign_folds(grouping, 10, 0) == 3
-    shifted = replace(rows, lengths_m=rows.lengths_m + np.where(held, 5.0, 0.0))
-    first = judge_rows(simulated.model, rows, grouping, IdentificationOptions(level=1)).held_out_m[held]
-    second = judge_rows(simulated.model, shifted, grouping, IdentificationOptions(level=1)).held_out_m[held]
+    is_held_out = assign_folds(grouping, 10, 0) == 3
+    shifted = replace(rows, lengths_m=rows.lengths_m + np.where(is_held_out, 5.0, 0.0))
+    first = judge_rows(simulated.model, rows, grouping, IdentificationOptions(level=1)).held_out_m[
+        is_held_out
+    ]
+    second = judge_rows(simulated.model, shifted, grouping, IdentificationOptions(level=1)).held_out_m[
+        is_held_out
+    ]
     assert np.allclose(np.abs(second - 5.0), first, atol=1e-9)
 
 

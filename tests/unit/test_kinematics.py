@@ -26,14 +26,14 @@ def some_joints(model: RobotModel, count: int = 12, seed: int = 3) -> np.ndarray
     return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (count, model.axis_count))
 
 
-def bent(model: RobotModel, seed: int = 8) -> RobotModel:
+def bent_model(model: RobotModel, seed: int = 8) -> RobotModel:
     """Return the model with large errors in every DH parameter and placement."""
     rng = np.random.default_rng(seed)
     return model.with_dh_errors(rng.normal(scale=0.02, size=(model.axis_count, 5)))
 
 
-def twisted(model: RobotModel, seed: int = 9) -> RobotModel:
-    return bent(model).with_twists(
+def twisted_model(model: RobotModel, seed: int = 9) -> RobotModel:
+    return bent_model(model).with_twists(
         np.random.default_rng(seed).normal(scale=0.02, size=(model.axis_count + 1, 6))
     )
 
@@ -52,7 +52,7 @@ def dh_angles(model: RobotModel, joints: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", model_names())
-@pytest.mark.parametrize("change", [lambda m: m, twisted], ids=["nominal", "twisted"])
+@pytest.mark.parametrize("change", [lambda m: m, twisted_model], ids=["nominal", "twisted"])
 def test_pinocchio_agrees_on_positions_and_jacobians(name, change):
     model = change(load_model(name))
     twin, frame = pinocchio_twin(model)
@@ -74,7 +74,7 @@ def test_pinocchio_agrees_on_positions_and_jacobians(name, change):
 
 @pytest.mark.parametrize("name", model_names())
 def test_pinocchio_agrees_on_the_placement_regressor(name):
-    model = twisted(load_model(name))
+    model = twisted_model(load_model(name))
     twin, frame = pinocchio_twin(model)
     data, joints = twin.createData(), some_joints(model)
     positions, regressor = model.placement_regressor(joints, TIP)
@@ -87,19 +87,19 @@ def test_pinocchio_agrees_on_the_placement_regressor(name):
         assert np.allclose(ours, data.oMf[frame].rotation_matrix @ local[:3], rtol=0, atol=1e-12)
 
 
-def differences(function, size: int, step: float = 1e-6) -> np.ndarray:
+def central_differences(function, size: int, step: float = 1e-6) -> np.ndarray:
     """Return central differences of a function of ``size`` numbers, on the last axis."""
     shifts = np.eye(size) * step
     return np.stack([(function(s) - function(-s)) / (2 * step) for s in shifts], axis=-1)
 
 
 @pytest.mark.parametrize("name", ["ur10", "fanuc_m6ib", "kuka_kr6_r900", "abb_irb120"])
-@pytest.mark.parametrize("change", [lambda m: m, bent], ids=["nominal", "bent"])
+@pytest.mark.parametrize("change", [lambda m: m, bent_model], ids=["nominal", "bent"])
 def test_the_dh_regressor_is_the_derivative(name, change):
     model = change(load_model(name))
     joints = some_joints(model)
     positions, regressor = model.dh_regressor(joints, TIP)
-    numeric = differences(
+    numeric = central_differences(
         lambda e: model.with_dh_errors(e.reshape(-1, 5)).tip_positions(joints, TIP), model.axis_count * 5
     )
     assert np.allclose(positions, model.tip_positions(joints, TIP), atol=1e-15)
@@ -108,24 +108,28 @@ def test_the_dh_regressor_is_the_derivative(name, change):
 
 @pytest.mark.parametrize("name", ["ur10", "fanuc_m6ib"])
 def test_the_placement_regressor_is_the_derivative(name):
-    model = twisted(load_model(name))
+    model = twisted_model(load_model(name))
     joints = some_joints(model)
     _, regressor = model.placement_regressor(joints, TIP)
     size = (model.axis_count + 1) * 6
-    numeric = differences(lambda e: model.with_twists(e.reshape(-1, 6)).tip_positions(joints, TIP), size)
+    numeric = central_differences(
+        lambda e: model.with_twists(e.reshape(-1, 6)).tip_positions(joints, TIP), size
+    )
     assert np.allclose(regressor.reshape(*numeric.shape), numeric, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["ur10", "fanuc_m6ib", "kuka_kr6_r900"])
 def test_the_jacobians_are_the_derivatives_by_what_the_pendant_shows(name):
-    model = twisted(load_model(name))
+    model = twisted_model(load_model(name))
     joints = some_joints(model)
     _, tip_jacobian = model.tip_jacobian(joints, TIP)
     flange, jacobian = model.flange_jacobian(joints)
     assert np.allclose(
-        tip_jacobian, differences(lambda e: model.tip_positions(joints + e, TIP), model.axis_count), atol=1e-8
+        tip_jacobian,
+        central_differences(lambda e: model.tip_positions(joints + e, TIP), model.axis_count),
+        atol=1e-8,
     )
-    body = differences(
+    body = central_differences(
         lambda e: log_transform(np.linalg.inv(flange) @ model.base_flange(joints + e)), model.axis_count
     )
     world = np.concatenate([flange[:, :3, :3] @ body[:, :3], flange[:, :3, :3] @ body[:, 3:]], axis=1)
@@ -133,20 +137,22 @@ def test_the_jacobians_are_the_derivatives_by_what_the_pendant_shows(name):
 
 
 def test_fifty_digits_agree():
-    model = bent(load_model("ur5e"))
+    model = bent_model(load_model("ur5e"))
     joints = some_joints(model, 3)
     flange = model.base_flange(joints)
     with mpmath.workdps(50):
         for q, ours in zip(joints, flange, strict=True):
             exact = mpmath.eye(4)
             for (theta, d, a, alpha, beta), angle in zip(model.dh.to_rows(), q, strict=True):
-                exact = exact * turn("z", mpmath.mpf(theta) + mpmath.mpf(angle)) * shift(a, 0, d)
-                exact = exact * turn("x", mpmath.mpf(alpha)) * turn("y", mpmath.mpf(beta))
+                exact = (
+                    exact * axis_rotation("z", mpmath.mpf(theta) + mpmath.mpf(angle)) * translation(a, 0, d)
+                )
+                exact = exact * axis_rotation("x", mpmath.mpf(alpha)) * axis_rotation("y", mpmath.mpf(beta))
             error = max(abs(exact[i, j] - mpmath.mpf(ours[i, j])) for i in range(4) for j in range(4))
             assert error < 3e-15
 
 
-def turn(axis: str, angle):
+def axis_rotation(axis: str, angle):
     c, s = mpmath.cos(angle), mpmath.sin(angle)
     i = "xyz".index(axis)
     j, k = (i + 1) % 3, (i + 2) % 3
@@ -156,14 +162,14 @@ def turn(axis: str, angle):
     return matrix
 
 
-def shift(x, y, z):
+def translation(x, y, z):
     matrix = mpmath.eye(4)
     matrix[0, 3], matrix[1, 3], matrix[2, 3] = x, y, z
     return matrix
 
 
 def test_the_kernel_gives_every_frame_of_the_chain():
-    model = twisted(load_model("fanuc_m6ib"))
+    model = twisted_model(load_model("fanuc_m6ib"))
     joints = some_joints(model)
     rotations, origins = chain_frames(model, joints)
     assert rotations.shape == (7, 3, 3, len(joints))
@@ -178,7 +184,7 @@ def test_the_kernel_gives_every_frame_of_the_chain():
 
 
 def test_the_kernels_columns_are_those_of_the_model():
-    model = twisted(load_model("fanuc_m6ib"))
+    model = twisted_model(load_model("fanuc_m6ib"))
     joints = some_joints(model)
     rotations, origins = chain_frames(model, joints)
     tip = model.tip_positions(joints, TIP).T

@@ -17,7 +17,7 @@ NAMES = [f"J{i}" for i in range(1, 7)]
 COUNT = 300
 
 
-def looked_at(seed=0):
+def simulated_residuals(seed=0):
     rng = np.random.default_rng(seed)
     return rng.uniform(-1.5, 1.5, (COUNT, 6)), 1e-4 * rng.standard_normal((3, COUNT)), np.arange(COUNT)
 
@@ -31,24 +31,24 @@ def looked_at(seed=0):
     ],
 )
 def test_what_follows_a_joint_is_named_with_its_shape(shape, words):
-    joints, left, groups = looked_at()
-    left[1] += shape(joints[:, 3])
-    (found,) = sweep_lint(joints, left, groups, NAMES)
+    joints, residuals, groups = simulated_residuals()
+    residuals[1] += shape(joints[:, 3])
+    (found,) = sweep_lint(joints, residuals, groups, NAMES)
     assert found.code == "sweep"
     assert "along y follow J4" in found.message
     assert words in found.message
 
 
-def test_the_place_of_a_step_is_told():
-    joints, left, groups = looked_at()
-    left[0] += np.where(joints[:, 1] > np.deg2rad(30), 2e-4, -1e-4)
-    (found,) = sweep_lint(joints, left, groups, NAMES)
+def test_the_place_of_a_step_is_reported():
+    joints, residuals, groups = simulated_residuals()
+    residuals[0] += np.where(joints[:, 1] > np.deg2rad(30), 2e-4, -1e-4)
+    (found,) = sweep_lint(joints, residuals, groups, NAMES)
     place = float(found.message.split("near ")[1].split(" deg")[0])
     assert abs(place - 30) < 15
 
 
 def test_noise_follows_no_joint():
-    assert [lint for seed in range(20) for lint in sweep_lint(*looked_at(seed), NAMES)] == []
+    assert [lint for seed in range(20) for lint in sweep_lint(*simulated_residuals(seed), NAMES)] == []
 
 
 def test_runs_that_drift_do_not_pass_for_a_sweep():
@@ -58,22 +58,22 @@ def test_runs_that_drift_do_not_pass_for_a_sweep():
         rng = np.random.default_rng(seed)
         groups = np.repeat(np.arange(20), 15)
         joints = rng.uniform(-1.5, 1.5, (20, 6))[groups]
-        left = 1e-4 * rng.standard_normal((3, 20))[:, groups] + 2e-5 * rng.standard_normal((3, 300))
-        found += sweep_lint(joints, left, groups, NAMES)
+        residuals = 1e-4 * rng.standard_normal((3, 20))[:, groups] + 2e-5 * rng.standard_normal((3, 300))
+        found += sweep_lint(joints, residuals, groups, NAMES)
     assert len(found) <= 1
 
 
-def test_a_drift_with_temperature_is_told_per_degree():
-    _, left, _ = looked_at()
+def test_a_drift_with_temperature_is_reported_per_degree():
+    _, residuals, _ = simulated_residuals()
     groups = np.arange(COUNT) // 10
     degrees = np.linspace(20.0, 23.0, COUNT)
-    assert temperature_drift(None, left, groups) == []
-    (still,) = temperature_drift(degrees, left, groups)
+    assert temperature_drift(None, residuals, groups) == []
+    (still,) = temperature_drift(degrees, residuals, groups)
     assert "do not follow it" in still.message
-    assert temperature_drift(np.full(COUNT, 21.0), left, groups) == []
-    left[2] += 1e-4 * (degrees - 20.0)
+    assert temperature_drift(np.full(COUNT, 21.0), residuals, groups) == []
+    residuals[2] += 1e-4 * (degrees - 20.0)
     degrees[5] = np.nan
-    (drifts,) = temperature_drift(degrees, left, groups)
+    (drifts,) = temperature_drift(degrees, residuals, groups)
     assert "per degree" in drifts.message
     assert abs(float(drifts.message.split("go with it: ")[1].split(" mm")[0]) - 0.1) < 0.03
 
@@ -83,19 +83,19 @@ def test_the_deviation_of_a_slope_comes_from_groups():
     for seed in range(60):
         rng = np.random.default_rng(seed)
         groups = np.repeat(np.arange(25), 12)
-        left = rng.standard_normal((1, 25))[:, groups] + 0.1 * rng.standard_normal((1, 300))
-        drift = drift_with(np.repeat(rng.uniform(0, 1, 25), 12), left, groups)
+        residuals = rng.standard_normal((1, 25))[:, groups] + 0.1 * rng.standard_normal((1, 300))
+        drift = drift_with(np.repeat(rng.uniform(0, 1, 25), 12), residuals, groups)
         slopes.append(drift.slope[0])
         sigmas.append(drift.sigma[0])
     assert 0.7 < np.std(slopes) / np.mean(sigmas) < 1.4
 
 
 def test_residuals_that_wander_are_noted():
-    _, left, _ = looked_at()
+    _, residuals, _ = simulated_residuals()
     groups = np.arange(COUNT) // 10
-    assert order_drift(left, groups) == []
-    left[0] += np.linspace(-1e-4, 1e-4, COUNT)
-    assert order_drift(left, groups)[0].code == "order"
+    assert order_drift(residuals, groups) == []
+    residuals[0] += np.linspace(-1e-4, 1e-4, COUNT)
+    assert order_drift(residuals, groups)[0].code == "order"
 
 
 def test_a_temperature_column_is_read_and_judged(tmp_path):

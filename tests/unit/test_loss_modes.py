@@ -41,7 +41,7 @@ def config(tmp_path: Path) -> CellConfig:
     return replace(found, watch=found.watch.model_copy(update=allowed))
 
 
-def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLoss:
+def make_loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLoss:
     return PositionLoss("fanuc", "the controller reports", alarms, healthy, suspect_loss(alarms))
 
 
@@ -68,28 +68,28 @@ def test_the_gravest_alarm_speaks(alarms: tuple[Alarm, ...], mode: LossMode, axe
 
 
 def test_an_old_backup_is_never_mended_alone_and_the_recovery_is_prepared(config: CellConfig) -> None:
-    seen = PositionLoss("fanuc", "the mastering differs", (), HEALTHY, old_backup())
-    answer = prepare_answer(config, seen)
+    mastering_loss = PositionLoss("fanuc", "the mastering differs", (), HEALTHY, old_backup())
+    answer = prepare_answer(config, mastering_loss)
     assert not answer.starts_unattended
     assert answer.procedure == "mastering_recovery"
     assert answer.reasons == ("somebody may have mastered the robot on purpose",)
-    assert "on purpose" in seen.suspicion.words
+    assert "on purpose" in mastering_loss.suspicion.words
 
 
 def test_a_closed_cell_that_allows_it_recovers_turns_alone(config: CellConfig) -> None:
-    answer = prepare_answer(config, loss(BATTERY))
+    answer = prepare_answer(config, make_loss(BATTERY))
     assert answer.starts_unattended
     assert answer.command == f"cellcal run mastering_recovery --cell {config.path} --robot fanuc"
 
 
-def test_a_loss_after_something_that_nobody_cleared_is_left_to_a_person(config: CellConfig) -> None:
-    answer = prepare_answer(config, replace(loss(BATTERY), follows_another=True))
+def test_a_loss_after_an_uncleared_alarm_is_left_to_a_person(config: CellConfig) -> None:
+    answer = prepare_answer(config, replace(make_loss(BATTERY), follows_another=True))
     assert not answer.starts_unattended
     assert answer.reasons == ("what was reported before it has not been cleared by anybody",)
 
 
-def test_a_loss_during_a_run_is_left_to_whoever_works_there(config: CellConfig) -> None:
-    answer = prepare_answer(config, replace(loss(BATTERY), during_run=True))
+def test_a_loss_during_a_run_starts_no_automatic_recovery(config: CellConfig) -> None:
+    answer = prepare_answer(config, replace(make_loss(BATTERY), during_run=True))
     assert answer.reasons == ("a run had the robot when it was lost: who works there has to judge",)
 
 
@@ -98,30 +98,30 @@ def test_what_was_reported_or_begun_since_the_robot_was_healthy_starts_nothing_a
 ) -> None:
     met = ("it was reported or answered before, and the robot was not seen healthy since",)
     earlier = replace(HEALTHY, seen_utc=(datetime.now(UTC) - timedelta(hours=1)).isoformat())
-    first, _ = answer_to(config, loss(BATTERY, healthy=earlier))
-    again, _ = answer_to(config, loss(BATTERY, healthy=earlier))
+    first, _ = answer_to(config, make_loss(BATTERY, healthy=earlier))
+    again, _ = answer_to(config, make_loss(BATTERY, healthy=earlier))
     assert first.starts_unattended
     assert again.reasons == met
     later = replace(HEALTHY, seen_utc=datetime.now(UTC).isoformat())
-    assert prepare_answer(config, loss(BATTERY, healthy=later)).starts_unattended
+    assert prepare_answer(config, make_loss(BATTERY, healthy=later)).starts_unattended
     header = {"procedure": "mastering_recovery", "cell": {"devices": [{"identity": {"serial": "F-104711"}}]}}
     with open_journal(config) as journal:
         journal.append("run", EventKind.STARTED, header)
-    assert prepare_answer(config, loss(BATTERY, healthy=later)).reasons == met
+    assert prepare_answer(config, make_loss(BATTERY, healthy=later)).reasons == met
 
 
 def test_a_journal_that_is_damaged_may_hide_an_answer_and_starts_nothing(config: CellConfig) -> None:
-    journal_detection(config, loss(BATTERY))
+    journal_detection(config, make_loss(BATTERY))
     path = journal_path(config)
     path.write_bytes(b"no database" * 100)
-    answer, entry = answer_to(config, loss(BATTERY))
+    answer, entry = answer_to(config, make_loss(BATTERY))
     assert not answer.starts_unattended
     assert entry == ""
     assert answer.reasons[-1] == "it could not be journalled"
 
 
 def test_an_exchanged_motor_is_prepared_and_left_to_a_person(config: CellConfig) -> None:
-    answer = prepare_answer(config, loss(BATTERY, ENCODER))
+    answer = prepare_answer(config, make_loss(BATTERY, ENCODER))
     assert answer.settings == {"exchanged_axes": (4,)}
     assert "--set exchanged_axes=[4]" in answer.command
     assert not answer.starts_unattended
@@ -131,23 +131,23 @@ def test_an_exchanged_motor_is_prepared_and_left_to_a_person(config: CellConfig)
 def test_each_missing_permission_is_named(config: CellConfig) -> None:
     open_watch = config.watch.model_copy(update={"recover_alone": False, "cell_closed": False})
     forbidden = replace(config, watch=open_watch, motions={"fanuc": RobotMotion(MotionLevel.OBSERVE)})
-    answer = prepare_answer(forbidden, loss(BATTERY, healthy=None))
+    answer = prepare_answer(forbidden, make_loss(BATTERY, healthy=None))
     assert not answer.starts_unattended
-    told = "; ".join(answer.reasons)
+    reasons = "; ".join(answer.reasons)
     for word in ("healthy", "recover_alone", "cell_closed", "observe", "[robot.space]"):
-        assert word in told
+        assert word in reasons
     assert len(answer.reasons) == 5
 
 
-@pytest.mark.parametrize("known", [(), (BATTERY,)])
-def test_an_alarm_that_nobody_knows_leaves_the_recovery_to_a_person(
-    config: CellConfig, known: tuple[Alarm, ...]
+@pytest.mark.parametrize("known_alarms", [(), (BATTERY,)])
+def test_an_unknown_alarm_leaves_the_recovery_to_a_person(
+    config: CellConfig, known_alarms: tuple[Alarm, ...]
 ) -> None:
-    answer = prepare_answer(config, loss(*known, STRANGE))
+    answer = prepare_answer(config, make_loss(*known_alarms, STRANGE))
     assert answer.procedure == "mastering_recovery"
     assert not answer.starts_unattended
     assert answer.reasons[-1] == "nobody here knows the alarm SYST-001"
-    assert ("unknown" in answer.reasons[0]) == (not known)
+    assert ("unknown" in answer.reasons[0]) == (not known_alarms)
 
 
 def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
@@ -171,7 +171,7 @@ def test_a_failing_encoder_of_a_robot_that_still_knows_its_place_is_no_loss_yet(
 
 
 def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> None:
-    name = journal_detection(config, loss(BATTERY))
+    name = journal_detection(config, make_loss(BATTERY))
     with open_journal(config) as journal:
         (event,) = journal.list_events(name)
         body = json.loads(event.body)
@@ -182,7 +182,7 @@ def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> No
         assert RunStore(journal).mastering_record("F-104711") is None
 
 
-def test_a_low_battery_is_told_while_the_position_is_there() -> None:
+def test_a_low_battery_is_reported_while_the_position_is_there() -> None:
     low = Alarm("SRVO-065", "BLAL alarm (Group:1 Axis:2)", 1, AlarmKind.BATTERY_LOW)
     words = battery_warning(Condition(Readiness.READY, alarms=(low,)))
     assert "switched ON" in words

@@ -31,8 +31,8 @@ ROBOTS = {"fanuc_geometric_joints": "fanuc_m6ib", "kuka_positions": "kuka_kr6_r9
 def columns_of(options, robot):
     """Return what an instrument with this layout would write, SI, by column name."""
     model = load_model(robot)
-    seen = wire_lengths(robot, 40) if "length" in options.columns else tracker_poses(robot, 40)
-    rows = seen.observations
+    simulated = wire_lengths(robot, 40) if "length" in options.columns else tracker_poses(robot, 40)
+    rows = simulated.observations
     written = {"controller": model.base_flange(rows.joints_rad)[:, :3, 3]}
     written["joints"] = rows.joints_rad
     if options.joint_coupling == "geometric":
@@ -81,7 +81,7 @@ def test_the_layout_of_an_instrument_reads_its_file(path, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("[colums]\njoints=['a']", "colums"),
         ("[columns]\njoint=['a']", "joint"),
@@ -92,10 +92,10 @@ def test_the_layout_of_an_instrument_reads_its_file(path, tmp_path):
         ("frame = 'x'", "frame"),
     ],
 )
-def test_a_layout_that_cannot_be_meant_is_refused(tmp_path, text, said):
+def test_a_layout_that_cannot_be_meant_is_refused(tmp_path, text, message):
     path = tmp_path / "layout.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(MeasurementError, match=said) as refused:
+    with pytest.raises(MeasurementError, match=message) as refused:
         read_layout(path)
     assert refused.value.remedy
 
@@ -156,17 +156,17 @@ def test_the_result_is_saved_as_a_version_and_written_as_a_description(tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--level", "2", "--save", "sets"], "--serial"),
         (["--level", "0", "--save", "sets", "--serial", "R", "--by", "A"], "nothing to save"),
         (["--level", "0", "--urdf", "arm.urdf"], "nothing to save"),
     ],
 )
-def test_what_cannot_be_saved_is_refused(tmp_path, capsys, monkeypatch, options, said):
+def test_what_cannot_be_saved_is_refused(tmp_path, capsys, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     path = file_of(tmp_path)
     assert run_command_line(["identify", str(path), "--robot", "ur10", "--train-rows", "70", *options]) != 0
-    assert said in " ".join(capsys.readouterr().err.split())
+    assert message in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "sets").exists()
     assert not (tmp_path / "arm.urdf").exists()

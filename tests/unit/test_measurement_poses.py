@@ -34,7 +34,7 @@ CANDIDATES = measurable_postures(MODEL, MotionLimits(), 300)
 TESTS = TestPoses(measurable_postures(MODEL, MotionLimits(), 60, seed=9))
 
 
-def drawn(k, seed=0):
+def draw_candidates(k, seed=0):
     return CANDIDATES[np.random.default_rng(seed).choice(len(CANDIDATES), k, replace=False)]
 
 
@@ -54,7 +54,7 @@ def test_candidates_keep_the_limits_and_the_filters():
     assert (found < MODEL.upper_rad - margin).all()
 
 
-def test_a_wire_that_reaches_nothing_is_said():
+def test_a_wire_that_reaches_nothing_is_reported():
     limits = MotionLimits(wire=WirePath((9.0, 0.0, 0.0), (0.0, 0.0, 0.0), range_m=1.0))
     with pytest.raises(DegenerateDataError, match="limits"):
         measurable_postures(MODEL, limits, 10)
@@ -67,7 +67,7 @@ def test_a_wire_that_reaches_nothing_is_said():
 def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
     outlook = outlook_on(MODEL, instrument, tool_in_flange_m=TOOL)
     plan = choose_poses(outlook, CANDIDATES, 25, TESTS, criterion=criterion)
-    random = [predict_accuracy(outlook.with_measured(drawn(25, seed)), TESTS) for seed in range(15)]
+    random = [predict_accuracy(outlook.with_measured(draw_candidates(25, seed)), TESTS) for seed in range(15)]
     assert plan.joints_rad.shape == (25, 6)
     if criterion is DesignCriterion.TEST_POSES:
         assert plan.prediction.tip_rms_m < min(p.tip_rms_m for p in random)
@@ -79,10 +79,10 @@ def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
         }
         index = [i for i, name in enumerate(plan.prediction.parameters) if name in everything]
 
-        def worth(prediction):
+        def tip_uncertainty(prediction):
             return np.sum(np.square([prediction.sigma[i] for i in index]))
 
-        assert worth(plan.prediction) < min(map(worth, random))
+        assert tip_uncertainty(plan.prediction) < min(map(tip_uncertainty, random))
 
 
 def test_test_poses_are_served_better_by_their_own_criterion():
@@ -93,7 +93,7 @@ def test_test_poses_are_served_better_by_their_own_criterion():
     assert own.tip_rms_m < 0.9 * other.tip_rms_m
 
 
-def simulated(outlook, joints, truth_of, trials):
+def simulate_errors(outlook, joints, truth_of, trials):
     """Return tip errors (trials, T, 3) [m] and parameter errors (trials, p) of fits of noisy measurements."""
     rng = np.random.default_rng(5)
     tips, parameters = [], []
@@ -107,39 +107,41 @@ def simulated(outlook, joints, truth_of, trials):
             outlook.state,
             FitProblem.from_observations(outlook.state, truth_of(truth, joints, rng)),
         )
-        seen, real = fit.state.seen_from(0), truth.seen_from(0)
+        fitted_state, real = fit.state.seen_from(0), truth.seen_from(0)
         zero = np.zeros(3)
-        tips.append(seen.tip_positions(TESTS.joints_rad, zero) - real.tip_positions(TESTS.joints_rad, zero))
+        tips.append(
+            fitted_state.tip_positions(TESTS.joints_rad, zero) - real.tip_positions(TESTS.joints_rad, zero)
+        )
         parameters.append(fit.deviations - change)
     return np.array(tips), np.array(parameters)
 
 
 def test_simulated_calibrations_are_as_good_as_predicted_for_points():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, priors=Priors(offset_rad=5e-3))
-    joints = drawn(30)
+    joints = draw_candidates(30)
 
-    def measured(truth, joints, rng):
+    def measure_points(truth, joints, rng):
         points = truth.seen_from(0).tip_positions(joints, np.zeros(3)) + rng.normal(scale=1e-4, size=(30, 3))
         return PointObservations(joints, points, np.full(30, 1e-4), np.zeros(30, dtype=np.intp))
 
-    tips, _ = simulated(outlook, joints, measured, 60)
+    tips, _ = simulate_errors(outlook, joints, measure_points, 60)
     predicted = predict_accuracy(outlook.with_measured(joints), TESTS)
     assert np.sqrt((tips**2).sum(axis=2).mean()) == pytest.approx(predicted.tip_rms_m, rel=0.06)
 
 
 def test_simulated_calibrations_are_as_good_as_predicted_for_lengths():
     outlook = outlook_on(MODEL, WIRE, tool_in_flange_m=TOOL)
-    joints = drawn(60)
+    joints = draw_candidates(60)
     anchor = np.array(WIRE.anchor_in_base_m)
 
-    def measured(truth, joints, rng):
+    def measure_lengths(truth, joints, rng):
         tips = truth.seen_from(0).tip_positions(joints, np.zeros(3))
         device = truth.devices[0]
         lengths = device.zero_m + device.scale * np.linalg.norm(tips - anchor, axis=1)
         noise = rng.normal(scale=2e-4, size=60)
         return LengthObservations(joints, lengths + noise, np.full(60, 2e-4), np.zeros(60, dtype=np.intp))
 
-    tips, parameters = simulated(outlook, joints, measured, 40)
+    tips, parameters = simulate_errors(outlook, joints, measure_lengths, 40)
     predicted = predict_accuracy(outlook.with_measured(joints), TESTS)
     sigma = dict(zip(predicted.parameters, predicted.sigma, strict=True))
     names = list(predicted.parameters)
@@ -156,8 +158,8 @@ def _after_best_frame(errors):
     columns += [np.cross(axis, centred) for axis in np.eye(3)]
     motions = np.stack(columns).reshape(6, -1).T
     flat = errors.reshape(len(errors), -1).T
-    left = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
-    return np.sqrt((left**2).sum(axis=0).mean() / len(tips))
+    remaining = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
+    return np.sqrt((remaining**2).sum(axis=0).mean() / len(tips))
 
 
 def test_the_next_poses_go_on_from_a_fit():
@@ -167,12 +169,12 @@ def test_the_next_poses_go_on_from_a_fit():
     points = PointObservations(small_box, tips, np.full(20, 1e-4), np.zeros(20, dtype=np.intp))
     fit = estimate_arm(outlook.layout, outlook.state, FitProblem.from_observations(outlook.state, points))
     after = outlook_after(fit, POINT.make_observations)
-    known = predict_accuracy(outlook.with_measured(small_box), TESTS)
-    assert predict_accuracy(after, TESTS).tip_rms_m == pytest.approx(known.tip_rms_m, rel=1e-3)
+    prediction_before = predict_accuracy(outlook.with_measured(small_box), TESTS)
+    assert predict_accuracy(after, TESTS).tip_rms_m == pytest.approx(prediction_before.tip_rms_m, rel=1e-3)
     plan = choose_poses(after, CANDIDATES, 8, TESTS)
     again = predict_accuracy(after.with_measured(small_box[:8]), TESTS)
     assert plan.prediction.tip_rms_m < 0.7 * again.tip_rms_m
-    assert plan.prediction.tip_rms_m < 0.5 * known.tip_rms_m
+    assert plan.prediction.tip_rms_m < 0.5 * prediction_before.tip_rms_m
 
 
 def test_a_known_tip_counts_instead_of_the_target():
@@ -262,9 +264,9 @@ def test_an_acceptance_that_cannot_be_reached_is_explained(acceptance, level, wo
 
 def test_offsets_alone_need_few_poses():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS)
-    wanted = tuple(f"J{i} offset" for i in (2, 3, 4, 5))
+    offset_names = tuple(f"J{i} offset" for i in (2, 3, 4, 5))
     found = enough_poses(
-        outlook, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.02), offsets_of=wanted), TESTS
+        outlook, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.02), offsets_of=offset_names), TESTS
     )
     assert found.plan.criterion is DesignCriterion.OFFSETS
     assert 4 <= len(found.plan.indices) <= 10

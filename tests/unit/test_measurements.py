@@ -26,16 +26,16 @@ ANGLES = POSES.observations.joints_rad
 POINTS = POSES.observations.positions_m
 
 
-def text(names, columns, separator=",", comma=False, digits=9):
-    def cell(value):
+def file_text(names, columns, separator=",", comma=False, digits=9):
+    def format_cell(value):
         written = value if isinstance(value, str) else f"{value:.{digits}g}"
         return written.replace(".", ",") if comma else written
 
-    lines = [separator.join(names), *(separator.join(cell(v) for v in row) for row in columns)]
+    lines = [separator.join(names), *(separator.join(format_cell(v) for v in row) for row in columns)]
     return "\n".join(lines) + "\n"
 
 
-def written(tmp_path, content, name="measured.csv", encoding="utf-8"):
+def write_file(tmp_path, content, name="measured.csv", encoding="utf-8"):
     path = tmp_path / name
     path.write_bytes(content.encode(encoding))
     return path
@@ -53,7 +53,7 @@ Q = [f"q{i}" for i in range(1, 7)]
     [(",", False), (";", False), (";", True), ("\t", False), ("\t", True), (" ", False), ("|", True)],
 )
 def test_separators_and_decimal_commas(tmp_path, separator, comma):
-    path = written(tmp_path, text([*Q, "x", "y", "z"], table_of(), separator, comma))
+    path = write_file(tmp_path, file_text([*Q, "x", "y", "z"], table_of(), separator, comma))
     found = read_measurements(path, UR10)
     assert np.allclose(found.observations.joints_rad, ANGLES, atol=1e-8)
     assert np.allclose(found.observations.positions_m, POINTS, atol=1e-8)
@@ -62,7 +62,9 @@ def test_separators_and_decimal_commas(tmp_path, separator, comma):
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
 def test_encodings_of_instruments(tmp_path, encoding):
     names = [*(f"{q} [°]" for q in Q), "X [mm]", "Y [mm]", "Z [mm]"]
-    path = written(tmp_path, text(names, table_of(np.rad2deg(ANGLES), POINTS * 1e3)), encoding=encoding)
+    path = write_file(
+        tmp_path, file_text(names, table_of(np.rad2deg(ANGLES), POINTS * 1e3)), encoding=encoding
+    )
     found = read_measurements(path, UR10)
     assert np.allclose(found.observations.joints_rad, ANGLES, atol=1e-7)
     assert np.allclose(found.observations.positions_m, POINTS, atol=1e-7)
@@ -77,7 +79,7 @@ def test_units_are_read_from_names_or_guessed_and_reported(tmp_path, angle, leng
     names = [*Q, "x", "y", "z"]
     if stated:
         names = [*(f"{q} ({angle})" for q in Q), *(f"{axis}_{length}" for axis in "xyz")]
-    found = read_measurements(written(tmp_path, text(names, table_of(joints, points))), UR10)
+    found = read_measurements(write_file(tmp_path, file_text(names, table_of(joints, points))), UR10)
     assert np.allclose(found.observations.joints_rad, ANGLES, atol=1e-7)
     assert np.allclose(found.observations.positions_m, POINTS, atol=1e-7)
     assert any(f"taken as {angle}" in guess for guess in found.guesses) is not stated
@@ -107,12 +109,12 @@ def test_units_are_read_from_names_or_guessed_and_reported(tmp_path, angle, leng
     ],
 )
 def test_names_of_columns(tmp_path, joints, position):
-    found = read_measurements(written(tmp_path, text([*joints, *position], table_of())), UR10)
+    found = read_measurements(write_file(tmp_path, file_text([*joints, *position], table_of())), UR10)
     assert np.allclose(found.observations.joints_rad, ANGLES, atol=1e-8)
     assert np.allclose(found.observations.positions_m, POINTS, atol=1e-8)
 
 
-def test_measured_columns_are_told_from_commanded_ones():
+def test_measured_columns_are_distinguished_from_commanded_ones():
     names = [
         "Timestamp",
         "Goal x",
@@ -134,7 +136,7 @@ def test_measured_columns_are_told_from_commanded_ones():
     assert layout.temperature == "temperature"
 
 
-def test_joints_the_arm_had_are_preferred_to_those_it_was_told():
+def test_actual_joints_are_preferred_to_commanded_ones():
     names = [
         *(f"target_q_{i}" for i in range(6)),
         *(f"actual_q_{i}" for i in range(6)),
@@ -155,7 +157,7 @@ def test_beside_a_length_positions_are_the_controllers():
 
 def test_options_name_what_guessing_cannot(tmp_path):
     names = [*"abcdef", "u", "v", "w"]
-    path = written(tmp_path, text(names, table_of(np.rad2deg(ANGLES), POINTS * 1e3)))
+    path = write_file(tmp_path, file_text(names, table_of(np.rad2deg(ANGLES), POINTS * 1e3)))
     with pytest.raises(MeasurementError) as caught:
         read_measurements(path, UR10)
     assert "--columns joints=" in caught.value.remedy
@@ -175,19 +177,19 @@ def test_options_name_what_guessing_cannot(tmp_path):
     ],
 )
 def test_wrong_options_are_refused(tmp_path, options, says):
-    path = written(tmp_path, text([*Q, "x", "y", "z"], table_of()))
+    path = write_file(tmp_path, file_text([*Q, "x", "y", "z"], table_of()))
     with pytest.raises(MeasurementError, match=says):
         read_measurements(path, UR10, options)
 
 
 def test_rows_that_cannot_be_used_are_rejected_with_line_and_reason(tmp_path):
-    lines = text([*Q, "x", "y", "z"], table_of()).splitlines()
+    lines = file_text([*Q, "x", "y", "z"], table_of()).splitlines()
     lines[3] = lines[3].rsplit(",", 1)[0] + ","
     lines[5] = lines[5].rsplit(",", 2)[0]
     lines[7] = lines[7].replace(lines[7].split(",")[0], "NaN", 1)
     lines[9] = "inf" + lines[9][lines[9].index(",") :]
     lines.insert(11, "")
-    found = read_measurements(written(tmp_path, "\n".join(lines)), UR10)
+    found = read_measurements(write_file(tmp_path, "\n".join(lines)), UR10)
     assert [item.row for item in found.rejected] == [2, 4, 6, 8]
     assert "line 4: column 'z' is empty" in found.rejected[0].reason
     assert "'NaN'" in found.rejected[2].reason
@@ -197,10 +199,10 @@ def test_rows_that_cannot_be_used_are_rejected_with_line_and_reason(tmp_path):
 
 
 def test_a_preamble_a_comment_mark_and_a_line_of_units(tmp_path):
-    body = text([*Q, "x", "y", "z"], table_of(np.rad2deg(ANGLES), POINTS * 1e3)).splitlines()
+    body = file_text([*Q, "x", "y", "z"], table_of(np.rad2deg(ANGLES), POINTS * 1e3)).splitlines()
     units = ",".join(["deg"] * 6 + ["mm"] * 3)
     content = "\n".join(["Tracker Software 3.1", "Operator: N. N.", "", "# " + body[0], units, *body[1:]])
-    found = read_measurements(written(tmp_path, content), UR10)
+    found = read_measurements(write_file(tmp_path, content), UR10)
     assert np.allclose(found.observations.joints_rad, ANGLES, atol=1e-7)
     assert not [guess for guess in found.guesses if "taken as" in guess]
 
@@ -208,8 +210,9 @@ def test_a_preamble_a_comment_mark_and_a_line_of_units(tmp_path):
 @pytest.mark.parametrize("convention", ["ur_rotation_vector", "ros_rpy", "instrument_xyz", "kuka_abc"])
 def test_the_orientation_convention_is_the_one_in_which_the_tool_sits_still(tmp_path, convention):
     turns = values_from(convention, POSES.observations.rotations)
-    path = written(
-        tmp_path, text([*Q, "x", "y", "z", "rx", "ry", "rz"], np.concatenate([table_of(), turns], axis=1))
+    path = write_file(
+        tmp_path,
+        file_text([*Q, "x", "y", "z", "rx", "ry", "rz"], np.concatenate([table_of(), turns], axis=1)),
     )
     found = read_measurements(path, UR10)
     assert found.observations.kind == "pose"
@@ -220,15 +223,16 @@ def test_quaternions_are_read_by_name(tmp_path):
     turns = values_from("abb_quaternion", POSES.observations.rotations)[:, [1, 2, 3, 0]]
     names = [*Q, "x", "y", "z", "qx", "qy", "qz", "qw"]
     found = read_measurements(
-        written(tmp_path, text(names, np.concatenate([table_of(), turns], axis=1))), UR10
+        write_file(tmp_path, file_text(names, np.concatenate([table_of(), turns], axis=1))), UR10
     )
     assert np.allclose(found.observations.rotations, POSES.observations.rotations, atol=1e-7)
 
 
-def test_attitudes_that_fit_no_convention_are_left_out_and_that_is_said(tmp_path):
+def test_attitudes_that_fit_no_convention_are_left_out_with_a_remark(tmp_path):
     turns = np.random.default_rng(0).uniform(-3, 3, (40, 3))
-    path = written(
-        tmp_path, text([*Q, "x", "y", "z", "rx", "ry", "rz"], np.concatenate([table_of(), turns], axis=1))
+    path = write_file(
+        tmp_path,
+        file_text([*Q, "x", "y", "z", "rx", "ry", "rz"], np.concatenate([table_of(), turns], axis=1)),
     )
     found = read_measurements(path, UR10)
     assert found.observations.kind == "point"
@@ -237,7 +241,7 @@ def test_attitudes_that_fit_no_convention_are_left_out_and_that_is_said(tmp_path
 
 def test_groups_of_the_file_are_kept(tmp_path):
     rows = [[*row, f"run {i // 8}"] for i, row in enumerate(table_of())]
-    found = read_measurements(written(tmp_path, text([*Q, "x", "y", "z", "session"], rows)), UR10)
+    found = read_measurements(write_file(tmp_path, file_text([*Q, "x", "y", "z", "session"], rows)), UR10)
     assert list(found.groups) == [i // 8 for i in range(40)]
 
 
@@ -263,7 +267,7 @@ def test_excel_files(tmp_path):
 )
 def test_what_is_no_table_is_refused_in_one_sentence(tmp_path, content):
     with pytest.raises(MeasurementError) as caught:
-        read_measurements(written(tmp_path, content), UR10)
+        read_measurements(write_file(tmp_path, content), UR10)
     assert caught.value.remedy
 
 
@@ -271,11 +275,11 @@ def test_a_missing_file_and_a_broken_excel_file(tmp_path):
     with pytest.raises(MeasurementError, match="there is no file"):
         read_table(tmp_path / "none.csv")
     with pytest.raises(MeasurementError, match="no Excel file"):
-        read_table(written(tmp_path, "not a zip", "broken.xlsx"))
+        read_table(write_file(tmp_path, "not a zip", "broken.xlsx"))
 
 
-def test_positions_that_only_the_controller_told_are_no_measurement(tmp_path):
-    path = written(tmp_path, text([*Q, "goal_x", "goal_y", "goal_z"], table_of()))
+def test_positions_of_the_controller_are_no_measurement(tmp_path):
+    path = write_file(tmp_path, file_text([*Q, "goal_x", "goal_y", "goal_z"], table_of()))
     with pytest.raises(MeasurementError, match="no measurement found"):
         read_measurements(path, UR10)
 

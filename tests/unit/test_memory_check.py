@@ -13,21 +13,21 @@ from cellcal.procedures.recovery.recovery_result import (
     confirm_memory,
     nothing_lost_recovery,
 )
-from tests.unit.helpers.recovery_cases import MODEL, healthy_record, kit, lose
-from tests.unit.helpers.walked_recovery import planner
+from tests.unit.helpers.recovery_cases import MODEL, healthy_record, lose_turns, record_poses
+from tests.unit.helpers.walked_recovery import walk_planner
 from tests.unit.helpers.wire_world import WireWorld
 
 STARTS = 2
 
 
-def looks(number: int, fractions: np.ndarray):  # type: ignore[no-untyped-def]
+def record_and_captures(number: int, fractions: np.ndarray):  # type: ignore[no-untyped-def]
     """Return a record and four captures, chosen to be quick, of a robot whose motors are off by these turns."""
     record = healthy_record(WireWorld(number))
-    here, candidates = kit()[number], kit()
+    here, candidates = record_poses()[number], record_poses()
     power = verification_power(MODEL, record, candidates) / MEMORY_POWER
     nothing = np.zeros(power.shape[1])
-    chosen = planner(record).quick_checks(here, candidates, power, nothing, 4, together=True)
-    loss = lose(number, poses=candidates[chosen], fractions=fractions)
+    chosen = walk_planner(record).quick_checks(here, candidates, power, nothing, 4, together=True)
+    loss = lose_turns(number, poses=candidates[chosen], fractions=fractions)
     return loss.record, tuple(
         replace(c, counts=tuple(int(v) for v in np.add(c.counts, loss_counts(loss)))) for c in loss.captures
     )
@@ -40,7 +40,7 @@ def loss_counts(loss):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize("number", range(STARTS))
 def test_four_lengths_are_sharp_enough_from_wherever_the_robot_stands(number: int) -> None:
-    record, checks = looks(number, np.zeros(6))
+    record, checks = record_and_captures(number, np.zeros(6))
     found = confirm_memory(record, nothing_lost_recovery(record), checks)
     gate = {check.name: check for check in found.gate}
     assert gate[SHARP_CHECK].passed, gate[SHARP_CHECK].sentence
@@ -50,7 +50,7 @@ def test_four_lengths_are_sharp_enough_from_wherever_the_robot_stands(number: in
 
 @pytest.mark.parametrize("axis", [0, 2, 5])
 def test_a_third_of_a_turn_of_any_motor_is_never_taken_for_lost_memory(axis: int) -> None:
-    record, checks = looks(axis % STARTS, np.eye(6)[axis] * 0.33)
+    record, checks = record_and_captures(axis % STARTS, np.eye(6)[axis] * 0.33)
     found = confirm_memory(record, nothing_lost_recovery(record), checks)
     assert not found.accepted
     assert not next(check for check in found.gate if check.name == ALONE_CHECK).passed

@@ -22,7 +22,7 @@ from cellcal.calibration.points.tag_points import TagPath, match_tags
 from cellcal.calibration.points.tag_robot import calibrate_simulated_robot
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
-from tests.soak.misfits import WAYS, Spoilt, answer_to, is_named, measured
+from tests.soak.misfits import WAYS, SpoiltRows, answer_to, is_named, measure_rows
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 J = [f"J{i}" for i in range(1, 7)]
@@ -33,21 +33,21 @@ CELLS = Path(__file__).resolve().parents[2] / "deploy" / "layouts" / "cells"
 def test_the_cause_is_named(number, way):
     """One robot for each cause; `make soak ARGS=misfits` takes every robot and twenty seeds."""
     robots = model_names()
-    spoilt = WAYS[way](measured(robots[number % len(robots)], 100))
+    spoilt = WAYS[way](measure_rows(robots[number % len(robots)], 100))
     refused = answer_to(spoilt)
     assert is_named(spoilt, refused), refused
 
 
 @pytest.mark.parametrize("robot", ["abb_irb120", "fanuc_m6ib", "kuka_kr6_r900", "ur10e"])
 def test_good_measurements_pass(robot):
-    true = measured(robot, 101)
-    assert answer_to(Spoilt(true.model, true.rows, "", ())) is None
+    true = measure_rows(robot, 101)
+    assert answer_to(SpoiltRows(true.model, true.rows, "", ())) is None
 
 
 def test_a_misfit_with_two_causes_names_both():
     simulated = tracker_points("abb_irb120", 50)
-    seen = simulated.observations
-    spoilt = replace(seen, positions_m=seen.positions_m * [1.0, 1.0, -1.0] / 25.4)
+    observations = simulated.observations
+    spoilt = replace(observations, positions_m=observations.positions_m * [1.0, 1.0, -1.0] / 25.4)
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(simulated.model, spoilt, FileNames(tuple(J), length_unit="mm"))
     assert refused.value.causes[0].kinds == ("unit", "mirror")
@@ -83,13 +83,13 @@ def test_lengths_in_inches_and_good_ones():
 
 def test_a_misfit_without_a_known_cause_is_refused_too():
     simulated = tracker_points("ur10", 40)
-    dice = np.random.default_rng(0)
-    noise = replace(simulated.observations, positions_m=dice.uniform(-1, 1, (40, 3)))
+    rng = np.random.default_rng(0)
+    noise = replace(simulated.observations, positions_m=rng.uniform(-1, 1, (40, 3)))
     with pytest.raises(MisfitError, match="no known cause fits"):
         refuse_misfit(simulated.model, noise)
-    left = np.full(40, fit_quickly(simulated.model, noise).score_m)
+    noise_scores_m = np.full(40, fit_quickly(simulated.model, noise).score_m)
     with pytest.raises(MisfitError, match="no known cause fits"):
-        refuse_gross_misfit(simulated.model, noise, left)
+        refuse_gross_misfit(simulated.model, noise, noise_scores_m)
     refuse_gross_misfit(simulated.model, noise, np.full(40, 0.004))
 
 
@@ -121,17 +121,17 @@ def test_one_joint_in_another_unit_than_the_others(taken, change, says):
     assert says in refused.value.message
 
 
-def test_targets_measured_in_turn_are_told_from_unknown_causes():
+def test_targets_measured_in_turn_are_distinguished_from_unknown_causes():
     simulated = tracker_points("ur10", 40)
-    seen = simulated.observations
-    flanges = simulated.model.base_flange(seen.joints_rad)
+    observations = simulated.observations
+    flanges = simulated.model.base_flange(observations.joints_rad)
     other = flanges[:, :3, 3] + flanges[:, :3, :3] @ [0.2, -0.1, 0.3]
     first = flanges[:, :3, 3] + flanges[:, :3, :3] @ [-0.1, 0.2, 0.1]
     both = PointObservations(
-        np.repeat(seen.joints_rad, 2, axis=0),
+        np.repeat(observations.joints_rad, 2, axis=0),
         np.stack([first, other], axis=1).reshape(-1, 3),
-        np.repeat(seen.sigma_m, 2),
-        np.zeros(2 * len(seen), dtype=np.intp),
+        np.repeat(observations.sigma_m, 2),
+        np.zeros(2 * len(observations), dtype=np.intp),
     )
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(simulated.model, both)
@@ -145,7 +145,7 @@ def test_a_device_that_was_moved_far_is_no_misfit():
     refuse_misfit(simulated.model, replace(simulated.observations, positions_m=places))
 
 
-def written(path, names, table):
+def write_table(path, names, table):
     lines = [
         ",".join(names),
         *(",".join(v if isinstance(v, str) else f"{v:.5f}" for v in row) for row in table),
@@ -155,25 +155,25 @@ def written(path, names, table):
 
 
 def test_numbers_of_dice_never_end_well_at_the_command(tmp_path, capsys):
-    dice = np.random.default_rng(3)
-    table = np.column_stack([dice.uniform(-90, 90, (40, 6)), dice.uniform(-900, 900, (40, 3))])
-    path = written(tmp_path / "dice.csv", [*J, "X", "Y", "Z"], table)
+    rng = np.random.default_rng(3)
+    table = np.column_stack([rng.uniform(-90, 90, (40, 6)), rng.uniform(-900, 900, (40, 3))])
+    path = write_table(tmp_path / "dice.csv", [*J, "X", "Y", "Z"], table)
     sets = tmp_path / "sets"
     options = ["--save", str(sets), "--serial", "1", "--by", "me", "--json"]
     code = run_command_line(["identify", str(path), "--robot", "abb_irb120", *options])
-    said = capsys.readouterr()
+    captured = capsys.readouterr()
     assert code == ExitCode.REFUSED
-    assert "no known cause fits" in " ".join(said.err.split())
-    assert not said.out.strip()
+    assert "no known cause fits" in " ".join(captured.err.split())
+    assert not captured.out.strip()
     assert not sets.exists()
 
 
 def test_a_check_file_of_another_frame_of_mind_is_refused(tmp_path, capsys):
-    seen = tracker_points("ur10", 60).observations
-    good = np.column_stack([np.rad2deg(seen.joints_rad), seen.positions_m * 1e3])
+    observations = tracker_points("ur10", 60).observations
+    good = np.column_stack([np.rad2deg(observations.joints_rad), observations.positions_m * 1e3])
     bad = good * np.array([1.0] * 7 + [-1.0, 1.0])
-    fitted = written(tmp_path / "a.csv", [*J, "X", "Y", "Z"], good)
-    check = written(tmp_path / "b.csv", [*J, "X", "Y", "Z"], bad)
+    fitted = write_table(tmp_path / "a.csv", [*J, "X", "Y", "Z"], good)
+    check = write_table(tmp_path / "b.csv", [*J, "X", "Y", "Z"], bad)
     code = run_command_line(
         ["identify", str(fitted), "--robot", "ur10", "--level", "1", "--check", str(check)]
     )
@@ -195,27 +195,29 @@ sigma_mm = 0.05
 
 
 def test_a_cell_of_a_layout_is_refused_with_the_words_of_a_layout(tmp_path, capsys):
-    seen = tracker_points("ur10", 60).observations
-    table = np.column_stack([np.rad2deg(seen.joints_rad) * [1, -1, 1, 1, 1, 1], seen.positions_m * 1e3])
-    path = written(tmp_path / "a.csv", [*J, "X", "Y", "Z"], table)
+    observations = tracker_points("ur10", 60).observations
+    table = np.column_stack(
+        [np.rad2deg(observations.joints_rad) * [1, -1, 1, 1, 1, 1], observations.positions_m * 1e3]
+    )
+    path = write_table(tmp_path / "a.csv", [*J, "X", "Y", "Z"], table)
     layout = tmp_path / "cell.toml"
     layout.write_text(LAYOUT, encoding="utf-8")
     command = ["identify", str(path), "--robot", "ur10", "--layout", str(layout), "--level", "1", "--json"]
     code = run_command_line(command)
-    said = capsys.readouterr()
-    assert (code, said.out.strip()) == (ExitCode.REFUSED, "")
-    told = " ".join(said.err.split())
-    assert "series 'tracker'" in told
-    assert '"J1", "-J2", "J3"' in told
+    captured = capsys.readouterr()
+    assert (code, captured.out.strip()) == (ExitCode.REFUSED, "")
+    message = " ".join(captured.err.split())
+    assert "series 'tracker'" in message
+    assert '"J1", "-J2", "J3"' in message
     layout.write_text(LAYOUT.replace('"J2"', '"-J2"'), encoding="utf-8")
     assert run_command_line(command) == ExitCode.PASS
     assert json.loads(capsys.readouterr().out)["series"][0]["held_out"]["rmse_m"] < 1e-3
 
 
 def test_a_simulated_robot_is_refused_too():
-    seen = tracker_points("ur10e", 40).observations
-    joints = seen.joints_rad * [1, 1, 1, -1, 1, 1]
+    observations = tracker_points("ur10e", 40).observations
+    joints = observations.joints_rad * [1, 1, 1, -1, 1, 1]
     robot = TagPath("robot", tuple(map(tuple, np.zeros((40, 3)))), joints_rad=tuple(map(tuple, joints)))
-    device = TagPath("device", tuple(map(tuple, seen.positions_m)))
+    device = TagPath("device", tuple(map(tuple, observations.positions_m)))
     with pytest.raises(CalibrationError, match="wrist_1_joint counts the other way"):
         calibrate_simulated_robot(load_model("ur10e"), match_tags(robot, device))

@@ -22,29 +22,29 @@ WIDE = MotionLimits(tip_speed_m_s=1.0)
 SPEED = 0.05
 
 
-def moved(axis, degrees):
+def move_axis(axis, degrees):
     target = HOME.copy()
     target[axis] += np.deg2rad(degrees)
     return target
 
 
-def checks(verdict):
+def check_names(verdict):
     return {finding.check for finding in verdict.findings}
 
 
 def test_a_plain_move_is_allowed_and_says_what_was_not_checked():
-    verdict = check_moves(MODEL, HOME, moved(0, 20)[None], WIDE, speed_rad_s=SPEED)
+    verdict = check_moves(MODEL, HOME, move_axis(0, 20)[None], WIDE, speed_rad_s=SPEED)
     assert verdict.allowed
     assert any("no obstacles known" in words for words in verdict.not_checked)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_is_refused_before_anything_else(bad):
-    targets = np.array([moved(0, 5), moved(1, 5)])
+    targets = np.array([move_axis(0, 5), move_axis(1, 5)])
     targets[1, 3] = bad
     verdict = check_moves(MODEL, HOME, targets, WIDE, speed_rad_s=SPEED)
     assert not verdict.allowed
-    assert checks(verdict) == {"finite"}
+    assert check_names(verdict) == {"finite"}
     assert verdict.findings[0].target == 1
     for start, speed, tip in (
         (HOME * np.nan, SPEED, (0.0, 0.0, 0.0)),
@@ -52,7 +52,7 @@ def test_what_is_not_finite_is_refused_before_anything_else(bad):
         (HOME, SPEED, (bad, 0.0, 0.0)),
     ):
         found = check_moves(MODEL, start, targets[:1], WIDE, speed_rad_s=speed, tip_in_flange_m=tip)
-        assert checks(found) == {"finite"}
+        assert check_names(found) == {"finite"}
     assert allowed_postures(MODEL, targets, WIDE).tolist() == [True, False]
 
 
@@ -62,17 +62,17 @@ def test_joint_limits_keep_a_margin_and_the_doubt_of_the_mastering():
     assert check_moves(MODEL, HOME, edge[None], WIDE, speed_rad_s=SPEED).allowed
     doubtful = replace(WIDE, mastering_uncertainty_rad=(np.deg2rad(2.0),) + (0.0,) * 5)
     verdict = check_moves(MODEL, HOME, edge[None], doubtful, speed_rad_s=SPEED)
-    assert checks(verdict) == {"joint limits"}
+    assert check_names(verdict) == {"joint limits"}
     assert verdict.findings[0].limit == pytest.approx(MODEL.upper_rad[0] - np.deg2rad(5.0))
 
 
 def test_speeds_above_the_caps_are_refused():
-    target = moved(0, 20)[None]
-    assert checks(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.2)) == {"joint speed"}
-    assert checks(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.0)) == {"joint speed"}
+    target = move_axis(0, 20)[None]
+    assert check_names(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.2)) == {"joint speed"}
+    assert check_names(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.0)) == {"joint speed"}
     slow = replace(WIDE, tip_speed_m_s=0.04)
     verdict = check_moves(MODEL, HOME, target, slow, speed_rad_s=SPEED)
-    assert checks(verdict) == {"tip speed"}
+    assert check_names(verdict) == {"tip speed"}
     reach = np.linalg.norm(MODEL.tip_positions(HOME[None], np.zeros(3))[0, :2])
     assert verdict.findings[0].found == pytest.approx(SPEED * reach, rel=0.02)
 
@@ -83,16 +83,16 @@ def test_the_box_is_kept_on_the_way_not_only_at_the_end():
     boxed = replace(WIDE, box_low_m=(-1.0, -1.5, -1.0), box_high_m=(0.5, 1.5, 2.0))
     assert allowed_postures(MODEL, around, boxed).all()
     verdict = check_moves(MODEL, around[0], around[1:], boxed, speed_rad_s=SPEED)
-    assert checks(verdict) == {"workspace box"}
+    assert check_names(verdict) == {"workspace box"}
     assert verdict.findings[0].limit == 0.5
 
 
 def test_a_tool_that_leaves_the_box_counts():
     boxed = replace(WIDE, box_low_m=(-2, -2, -2), box_high_m=(1.1, 2, 2))
-    arguments = (MODEL, HOME, moved(0, 2)[None], boxed)
+    arguments = (MODEL, HOME, move_axis(0, 2)[None], boxed)
     assert check_moves(*arguments, speed_rad_s=0.01).allowed
     long = check_moves(*arguments, speed_rad_s=0.01, tip_in_flange_m=(0.0, 0.0, 0.5))
-    assert checks(long) == {"workspace box"}
+    assert check_names(long) == {"workspace box"}
 
 
 def test_a_stretched_wrist_is_singular():
@@ -100,18 +100,20 @@ def test_a_stretched_wrist_is_singular():
     straight = HOME.copy()
     straight[4] = 0.0
     assert allowed_postures(MODEL, np.array([HOME, straight]), limits).tolist() == [True, False]
-    assert "singularity" in checks(check_moves(MODEL, HOME, straight[None], limits, speed_rad_s=SPEED))
+    assert "singularity" in check_names(check_moves(MODEL, HOME, straight[None], limits, speed_rad_s=SPEED))
 
 
 @pytest.mark.parametrize(("range_m", "check"), [(1.0, "wire too long"), (60.0, "wire too short")])
 def test_the_wire_stays_within_3_and_97_per_cent(range_m, check):
     limits = replace(WIDE, wire=replace(WIRE, range_m=range_m))
-    assert check_moves(MODEL, HOME, moved(0, 5)[None], replace(WIDE, wire=WIRE), speed_rad_s=SPEED).allowed
-    assert checks(check_moves(MODEL, HOME, moved(0, 5)[None], limits, speed_rad_s=SPEED)) == {check}
+    assert check_moves(
+        MODEL, HOME, move_axis(0, 5)[None], replace(WIDE, wire=WIRE), speed_rad_s=SPEED
+    ).allowed
+    assert check_names(check_moves(MODEL, HOME, move_axis(0, 5)[None], limits, speed_rad_s=SPEED)) == {check}
 
 
 def test_every_target_is_reported_with_a_sentence():
-    far = np.array([moved(0, 200), moved(1, 10), moved(0, 200)])
+    far = np.array([move_axis(0, 200), move_axis(1, 10), move_axis(0, 200)])
     verdict = check_moves(MODEL, HOME, far, WIDE, speed_rad_s=SPEED)
     assert {finding.target for finding in verdict.findings} == {0, 1, 2}  # the way back breaks it too
     assert verdict.findings[0].sentence.startswith("target 1, joint limits")

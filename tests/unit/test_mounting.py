@@ -94,7 +94,7 @@ def test_sets_of_robots_that_are_mounted_otherwise_do_not_fit():
     assert nominal_sha256(load_model("ur10@floor")) == nominal_sha256(load_model("ur10"))
 
 
-def sagging(name, seed=0, count=140):
+def sagging_robot(name, seed=0, count=140):
     """Return a robot with sag in its joints, measured by a tracker, and where its target truly is elsewhere."""
     model, rng = load_model(name), np.random.default_rng(seed)
     terms = gravity_terms(model)
@@ -102,29 +102,29 @@ def sagging(name, seed=0, count=140):
     size = np.deg2rad(0.15) * rng.choice([-1.0, 1.0], len(terms))
     truth = ArmState(model, dh_errors(model, rng), terms, size, TOOL, state.devices)
 
-    def places(joints):
+    def true_tips(joints):
         moved = truth.moved_joints(joints, term_values(model, joints, terms))
         return truth.seen_from(0).base_flange(moved)[:, :3, 3]
 
     joints = random_joints(model, rng, count)
-    seen = places(joints) + 5e-5 * rng.standard_normal((count, 3))
-    rows = PointObservations(joints, seen, np.full(count, 3e-4), np.zeros(count, dtype=np.intp))
+    measured_m = true_tips(joints) + 5e-5 * rng.standard_normal((count, 3))
+    rows = PointObservations(joints, measured_m, np.full(count, 3e-4), np.zeros(count, dtype=np.intp))
     check = random_joints(model, rng, 100)
-    return rows, check, places(check)
+    return rows, check, true_tips(check)
 
 
 @pytest.mark.parametrize("name", ["ur10@wall", "abb_irb120@tilt:x=35"])
 def test_sag_of_a_robot_on_a_wall_is_found_if_its_mounting_is_stated(name):
-    rows, check, there = sagging(name)
+    rows, check, there = sagging_robot(name)
     options = IdentificationOptions(judge=False, level=GRAVITY, find_breaks=False)
 
-    def missed(model):
+    def unseen_error_m(model):
         fit = identify_arm(load_model(model), rows, options=options).robust.fit
         return float(np.linalg.norm(predict_tips(fit, check).positions_m - there, axis=1).mean())
 
-    told, untold = missed(name), missed(name.split("@")[0])
-    assert told < 1e-4
-    assert untold > 3 * told
+    error_stated, untold = unseen_error_m(name), unseen_error_m(name.split("@")[0])
+    assert error_stated < 1e-4
+    assert untold > 3 * error_stated
 
 
 def test_the_first_joint_sags_on_a_wall_and_stands_on_the_floor():
@@ -171,15 +171,15 @@ def test_waves_of_a_turn_are_chosen_where_unseen_rows_gain_and_not_otherwise(rip
     truth = ArmState(model, dh_errors(model, rng), terms, size, TOOL, devices)
     joints = random_joints(model, rng, 108, reach=1.2)
     places = truth.seen_from(0).base_flange(truth.moved_joints(joints, term_values(model, joints, terms)))
-    seen = places[:, :3, 3] + 1e-4 * rng.standard_normal((108, 3))
-    rows = PointObservations(joints, seen, np.full(108, 3e-4), np.zeros(108, dtype=np.intp))
+    measured_m = places[:, :3, 3] + 1e-4 * rng.standard_normal((108, 3))
+    rows = PointObservations(joints, measured_m, np.full(108, 3e-4), np.zeros(108, dtype=np.intp))
     found = identify_arm(model, rows, options=IdentificationOptions(find_breaks=False))
     assert (found.level >= RIPPLE) is gains
     if gains:
-        held = identify_arm(
+        fixed_level_fit = identify_arm(
             model, rows, options=IdentificationOptions(find_breaks=False, level=GRAVITY)
         ).held_out.rmse_m
-        assert found.held_out.rmse_m < 0.8 * held
+        assert found.held_out.rmse_m < 0.8 * fixed_level_fit
 
 
 def test_the_command_takes_a_mounting_and_keeps_it_in_the_name(tmp_path, capsys):
@@ -196,7 +196,7 @@ def test_a_residual_model_that_would_be_lost_is_refused_at_once(option, tmp_path
     missing = tmp_path / "no such file.csv"  # the refusal comes before the work
     words = ["identify", str(missing), "--robot", "ur10", "--residual-model", option, str(tmp_path / "kept")]
     assert run_command_line([*words, "--serial", "4711", "--by", "Ada"]) != 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert f"cannot be kept by {option}" in said
-    assert "program compensate" in said
+    message = " ".join(capsys.readouterr().err.split())
+    assert f"cannot be kept by {option}" in message
+    assert "program compensate" in message
     assert not (tmp_path / "kept").exists()

@@ -13,7 +13,7 @@ from cellcal.calibration.points.tool_point import locate_tool_point, tool_pose
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.wires.model import WirePrior
 from cellcal.procedures.three_point_frame import DEFINITION, FrameSetup, ThreePointFrame
-from tests.unit.test_tool_point import noisy
+from tests.unit.test_tool_point import noisy_touches
 
 TRIANGLE = [(0.4, 0.1, 0.2), (0.7, 0.1, 0.2), (0.4, 0.35, 0.2)]
 
@@ -29,7 +29,7 @@ TRIANGLE = [(0.4, 0.1, 0.2), (0.7, 0.1, 0.2), (0.4, 0.35, 0.2)]
         lambda: WirePrior((0.9, -0.7, -0.4), (0.0, 0.0, 180.0)),
         lambda: RecoveryKit((0.0, 0.0, 180.0), ()),
         lambda: locate_tool_point(
-            [Pose(tuple(1e3 * np.array(t.position_m)), t.quaternion) for t in noisy(1, 0.0)]
+            [Pose(tuple(1e3 * np.array(t.position_m)), t.quaternion) for t in noisy_touches(1, 0.0)]
         ),
     ],
 )
@@ -39,10 +39,10 @@ def test_millimetres_for_metres_are_refused(refuses):
 
 
 def drawing_and_places(count, seed=0):
-    dice = np.random.default_rng(seed)
-    drawing = dice.uniform(-0.4, 0.4, (count, 3))
-    frame = exp_twist(dice.uniform(-1, 1, 6))
-    return drawing, drawing @ frame[:3, :3].T + frame[:3, 3] + 1e-4 * dice.standard_normal((count, 3))
+    rng = np.random.default_rng(seed)
+    drawing = rng.uniform(-0.4, 0.4, (count, 3))
+    frame = exp_twist(rng.uniform(-1, 1, 6))
+    return drawing, drawing @ frame[:3, :3].T + frame[:3, 3] + 1e-4 * rng.standard_normal((count, 3))
 
 
 @pytest.mark.parametrize(
@@ -59,8 +59,8 @@ def test_an_order_that_fits_twenty_times_better_is_named(count, order):
     best_fit_transform(drawing, places)
     with pytest.raises(CalibrationError, match="times better in another order") as refused:
         best_fit_transform(drawing, places[order])
-    wanted = ", ".join(str(order.index(at) + 1) for at in range(count))
-    assert wanted in refused.value.message
+    expected_order = ", ".join(str(order.index(at) + 1) for at in range(count))
+    assert expected_order in refused.value.message
 
 
 def test_points_that_no_order_mends_are_left_to_others():
@@ -87,8 +87,8 @@ def test_a_verdict_on_a_frame_says_that_it_hangs(order, hangs):
     taught = frame_from_three_points(*(TRIANGLE[at] for at in order), sigma_m=1e-4)
     spec = ThreePointFrame(1, (0.0, 0.0, 0.1))
     setup = FrameSetup(1, taught, Pose((0.0, 0.0, 0.0)), taught.base_frame)
-    said = DEFINITION.verdict(spec, setup).not_verified
-    assert sum("points down" in each for each in said) == hangs
+    not_verified = DEFINITION.verdict(spec, setup).not_verified
+    assert sum("points down" in each for each in not_verified) == hangs
 
 
 def test_a_kit_in_metres_is_taken():

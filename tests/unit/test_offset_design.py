@@ -17,7 +17,7 @@ POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.4, 0.0))
 MOVED = Pose((0.3, -0.2, 0.1), (0.9238795325112867, 0.0, 0.0, 0.3826834323650898))
 
 
-def _moved(points: np.ndarray) -> np.ndarray:
+def _move_points(points: np.ndarray) -> np.ndarray:
     moved: np.ndarray = points @ MOVED.rotation_matrix().T + np.array(MOVED.position_m)
     return moved
 
@@ -29,13 +29,14 @@ def test_the_fit_states_what_was_foretold_and_is_off_by_that() -> None:
     assert foretold.again  # three touches are not enough
     counts = [1 + foretold.again.count(k) for k in range(3)]
     covariance = point_covariance(counts, goal.sigma_m, goal.given_sigma_m)
-    dice, points, inside = np.random.default_rng(3), np.array(POINTS), 0
+    rng, points, inside = np.random.default_rng(3), np.array(POINTS), 0
     for _ in range(300):
-        given = points + dice.normal(0.0, goal.given_sigma_m, points.shape)
+        drawing_points = points + rng.normal(0.0, goal.given_sigma_m, points.shape)
         touches = [
-            _moved(points[k]) + dice.normal(0.0, goal.sigma_m, (counts[k], 3)).mean(axis=0) for k in range(3)
+            _move_points(points[k]) + rng.normal(0.0, goal.sigma_m, (counts[k], 3)).mean(axis=0)
+            for k in range(3)
         ]
-        placed = place_points(given, touches, covariance, sigma_point_m=0.0)
+        placed = place_points(drawing_points, touches, covariance, sigma_point_m=0.0)
         assert placed.origin_u_m == pytest.approx(foretold.origin_u_m, rel=0.02)
         off = np.subtract(placed.outer_inner.position_m, MOVED.position_m)
         inside += bool(np.abs(off).max() <= placed.origin_u_m)

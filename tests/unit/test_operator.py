@@ -19,7 +19,7 @@ NUMBER = Question("serial", "Which serial number is on the plate?", unit="")
 LENGTH = Question("length", "How long is it?", unit="mm")
 
 
-class Terminal:
+class PipeTerminal:
     """Both ends of a pipe as standard input, and what was shown."""
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Terminal:
         console = Console(file=self.shown, width=100)
         self.operator = TerminalOperator("anna", console=console, descriptor=self.descriptor)
 
-    def type(self, text: str) -> None:
+    def type_text(self, text: str) -> None:
         os.write(self._keys, text.encode())
 
     def hang_up(self) -> None:
@@ -42,44 +42,44 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal() -> Iterator[Terminal]:
-    terminal = Terminal()
+def terminal() -> Iterator[PipeTerminal]:
+    terminal = PipeTerminal()
     yield terminal
     terminal.close()
 
 
 class TestTerminal:
     @pytest.mark.parametrize("keys", ["y\n", "YES\n", " y \r\n", "what?\n\ny\n"])
-    async def test_confirms_on_yes_and_says_who(self, terminal: Terminal, keys: str) -> None:
-        terminal.type(keys)
+    async def test_confirms_on_yes_and_names_the_person(self, terminal: PipeTerminal, keys: str) -> None:
+        terminal.type_text(keys)
         assert await terminal.operator.confirm(HOOK) == Answer("anna")
         assert "Hook the wire [to] the flange." in terminal.shown.getvalue()
         assert "[y/n]" in terminal.shown.getvalue()
 
     @pytest.mark.parametrize("keys", ["n\n", "No\n"])
-    async def test_declines_on_no(self, terminal: Terminal, keys: str) -> None:
-        terminal.type(keys)
+    async def test_declines_on_no(self, terminal: PipeTerminal, keys: str) -> None:
+        terminal.type_text(keys)
         with pytest.raises(RefusedError, match="the answer was no"):
             await terminal.operator.confirm(HOOK)
 
-    async def test_a_closed_terminal_is_nobody_and_no_answer(self, terminal: Terminal) -> None:
+    async def test_a_closed_terminal_gives_no_answer(self, terminal: PipeTerminal) -> None:
         terminal.hang_up()
         with pytest.raises(NobodyThereError, match="the input was closed"):
             await terminal.operator.confirm(HOOK)
 
-    async def test_enters_what_was_typed_and_shows_the_unit(self, terminal: Terminal) -> None:
-        terminal.type("\n  12,5 \n")
+    async def test_enters_what_was_typed_and_shows_the_unit(self, terminal: PipeTerminal) -> None:
+        terminal.type_text("\n  12,5 \n")
         assert await terminal.operator.ask_question(LENGTH) == Answer("anna", "12,5")
         assert "mm" in terminal.shown.getvalue()
 
-    async def test_lines_typed_ahead_are_kept_for_the_next_question(self, terminal: Terminal) -> None:
-        terminal.type("y\nF-10")
+    async def test_lines_typed_ahead_are_kept_for_the_next_question(self, terminal: PipeTerminal) -> None:
+        terminal.type_text("y\nF-10")
         assert await terminal.operator.confirm(HOOK) == Answer("anna")
         asking = asyncio.create_task(terminal.operator.ask_question(NUMBER))
-        terminal.type("4711\n")
+        terminal.type_text("4711\n")
         assert await asking == Answer("anna", "F-104711")
 
-    async def test_waiting_stops_nothing_else_and_can_be_cancelled(self, terminal: Terminal) -> None:
+    async def test_waiting_stops_nothing_else_and_can_be_cancelled(self, terminal: PipeTerminal) -> None:
         asking = asyncio.create_task(terminal.operator.confirm(HOOK))
         for _ in range(100):
             await asyncio.sleep(0)
@@ -87,15 +87,15 @@ class TestTerminal:
         asking.cancel()
         with pytest.raises(asyncio.CancelledError):
             await asking
-        terminal.type("y\n")
+        terminal.type_text("y\n")
         assert await terminal.operator.confirm(HOOK) == Answer("anna")
 
-    async def test_two_questions_at_once_are_a_bug(self, terminal: Terminal) -> None:
+    async def test_two_questions_at_once_are_a_bug(self, terminal: PipeTerminal) -> None:
         asking = asyncio.create_task(terminal.operator.confirm(HOOK))
         await asyncio.sleep(0)
         with pytest.raises(BusyError, match="hook_wire"):
             await terminal.operator.ask_question(NUMBER)
-        terminal.type("y\n")
+        terminal.type_text("y\n")
         assert await asking == Answer("anna")
 
     async def test_answers_may_come_from_a_file(self, tmp_path: Path) -> None:
@@ -122,21 +122,21 @@ class TestScript:
     async def test_no_means_no_and_nothing_is_done(self) -> None:
         done: list[str] = []
 
-        async def hook() -> None:
+        async def record_call() -> None:
             done.append("hooked")
 
         with pytest.raises(RefusedError):
-            await ScriptedOperator({"hook_wire": "no"}, hooks={"hook_wire": hook}).confirm(HOOK)
+            await ScriptedOperator({"hook_wire": "no"}, hooks={"hook_wire": record_call}).confirm(HOOK)
         assert done == []
 
     async def test_does_what_the_person_would_do_before_it_answers(self) -> None:
         done: list[str] = []
 
-        async def hook() -> None:
+        async def record_call() -> None:
             await asyncio.sleep(0)
             done.append("hooked")
 
-        operator = ScriptedOperator({"hook_wire": "yes", "serial": "1"}, hooks={"hook_wire": hook})
+        operator = ScriptedOperator({"hook_wire": "yes", "serial": "1"}, hooks={"hook_wire": record_call})
         await operator.ask_question(NUMBER)
         assert done == []
         await operator.confirm(HOOK)

@@ -9,9 +9,9 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks, design_efficiency, upper_bound
 
 
-def task_of(seed, p=4, m=2, count=12, interest=None, known=1e-3):
+def task_of(seed, p=4, m=2, count=12, interest=None, prior_information=1e-3):
     rng = np.random.default_rng(seed)
-    return DesignTask(rng.normal(size=(p, m, count)), known * np.eye(p), interest)
+    return DesignTask(rng.normal(size=(p, m, count)), prior_information * np.eye(p), interest)
 
 
 def best_value(task, k):
@@ -73,9 +73,9 @@ def test_the_first_are_those_that_tell_most():
 def test_what_is_known_already_is_not_measured_again():
     columns = np.zeros((2, 1, 4))
     columns[0, 0, :2], columns[1, 0, 2:] = 1.0, 0.5
-    known = np.diag([100.0, 1e-3])
-    assert set(choose_blocks(DesignTask(columns, known), 2).indices) == {2, 3}
-    assert set(choose_blocks(DesignTask(columns, known[::-1, ::-1]), 2).indices) == {0, 1}
+    prior_information = np.diag([100.0, 1e-3])
+    assert set(choose_blocks(DesignTask(columns, prior_information), 2).indices) == {2, 3}
+    assert set(choose_blocks(DesignTask(columns, prior_information[::-1, ::-1]), 2).indices) == {0, 1}
 
 
 def test_only_what_is_of_interest_is_made_small():
@@ -86,7 +86,7 @@ def test_only_what_is_of_interest_is_made_small():
 
 
 def test_fewer_rows_than_unknowns_lean_on_what_is_known():
-    task = task_of(6, p=20, m=3, count=100, known=1e-8)
+    task = task_of(6, p=20, m=3, count=100, prior_information=1e-8)
     found = choose_blocks(task, 2)
     assert np.isfinite(found.value)
     assert found.value == pytest.approx(task.criterion_value(task.information_of(np.array(found.indices))))

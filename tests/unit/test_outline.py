@@ -87,7 +87,7 @@ def test_the_device_that_a_cell_has_is_the_one_that_measures(config: CellConfig)
         ({"box_low_m": [0, 0, 1], "box_high_m": [1, 1, 0.5]}, "room: box_low_m must be below box_high_m"),
     ],
 )
-def test_room_between_limits_that_cross_is_refused(
+def test_a_margin_that_crosses_the_limits_is_refused(
     config: CellConfig, room: dict[str, object], words: str
 ) -> None:
     with pytest.raises(CellError, match=words):
@@ -125,9 +125,9 @@ def test_the_commands_print_it(config: CellConfig, capsys: pytest.CaptureFixture
     words = ("run", "three_point_frame", "--cell", cell, "--set", "frame_number=2")
     tip = ("--set", "tip_in_flange_m=[0,0,0.1]")
     assert run_command_line([*words, *tip, "--dry-run"]) == ExitCode.PASS
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     for part in ("No device was touched", "lacks nothing", "touch the origin", "Duration", "U = ", "Assumed"):
-        assert part in told
+        assert part in output
     assert run_command_line([*words, *tip, "--dry-run", "--json"]) == ExitCode.PASS
     document = json.loads(capsys.readouterr().out)
     assert document["phases"][0] == {

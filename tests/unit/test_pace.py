@@ -27,13 +27,13 @@ def fastest_m_s(
     return max(float(np.linalg.norm(np.diff(p, axis=0), axis=1).max()) * 400 / duration_s for p in points)
 
 
-def drawn(count: int) -> list[tuple[float, ...]]:
+def draw_legs(count: int) -> list[tuple[float, ...]]:
     draw = np.random.default_rng(7).uniform(-0.8, 0.8, (count, 6))
     return [tuple(float(q) for q in pose) for pose in draw]
 
 
 def test_on_every_leg_the_tip_keeps_its_cap_and_comes_near_it() -> None:
-    poses = drawn(12)
+    poses = draw_legs(12)
     speeds = PACE.leg_speeds(HOME, poses)
     for (here, there), speed_rad_s in zip(pairwise([HOME, *poses]), speeds, strict=True):
         assert speed_rad_s <= 0.5
@@ -51,7 +51,7 @@ def test_a_joint_far_from_the_tip_is_slow_and_the_last_one_is_not() -> None:
 
 
 def test_ways_take_as_long_as_their_legs_the_last_degree_from_below_among_them() -> None:
-    ways = tuple((pose,) for pose in drawn(4))
+    ways = tuple((pose,) for pose in draw_legs(4))
     paced = PACE.time_ways(HOME, ways)
     here, seconds, travel = HOME, 0.0, 0.0
     for way in ways:

@@ -32,17 +32,17 @@ FACTORY = UrKinematics(ABSOLUTE, (1, 2, 3, 4, 5, 6), 2)
 JOINTS = np.random.default_rng(0).uniform(-3, 3, (50, 6))
 
 
-def reach(model):
+def arm_reach_m(model):
     return model.base_flange(JOINTS)
 
 
 @pytest.fixture
-def cli(tmp_path, capsys):
+def run_cli(tmp_path, capsys):
     app = App(name="cellcal", result_action="return_value")
     app.command(parameters)
     folder = tmp_path / "sets"
 
-    def call(*words):
+    def call_command(*words):
         capsys.readouterr()
         code = app(
             ["parameters", *map(str, words), "--folder", str(folder)], exit_on_error=False, print_error=False
@@ -50,22 +50,22 @@ def cli(tmp_path, capsys):
         assert code == 0
         return capsys.readouterr()
 
-    call.folder = folder
-    call.tmp = tmp_path
-    return call
+    call_command.folder = folder
+    call_command.tmp = tmp_path
+    return call_command
 
 
-def written(path, content):
+def write_text(path, content):
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     return path
 
 
 def factory_imported(cli):
-    conf = written(cli.tmp / "calibration.conf", write_calibration_conf(FACTORY, UR))
+    conf = write_text(cli.tmp / "calibration.conf", write_calibration_conf(FACTORY, UR))
     cli("import", conf, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
 
 
-def identification(cli, **changes):
+def identification_file(cli, **changes):
     found = [
         {"name": "J2 offset", "unit": "rad", "value": 2e-3, "sigma": 1e-5, "prior": 1e-2},
         {"name": "J3 a", "unit": "m", "value": -3e-4, "sigma": 2e-5, "prior": 1e-3},
@@ -73,7 +73,7 @@ def identification(cli, **changes):
         {"name": "wire zero", "unit": "m", "value": 1e-3, "sigma": 1e-5, "prior": 1e-3},
     ]
     document = {"robot": "ur10e", "parameters": found, **changes}
-    return written(cli.tmp / "found.json", json.dumps(document))
+    return write_text(cli.tmp / "found.json", json.dumps(document))
 
 
 @pytest.mark.parametrize(
@@ -86,121 +86,142 @@ def identification(cli, **changes):
     ids=["calibration.conf", "primary interface", "ROS"],
 )
 @pytest.mark.parametrize("kind", ["calibration-conf", "primary", "ros-yaml", "urdf"])
-def test_each_form_of_a_factory_table_goes_in_and_comes_out_in_each(cli, content, kind):
-    cli("import", written(cli.tmp / "file", content), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    out = cli.tmp / "out"
-    cli("export", "17", out, "--format", kind)
+def test_each_form_of_a_factory_table_goes_in_and_comes_out_in_each(run_cli, content, kind):
+    run_cli(
+        "import",
+        write_text(run_cli.tmp / "file", content),
+        "--robot",
+        "ur10e",
+        "--serial",
+        "17",
+        "--by",
+        "Ada",
+    )
+    out = run_cli.tmp / "out"
+    run_cli("export", "17", out, "--format", kind)
     back = {
         "calibration-conf": lambda: factory_model(UR, read_calibration_conf(out.read_text(), UR).table),
         "primary": lambda: factory_model(UR, read_primary_kinematics(out.read_bytes()).table),
         "ros-yaml": lambda: model_of_ros(read_ros_kinematics(out.read_text()), UR),
         "urdf": lambda: read_urdf(out.read_text(), tip_link="flange").model,
     }[kind]()
-    assert np.allclose(reach(back), reach(ARM), rtol=0, atol=1e-10)
+    assert np.allclose(arm_reach_m(back), arm_reach_m(ARM), rtol=0, atol=1e-10)
 
 
-def test_an_identification_goes_in_with_its_uncertainties(cli):
-    factory_imported(cli)
-    cli(
-        "import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada", "--note", "spring"
+def test_an_identification_goes_in_with_its_uncertainties(run_cli):
+    factory_imported(run_cli)
+    run_cli(
+        "import",
+        identification_file(run_cli),
+        "--robot",
+        "ur10e",
+        "--serial",
+        "17",
+        "--by",
+        "Ada",
+        "--note",
+        "spring",
     )
-    item = ParameterSets(cli.folder).load_set("17")
+    item = ParameterSets(run_cli.folder).load_set("17")
     assert item.version == 2
     assert item.find_value("J2 offset") == ParameterValue("J2 offset", "rad", 2e-3, 1e-5)
     assert item.find_value("wire zero") is None
     assert item.factory_hash == FACTORY.factory_hash
     assert item.source.startswith("identification: found.json, sha256 ")
-    shown = json.loads(cli("show", "17", "--json").out)
+    shown = json.loads(run_cli("show", "17", "--json").out)
     assert shown["note"] == "spring"
     assert {p["name"] for p in shown["parameters"]} == {"J2 offset", "J3 a", "J2 sag under link 2"}
 
 
-def test_an_export_says_what_a_rigid_arm_cannot_hold(cli):
-    cli("import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    out = cli.tmp / "out.urdf"
-    assert "J2 sag under link 2" in cli("export", "17", out).err
+def test_an_export_says_what_a_rigid_arm_cannot_hold(run_cli):
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    out = run_cli.tmp / "out.urdf"
+    assert "J2 sag under link 2" in run_cli("export", "17", out).err
     errors = np.zeros((6, 5))
     errors[1, 0], errors[2, 2] = 2e-3, -3e-4
     found = read_urdf(out.read_text(), tip_link="flange").model
-    assert np.allclose(reach(found), reach(UR.with_dh_errors(errors)), atol=1e-12)
+    assert np.allclose(arm_reach_m(found), arm_reach_m(UR.with_dh_errors(errors)), atol=1e-12)
 
 
-def test_a_flange_that_a_table_cannot_hold_is_said(cli):
+def test_a_flange_that_a_table_cannot_hold_is_reported(run_cli):
     found = [{"name": "J6 beta", "unit": "rad", "value": 1e-3, "sigma": 1e-5, "prior": 1e-2}]
-    file = identification(cli, parameters=found)
-    cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    words = cli("export", "17", cli.tmp / "c.conf", "--format", "calibration-conf").err
+    file = identification_file(run_cli, parameters=found)
+    run_cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    words = run_cli("export", "17", run_cli.tmp / "c.conf", "--format", "calibration-conf").err
     assert "put it into the tool" in words
     assert "0.05730" in words  # deg about y
 
 
-def test_versions_are_listed_compared_and_restored(cli):
-    factory_imported(cli)
-    cli("import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    changes = json.loads(cli("diff", "17", "--json").out)["changes"]
+def test_versions_are_listed_compared_and_restored(run_cli):
+    factory_imported(run_cli)
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    changes = json.loads(run_cli("diff", "17", "--json").out)["changes"]
     offset = next(c for c in changes if c["name"] == "J2 offset")
     assert offset["after"] == 2e-3
     assert offset["difference"] == pytest.approx(2e-3 - offset["before"])
-    cli("rollback", "17", "1", "--by", "Grace", "--note", "worse")
-    listed = json.loads(cli("list", "17", "--json").out)["parameter_sets"]
+    run_cli("rollback", "17", "1", "--by", "Grace", "--note", "worse")
+    listed = json.loads(run_cli("list", "17", "--json").out)["parameter_sets"]
     assert [item["version"] for item in listed] == [1, 2, 3]
     assert listed[2]["rolls_back_to"] == 1
-    same = json.loads(cli("diff", "17", "--before", "1", "--after", "3", "--json").out)
+    same = json.loads(run_cli("diff", "17", "--before", "1", "--after", "3", "--json").out)
     assert same["changes"] == []
-    newest = json.loads(cli("list", "--json").out)["parameter_sets"]
+    newest = json.loads(run_cli("list", "--json").out)["parameter_sets"]
     assert [(item["robot_serial"], item["version"]) for item in newest] == [("17", 3)]
 
 
-def test_tables_for_people_hold_millimetres_and_degrees(cli):
-    cli("import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    shown = cli("show", "17").out
+def test_readable_tables_hold_millimetres_and_degrees(run_cli):
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    shown = run_cli("show", "17").out
     assert "+0.11459" in shown
     assert "-0.30000" in shown
-    assert "17" in cli("list").out
+    assert "17" in run_cli("list").out
     found = [{"name": "J3 a", "unit": "m", "value": 0.0, "sigma": 1e-5, "prior": 1e-3}]
-    file = identification(cli, parameters=found)
-    cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    assert "+0.30000" in cli("diff", "17").out
+    file = identification_file(run_cli, parameters=found)
+    run_cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    assert "+0.30000" in run_cli("diff", "17").out
 
 
-def test_a_set_goes_to_another_house_as_its_own_file(cli):
-    cli("import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    out = cli.tmp / "set.toml"
-    cli("export", "17", out, "--format", "toml")
-    cli("import", out, "--robot", "ur10e", "--serial", "18", "--by", "Grace")
-    sets = ParameterSets(cli.folder)
+def test_a_set_is_exported_as_its_own_file(run_cli):
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    out = run_cli.tmp / "set.toml"
+    run_cli("export", "17", out, "--format", "toml")
+    run_cli("import", out, "--robot", "ur10e", "--serial", "18", "--by", "Grace")
+    sets = ParameterSets(run_cli.folder)
     assert sets.load_set("18").values == sets.load_set("17").values
     assert "parameter set 17 version 1" in sets.load_set("18").source
 
 
-def test_kinematics_of_another_arm_are_refused(cli):
-    factory_imported(cli)
+def test_kinematics_of_another_arm_are_refused(run_cli):
+    factory_imported(run_cli)
     foreign = RosKinematics(ros_frames(UR), UrKinematics(UR.dh).factory_hash)
-    file = written(cli.tmp / "other.yaml", write_ros_kinematics(foreign))
+    file = write_text(run_cli.tmp / "other.yaml", write_ros_kinematics(foreign))
     with pytest.raises(CalibrationError, match="another arm"):
-        cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    assert len(ParameterSets(cli.folder).load_history("17")) == 1
+        run_cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    assert len(ParameterSets(run_cli.folder).load_history("17")) == 1
 
 
-def test_a_table_that_is_not_linearised_is_said(cli):
+def test_a_table_that_is_not_linearised_is_reported(run_cli):
     doubtful = UrKinematics(ABSOLUTE, (), 1)
-    conf = written(cli.tmp / "c.conf", write_calibration_conf(doubtful, UR))
-    assert "not linearised" in cli("import", conf, "--robot", "ur10e", "--serial", "17", "--by", "Ada").err
+    conf = write_text(run_cli.tmp / "c.conf", write_calibration_conf(doubtful, UR))
+    assert (
+        "not linearised" in run_cli("import", conf, "--robot", "ur10e", "--serial", "17", "--by", "Ada").err
+    )
 
 
-def test_a_description_keeps_everything_but_the_joints(cli):
+def test_a_description_keeps_everything_but_the_joints(run_cli):
     template = bare_urdf(UR).replace('<link name="link_2" />', '<link name="link_2"><!-- mesh --></link>')
     # Frames that lie elsewhere on the same axes, as ROS has them.
     shifted = RosKinematics(ros_frames(UR), "calib_0")
-    factory_imported(cli)
-    file = written(cli.tmp / "arm.urdf", _ros_description(shifted))
-    cli("export", "17", cli.tmp / "a.urdf", "--template", file, "--tip-link", "tool0")
-    found = read_urdf((cli.tmp / "a.urdf").read_text(), tip_link="tool0").model
-    assert np.allclose(reach(found), reach(ARM), rtol=0, atol=1e-9)
-    plain = written(cli.tmp / "bare.urdf", template)
-    cli("export", "17", cli.tmp / "b.urdf", "--template", plain)
+    factory_imported(run_cli)
+    file = write_text(run_cli.tmp / "arm.urdf", _ros_description(shifted))
+    run_cli("export", "17", run_cli.tmp / "a.urdf", "--template", file, "--tip-link", "tool0")
+    found = read_urdf((run_cli.tmp / "a.urdf").read_text(), tip_link="tool0").model
+    assert np.allclose(arm_reach_m(found), arm_reach_m(ARM), rtol=0, atol=1e-9)
+    plain = write_text(run_cli.tmp / "bare.urdf", template)
+    run_cli("export", "17", run_cli.tmp / "b.urdf", "--template", plain)
     assert np.allclose(
-        reach(read_urdf((cli.tmp / "b.urdf").read_text(), tip_link="flange").model), reach(ARM)
+        arm_reach_m(read_urdf((run_cli.tmp / "b.urdf").read_text(), tip_link="flange").model),
+        arm_reach_m(ARM),
     )
 
 
@@ -225,47 +246,49 @@ def _ros_description(kinematics):
     return "".join([*lines, "</robot>"])
 
 
-def test_a_description_of_another_robot_is_refused(cli):
-    factory_imported(cli)
-    file = written(cli.tmp / "other.urdf", bare_urdf(load_model("ur5e")))
+def test_a_description_of_another_robot_is_refused(run_cli):
+    factory_imported(run_cli)
+    file = write_text(run_cli.tmp / "other.urdf", bare_urdf(load_model("ur5e")))
     with pytest.raises(CalibrationError, match="not where"):
-        cli("export", "17", cli.tmp / "a.urdf", "--template", file)
-    assert not (cli.tmp / "a.urdf").exists()
+        run_cli("export", "17", run_cli.tmp / "a.urdf", "--template", file)
+    assert not (run_cli.tmp / "a.urdf").exists()
 
 
-def test_what_cannot_be_done_is_said_before_anything_is_written(cli):
-    cli("import", identification(cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
-    taken = written(cli.tmp / "taken", "mine")
+def test_an_impossible_export_is_refused_before_anything_is_written(run_cli):
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    taken = write_text(run_cli.tmp / "taken", "mine")
     for words, match in (
         (("export", "17", taken), "there already"),
-        (("export", "17", cli.tmp / "x", "--format", "docx"), "no format"),
-        (("export", "17", cli.tmp / "x", "--format", "ros-yaml"), "calibration.conf first"),
-        (("import", cli.tmp / "nothing", "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no file"),
+        (("export", "17", run_cli.tmp / "x", "--format", "docx"), "no format"),
+        (("export", "17", run_cli.tmp / "x", "--format", "ros-yaml"), "calibration.conf first"),
+        (("import", run_cli.tmp / "nothing", "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no file"),
         (("import", taken, "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no kinematics|impossible"),
         (
-            ("import", identification(cli), "--robot", "ur5e", "--serial", "17", "--by", "Ada"),
+            ("import", identification_file(run_cli), "--robot", "ur5e", "--serial", "17", "--by", "Ada"),
             "not of a ur5e",
         ),
         (("show", "99"), "no parameter sets"),
     ):
         with pytest.raises(CalibrationError, match=match):
-            cli(*words)
+            run_cli(*words)
     assert taken.read_text() == "mine"
-    assert not (cli.tmp / "x").exists()
+    assert not (run_cli.tmp / "x").exists()
 
 
-def test_a_makers_form_is_for_the_makers_arms(cli):
+def test_a_makers_form_is_for_the_makers_arms(run_cli):
     found = [{"name": "J2 offset", "unit": "rad", "value": 1e-3, "sigma": 1e-5, "prior": 1e-2}]
-    file = identification(cli, robot="fanuc_m6ib", parameters=found)
-    cli("import", file, "--robot", "fanuc_m6ib", "--serial", "F1", "--by", "Ada")
+    file = identification_file(run_cli, robot="fanuc_m6ib", parameters=found)
+    run_cli("import", file, "--robot", "fanuc_m6ib", "--serial", "F1", "--by", "Ada")
     with pytest.raises(CalibrationError, match="Universal Robots"):
-        cli("export", "F1", cli.tmp / "x", "--format", "calibration-conf")
+        run_cli("export", "F1", run_cli.tmp / "x", "--format", "calibration-conf")
     with pytest.raises(CalibrationError, match="couples"):
-        cli("export", "F1", cli.tmp / "x")
-    cli("export", "F1", cli.tmp / "x", "--geometric-joints")
+        run_cli("export", "F1", run_cli.tmp / "x")
+    run_cli("export", "F1", run_cli.tmp / "x", "--geometric-joints")
     model = load_model("fanuc_m6ib")
     errors = np.zeros((6, 5))
     errors[1, 0] = 1e-3
     geometric = JOINTS @ model.joint_coupling.T
-    written_arm = read_urdf((cli.tmp / "x").read_text(), tip_link="flange").model
-    assert np.allclose(written_arm.base_flange(geometric), reach(model.with_dh_errors(errors)), atol=1e-12)
+    written_arm = read_urdf((run_cli.tmp / "x").read_text(), tip_link="flange").model
+    assert np.allclose(
+        written_arm.base_flange(geometric), arm_reach_m(model.with_dh_errors(errors)), atol=1e-12
+    )

@@ -35,7 +35,7 @@ JOINTS = np.random.default_rng(0).uniform(-3, 3, (50, 6))
 ONE = (ParameterValue("J2 offset", "rad", 1.25e-4, 3e-6),)
 
 
-def draft(values=ONE, **changes):
+def draft_set(values=ONE, **changes):
     fields = {
         "robot_serial": "2022-17",
         "model": "ur10e",
@@ -61,13 +61,13 @@ values = st.builds(
 
 @given(st.lists(values, min_size=1, max_size=4, unique_by=lambda v: v.name), words, words)
 def test_what_is_written_comes_back_bit_for_bit(some, who, why):
-    item = draft(some, made_by=who, note=why, version=3, rolls_back_to=1)
+    item = draft_set(some, made_by=who, note=why, version=3, rolls_back_to=1)
     assert parse_set(to_text(item)) == item
 
 
 def test_units_stand_in_the_names():
     text = to_text(
-        draft(
+        draft_set(
             [ParameterValue("J2 sag under link 2", "rad/m", 1e-5), ParameterValue("J3 a", "m", -2e-4, 1e-5)]
         )
     )
@@ -92,7 +92,7 @@ def test_units_stand_in_the_names():
     ],
 )
 def test_a_file_that_was_touched_is_refused(old, new, words):
-    text = to_text(draft(version=1))
+    text = to_text(draft_set(version=1))
     changed = text.replace(old, new, 1)
     assert changed != text
     with pytest.raises(ParameterSetError, match=words):
@@ -101,8 +101,8 @@ def test_a_file_that_was_touched_is_refused(old, new, words):
 
 def test_versions_follow_each_other(tmp_path):
     sets = ParameterSets(tmp_path)
-    first = sets.save_draft(draft())
-    second = sets.save_draft(draft([ParameterValue("J2 offset", "rad", 2e-4, 4e-6)]))
+    first = sets.save_draft(draft_set())
+    second = sets.save_draft(draft_set([ParameterValue("J2 offset", "rad", 2e-4, 4e-6)]))
     assert (first.version, second.version) == (1, 2)
     assert second.previous_sha256 == first.sha256
     assert sets.load_history("2022-17") == (first, second)
@@ -113,8 +113,8 @@ def test_versions_follow_each_other(tmp_path):
 
 def test_going_back_is_a_new_version_that_names_the_old_one(tmp_path):
     sets = ParameterSets(tmp_path)
-    first = sets.save_draft(draft())
-    sets.save_draft(draft([ParameterValue("J2 offset", "rad", 9e-4)]))
+    first = sets.save_draft(draft_set())
+    sets.save_draft(draft_set([ParameterValue("J2 offset", "rad", 9e-4)]))
     back = sets.roll_back(
         "2022-17", 1, made_by="Grace", made_at="2026-12-01T00:00:00+00:00", note="worse in check"
     )
@@ -128,34 +128,34 @@ def test_going_back_is_a_new_version_that_names_the_old_one(tmp_path):
 def test_a_missing_or_foreign_version_breaks_the_chain(tmp_path):
     sets = ParameterSets(tmp_path)
     for size in (1e-4, 2e-4, 3e-4):
-        sets.save_draft(draft([ParameterValue("J2 offset", "rad", size)]))
+        sets.save_draft(draft_set([ParameterValue("J2 offset", "rad", size)]))
     folder = tmp_path / "2022-17"
-    kept = (folder / "v0002.toml").read_text()
+    version_text = (folder / "v0002.toml").read_text()
     (folder / "v0002.toml").unlink()
     with pytest.raises(ParameterSetError, match="missing"):
         sets.load_set("2022-17")
-    foreign = draft([ParameterValue("J2 offset", "rad", 7e-4)], version=2)
+    foreign = draft_set([ParameterValue("J2 offset", "rad", 7e-4)], version=2)
     (folder / "v0002.toml").write_text(to_text(foreign))
     with pytest.raises(ParameterSetError, match="does not follow"):
         sets.load_set("2022-17")
-    (folder / "v0002.toml").write_text(kept)
+    (folder / "v0002.toml").write_text(version_text)
     assert len(sets.load_history("2022-17")) == 3
 
 
-def test_a_version_that_somebody_else_writes_meanwhile_is_not_overwritten(tmp_path, monkeypatch):
+def test_a_version_written_concurrently_is_not_overwritten(tmp_path, monkeypatch):
     sets = ParameterSets(tmp_path)
-    sets.save_draft(draft())
-    theirs = draft([ParameterValue("J2 offset", "rad", 5e-4)])
+    sets.save_draft(draft_set())
+    theirs = draft_set([ParameterValue("J2 offset", "rad", 5e-4)])
     link = os.link
 
-    def slower(source, target):
+    def link_after_other(source, target):
         monkeypatch.setattr(os, "link", link)
         ParameterSets(tmp_path).save_draft(theirs)
         link(source, target)
 
-    monkeypatch.setattr(os, "link", slower)
+    monkeypatch.setattr(os, "link", link_after_other)
     with pytest.raises(ParameterSetError, match="somebody else"):
-        sets.save_draft(draft([ParameterValue("J2 offset", "rad", 6e-4)]))
+        sets.save_draft(draft_set([ParameterValue("J2 offset", "rad", 6e-4)]))
     assert sets.load_set("2022-17").values == theirs.values
     assert {item.name for item in (tmp_path / "2022-17").iterdir()} == {"v0001.toml", "v0002.toml"}
 
@@ -163,7 +163,7 @@ def test_a_version_that_somebody_else_writes_meanwhile_is_not_overwritten(tmp_pa
 @pytest.mark.parametrize("serial", ["", "..", "a/b", ".hidden", "x" * 65])
 def test_a_serial_cannot_leave_the_folder(tmp_path, serial):
     with pytest.raises(ParameterSetError, match="cannot name a robot"):
-        ParameterSets(tmp_path).save_draft(draft(robot_serial=serial))
+        ParameterSets(tmp_path).save_draft(draft_set(robot_serial=serial))
 
 
 def test_unknown_robots_and_versions_are_named(tmp_path):
@@ -171,20 +171,20 @@ def test_unknown_robots_and_versions_are_named(tmp_path):
     assert sets.robot_serials() == ()
     with pytest.raises(ParameterSetError, match="no parameter sets"):
         sets.load_set("17")
-    sets.save_draft(draft())
+    sets.save_draft(draft_set())
     with pytest.raises(ParameterSetError, match="versions 1 to 1"):
         sets.load_set("2022-17", 2)
 
 
 def test_a_difference_counts_in_standard_uncertainties():
-    before = draft(
+    before = draft_set(
         [
             ParameterValue("J2 offset", "rad", 1e-4, 3e-6),
             ParameterValue("J3 offset", "rad", 1e-4),
             ParameterValue("J1 d", "m", 1e-4),
         ]
     )
-    after = draft(
+    after = draft_set(
         [
             ParameterValue("J2 offset", "rad", 1.5e-4, 4e-6),
             ParameterValue("J3 offset", "rad", 2e-4),
@@ -207,20 +207,20 @@ def test_what_a_measurement_left_where_it_was_assumed_is_no_result():
         ]
     )
     assert (assumed.determined, found.determined) == (False, True)
-    text = to_text(draft([assumed, found]))
+    text = to_text(draft_set([assumed, found]))
     assert text.count("determined = false") == 1
     assert parse_set(text).values == (assumed, found)
     with pytest.raises(ParameterSetError, match="hash"):
         parse_set(text.replace("determined = false\n", ""))
     with pytest.raises(ParameterSetError, match="one unit"):
         parse_set(text.replace("determined = false", "determined = 0"))
-    (change,) = compare_sets(draft([replace(assumed, value=1e-3), found]), draft([assumed, found]))
+    (change,) = compare_sets(draft_set([replace(assumed, value=1e-3), found]), draft_set([assumed, found]))
     assert (change.is_determined, change.difference_in_sigmas) == (False, None)
 
 
 def test_an_empty_set_and_a_value_that_is_none_are_refused():
     with pytest.raises(ParameterSetError):
-        draft([])
+        draft_set([])
     with pytest.raises(ParameterSetError):
         ParameterValue("J1 d", "mm", 1.0)
     with pytest.raises(ParameterSetError):
@@ -231,7 +231,7 @@ def test_an_empty_set_and_a_value_that_is_none_are_refused():
 
 def test_a_factory_calibration_goes_through_a_set_unchanged():
     arm = factory_model(UR, ABSOLUTE)
-    found = calibrated_model(UR, parse_set(to_text(draft(values_of_model(UR, arm)))))
+    found = calibrated_model(UR, parse_set(to_text(draft_set(values_of_model(UR, arm)))))
     assert np.allclose(found.model.base_flange(JOINTS), arm.base_flange(JOINTS), rtol=0, atol=1e-13)
     assert found.left_out == ()
 
@@ -241,14 +241,14 @@ def test_a_rigid_model_says_what_it_cannot_hold():
         IdentifiedParameter("J2 offset", "rad", 1e-3, 1e-5, 1e-2),
         IdentifiedParameter("J2 sag under link 2", "rad/m", 1e-3, 1e-5, 1e-2),
     ]
-    found = calibrated_model(UR, draft(values_of_identification(identified)))
+    found = calibrated_model(UR, draft_set(values_of_identification(identified)))
     assert found.left_out == ("J2 sag under link 2",)
     moved = JOINTS + np.array([0, 1e-3, 0, 0, 0, 0])
     assert np.allclose(found.model.base_flange(JOINTS), UR.base_flange(moved), atol=1e-13)
 
 
 def test_a_set_of_another_nominal_model_is_refused():
-    item = draft()
+    item = draft_set()
     with pytest.raises(ParameterSetError, match="nominal"):
         calibrated_model(load_model("ur10"), item)
     with pytest.raises(ParameterSetError, match="nominal"):

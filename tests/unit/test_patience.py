@@ -7,7 +7,7 @@ import pytest
 from cellcal.drivers.wire.move_timeout import MoveTimeout
 
 
-def takes(overrides, step_s: float = 0.1) -> float:
+def patience_end_s(overrides, step_s: float = 0.1) -> float:
     """Return when patience ends that looks at one override after the other, and at the last one for ever."""
     patience, now_s, number = MoveTimeout(2.0, 1.0, 100.0), 100.0, 0
     while not patience.has_expired(now_s, overrides[min(number, len(overrides) - 1)]):
@@ -30,4 +30,4 @@ def takes(overrides, step_s: float = 0.1) -> float:
     ],
 )
 def test_the_time_of_a_move_is_counted_as_the_override_lets_it_pass(overrides, seconds):
-    assert takes(overrides) == pytest.approx(seconds, abs=0.25)
+    assert patience_end_s(overrides) == pytest.approx(seconds, abs=0.25)

@@ -18,14 +18,14 @@ from tests.unit.helpers.place_cases import lose_places
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL
 
 
-def robot(loss):
+def robot_of(loss):
     return DRIVE, loss.record.counts_at_zero
 
 
 def test_touched_points_give_whole_turns_back_and_the_others_confirm_them():
     for seed in range(2):
         loss = lose_places(seed, 9)
-        found = loss.recover(range(6))
+        found = loss.recover_turns(range(6))
         assert (found.mode, found.accepted) == ("turns", True), found.reason
         assert found.turns == tuple(loss.true_turns.astype(int))
         rest = [loss.again[k] for k in (6, 7, 8)]
@@ -40,14 +40,14 @@ def test_touched_points_give_whole_turns_back_and_the_others_confirm_them():
 def test_a_keyed_seat_taken_twice_gives_whole_turns_back():
     for seed in range(2):
         loss = lose_places(seed, 1, kind="seat")
-        found = loss.recover([0, 0])
+        found = loss.recover_turns([0, 0])
         assert (found.mode, found.accepted) == ("turns", True), found.reason
         assert found.turns == tuple(loss.true_turns.astype(int))
 
 
 def test_one_seat_once_is_too_little_to_notice_a_mistake():
     loss = lose_places(1, 1, kind="seat")
-    assert not loss.recover([0]).accepted
+    assert not loss.recover_turns([0]).accepted
 
 
 def test_an_exchanged_motor_lies_inside_its_uncertainty():
@@ -55,7 +55,7 @@ def test_an_exchanged_motor_lies_inside_its_uncertainty():
     for seed in (0, 2, 5):
         loss = lose_places(seed, 8, fractions=np.eye(6)[seed] * 0.37)
         # A tip that moved looks like a new J6, so that only a report tells them apart.
-        found = loss.recover(range(8), replaced_axes=[5] if seed == 5 else [])
+        found = loss.recover_turns(range(8), replaced_axes=[5] if seed == 5 else [])
         assert (found.mode, found.replaced_axes) == ("motor", (seed,)), found.reason
         off = DRIVE.radians_per_turn() @ (np.array(found.offset_turns) - loss.true_turns)
         inside.append(abs(off[seed]) <= found.offset_u_rad[seed])
@@ -65,19 +65,19 @@ def test_an_exchanged_motor_lies_inside_its_uncertainty():
 def test_a_bent_arm_is_no_recovery():
     for seed in range(2):
         bend = {2: np.array([0.006, 0.002, 0.003, 0.004, 0.0]), 4: np.array([0.005, 0.0, -0.003, 0.006, 0.0])}
-        found = lose_places(seed, 8, crash=bend).recover(range(8))
+        found = lose_places(seed, 8, crash=bend).recover_turns(range(8))
         assert not found.accepted
 
 
 def test_more_places_tell_more_and_the_best_are_chosen_first():
     loss = lose_places(2, 9)
-    sigmas = [predict_places(MODEL, loss.kit, robot(loss), range(k))[1] for k in (3, 6, 9)]
+    sigmas = [predict_places(MODEL, loss.kit, robot_of(loss), range(k))[1] for k in (3, 6, 9)]
     assert (sigmas[0] >= sigmas[1]).all()
     assert (sigmas[1] >= sigmas[2]).all()
-    best = choose_places(MODEL, loss.kit, robot(loss), 6)
+    best = choose_places(MODEL, loss.kit, robot_of(loss), 6)
     assert len(set(best)) == 6
     spread = np.abs(np.diag(DRIVE.radians_per_turn()))
-    chosen = predict_places(MODEL, loss.kit, robot(loss), best)[1] * spread
+    chosen = predict_places(MODEL, loss.kit, robot_of(loss), best)[1] * spread
     assert np.sum(chosen**2) <= np.sum((sigmas[1] * spread) ** 2) * 1.01
     assert chosen.max() < np.deg2rad(0.5)
 
@@ -90,15 +90,15 @@ def test_places_left_for_checking_are_never_fitted():
         places_to_fit(loss.record)
 
 
-def test_places_that_nobody_recorded_and_too_few_nests_are_refused():
+def test_unrecorded_places_and_too_few_nests_are_refused():
     loss = lose_places(4, 6)
     stranger = replace(loss.again[0], place=77)
     with pytest.raises(CalibrationError, match="77"):
-        PlaceProblem(MODEL, loss.kit, robot(loss), [stranger])
-    seen = PlaceCapture("target", 0, loss.kit.places[0].counts, 1e-4, 0.0, (1.0, 0.0, 0.0))
+        PlaceProblem(MODEL, loss.kit, robot_of(loss), [stranger])
+    target_capture = PlaceCapture("target", 0, loss.kit.places[0].counts, 1e-4, 0.0, (1.0, 0.0, 0.0))
     others = [
-        replace(seen, place=k, counts=place.counts, seen_m=(float(k), float(k * k), 1.0))
+        replace(target_capture, place=k, counts=place.counts, seen_m=(float(k), float(k * k), 1.0))
         for k, place in enumerate(loss.kit.places)
     ]
     with pytest.raises((DegenerateDataError, CalibrationError)):
-        PlaceProblem(MODEL, replace(loss.kit, places=tuple(others)), robot(loss), [seen])
+        PlaceProblem(MODEL, replace(loss.kit, places=tuple(others)), robot_of(loss), [target_capture])

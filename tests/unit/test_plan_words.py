@@ -9,7 +9,7 @@ from cellcal.procedures.motion.plan_words import PER_POSE_S, PlanTour, plan_word
 from cellcal.procedures.motion.speed_limit import TimedMotion
 
 
-def test_three_lines_and_what_nobody_checked() -> None:
+def test_a_plan_has_three_lines_and_names_what_was_not_checked() -> None:
     words = plan_words(
         "the robot, to 3 poses", PlanTour(3, TimedMotion(math.pi, 60.0, 0.1)), ("no workspace box known",)
     )
@@ -21,13 +21,13 @@ def test_three_lines_and_what_nobody_checked() -> None:
     assert lines[3].endswith("May it move?")
 
 
-def test_time_counts_the_stops_and_names_the_hands() -> None:
+def test_time_counts_the_stops_and_names_manual_steps() -> None:
     tour = PlanTour(10, TimedMotion(15.0, 30.0, 0.5), "hang the hook into each point")
     assert tour.duration_min == (30.0 + 10 * PER_POSE_S) / 60.0
     assert "hang the hook" in plan_words("the robot", tour, ())
 
 
-def test_every_procedure_that_asks_for_a_plan_tells_it_so() -> None:
+def test_every_procedure_that_asks_for_a_plan_uses_plan_words() -> None:
     room = Path(procedures.__file__).parent
     asking = [path for path in room.rglob("*.py") if re.search(r'"accept_plan"', path.read_text("utf-8"))]
     assert len(asking) >= 6

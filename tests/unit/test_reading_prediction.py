@@ -29,12 +29,12 @@ SERIES = {
 }
 
 
-def predicted(rows, fitted, others, **options):
+def predict_others(rows, fitted, others, **options):
     found = identify_arm(UR10, rows.take(fitted), options=IdentificationOptions(find_breaks=False, **options))
     test = rows.take(others)
-    told = predict_readings(found, test.joints_rad)
-    missed = np.linalg.norm(test.positions_m - told.positions_m, axis=1)
-    return found, told, missed
+    predictions = predict_readings(found, test.joints_rad)
+    missed = np.linalg.norm(test.positions_m - predictions.positions_m, axis=1)
+    return found, predictions, missed
 
 
 @pytest.mark.parametrize("series", ["B", "C"])
@@ -43,13 +43,15 @@ def test_held_out_rows_of_a_real_arm_are_inside_what_is_stated(series, residual_
     rows = prepare_measurements(SERIES[series], UR10, ReadOptions()).observations
     order = np.random.default_rng(3).permutation(len(rows))
     fitted, others = np.sort(order[:200]), order[200:]
-    _, told, missed = predicted(rows, fitted, others, level=GRAVITY, residual_model=residual_model)
-    inside = missed < told.expanded_m
+    _, predictions, missed = predict_others(
+        rows, fitted, others, level=GRAVITY, residual_model=residual_model
+    )
+    inside = missed < predictions.expanded_m
     assert 0.9 < inside.mean() < 0.99
     assert (
-        inside.mean() > 3 * (missed < told.parameters_expanded_m).mean()
+        inside.mean() > 3 * (missed < predictions.parameters_expanded_m).mean()
     )  # the parameters alone promise too much
-    assert np.median(told.expanded_m) < 1.5 * np.percentile(missed, 95)
+    assert np.median(predictions.expanded_m) < 1.5 * np.percentile(missed, 95)
 
 
 @pytest.mark.parametrize(("series", "joint"), [("B", 1), ("C", 1), ("C", 3)])
@@ -58,9 +60,9 @@ def test_half_of_a_joints_range_does_not_promise_the_other_half(series, joint):
     some = rows.select_rows(np.arange(0, len(rows), 3))
     angle = some.joints_rad[:, joint]
     below, above = np.flatnonzero(angle < np.median(angle)), np.flatnonzero(angle >= np.median(angle))
-    _, told, missed = predicted(some, below, above, level=GRAVITY)
-    assert (missed < told.expanded_m).mean() > 0.9
-    assert told.far.mean() > 0.5
+    _, predictions, missed = predict_others(some, below, above, level=GRAVITY)
+    assert (missed < predictions.expanded_m).mean() > 0.9
+    assert predictions.far.mean() > 0.5
 
 
 def test_with_a_complete_model_95_percent_are_95_percent():
@@ -73,11 +75,13 @@ def test_with_a_complete_model_95_percent_are_95_percent():
         rng = np.random.default_rng(100 + seed)
         joints = random_joints(UR10, rng, 200)
         truth = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3]
-        told = predict_readings(found, joints)
+        predictions = predict_readings(found, joints)
         read = truth + 5e-5 * rng.standard_normal((200, 3))
-        inside.append(float((np.linalg.norm(read - told.positions_m, axis=1) < told.expanded_m).mean()))
-        off = np.linalg.norm(truth - told.positions_m, axis=1)
-        alone.append(float((off < told.parameters_expanded_m).mean()))
+        inside.append(
+            float((np.linalg.norm(read - predictions.positions_m, axis=1) < predictions.expanded_m).mean())
+        )
+        off = np.linalg.norm(truth - predictions.positions_m, axis=1)
+        alone.append(float((off < predictions.parameters_expanded_m).mean()))
     assert 0.935 < np.mean(inside) < 0.97
     assert 0.91 < np.mean(alone) < 0.985
 
@@ -89,9 +93,11 @@ def test_a_wire_states_its_reading_in_space_too():
         simulated.observations,
         options=IdentificationOptions(level=GEOMETRY, find_breaks=False),
     )
-    told = predict_readings(found, random_joints(simulated.model, np.random.default_rng(9), 50, reach=1.0))
-    assert np.isfinite(told.expanded_m).all()
-    assert (told.expanded_m > told.parameters_expanded_m).all()
+    predictions = predict_readings(
+        found, random_joints(simulated.model, np.random.default_rng(9), 50, reach=1.0)
+    )
+    assert np.isfinite(predictions.expanded_m).all()
+    assert (predictions.expanded_m > predictions.parameters_expanded_m).all()
 
 
 @pytest.mark.parametrize("simulate", [tracker_points, wire_lengths])
@@ -104,14 +110,14 @@ def test_derivatives_of_a_tip_are_those_of_differences(simulate):
     )
     fit, joints = found.robust.fit, simulated.observations.joints_rad[:7]
 
-    def places(state):
+    def tip_of_state(state):
         from cellcal.calibration.arm.joint_terms import term_values
 
         values = term_values(state.nominal, joints, state.terms)
         return state.seen_from(0).base_flange(state.moved_joints(joints, values))[:, :3, 3]
 
     assert tip_slopes(fit.layout, fit.state, joints) == pytest.approx(
-        _parameter_slopes(fit, places).transpose(0, 2, 1), abs=2e-6
+        _parameter_slopes(fit, tip_of_state).transpose(0, 2, 1), abs=2e-6
     )
 
 
@@ -153,8 +159,8 @@ def test_poses_are_predicted_as_points_are():
         UR10, some, options=IdentificationOptions(level=GEOMETRY, find_breaks=False, judge=False)
     )
     assert not len(found.judgement.held_out_m)  # judged when it is asked for
-    told = predict_readings(found, some.joints_rad)
-    assert (told.expanded_m > 3e-4).all()
+    predictions = predict_readings(found, some.joints_rad)
+    assert (predictions.expanded_m > 3e-4).all()
     grouping = group_rows(some.joints_rad)
     again = predict_readings(replace(found, grouping=grouping), some.joints_rad)
-    assert again.expanded_m == pytest.approx(told.expanded_m)
+    assert again.expanded_m == pytest.approx(predictions.expanded_m)

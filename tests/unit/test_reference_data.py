@@ -14,7 +14,7 @@ from cellcal.service.engineering.bench.reference_solvers import SOLVERS
 from tests.unit.helpers import reference_solver
 
 
-def numbers(value):
+def numbers_in(value):
     return np.array(value, dtype=float)
 
 
@@ -27,13 +27,13 @@ def test_every_file_is_made_and_solved_and_no_other():
 @pytest.mark.parametrize("name", reference_names())
 def test_the_independent_solver_makes_the_answers_again(name):
     document = load_reference(name)
-    again = reference_solver.answers(name, document["given"])
+    again = reference_solver.answer_problem(name, document["given"])
     assert again.keys() == document["answers"].keys()
     for key, value in again.items():
         # Beyond a double: decimals as they stand in the file.
         assert (
             value == document["answers"][key]
-            or np.abs(numbers(value) - numbers(document["answers"][key])).max() < 1e-20
+            or np.abs(numbers_in(value) - numbers_in(document["answers"][key])).max() < 1e-20
         )
 
 
@@ -63,23 +63,23 @@ def test_every_problem_is_posed_in_every_way_that_it_can_be():
 def test_a_wrong_answer_fails(name):
     document = json.loads(json.dumps(load_reference(name)))
     key = next(iter(document["answers"]))
-    spoilt = numbers(document["answers"][key])
+    spoilt = numbers_in(document["answers"][key])
     spoilt[(0,) * spoilt.ndim] += 3 * document["tolerance"] if spoilt.dtype.kind == "f" else 1
     document["answers"][key] = spoilt.tolist()
     assert not all(each.passed for each in check_problem(document, name) if each.answer == key)
 
 
 def test_an_answer_that_is_no_number_fails(monkeypatch):
-    monkeypatch.setitem(reference.SOLVERS, "dh", lambda given: {"flanges": np.full((3, 4, 4), np.nan)})
+    monkeypatch.setitem(reference.SOLVERS, "dh", lambda inputs: {"flanges": np.full((3, 4, 4), np.nan)})
     assert not any(each.passed for each in check_problem(load_reference("dh"), "dh"))
 
 
 def test_the_problems_are_worth_solving():
-    given = load_reference("turn_loss")
-    rounded = np.rint(numbers(given["answers"]["real_turns"]))
-    assert (rounded != numbers(given["answers"]["turns"])).any(), "rounding is not enough"
-    given = load_reference("compensation")
-    moved = numbers(given["answers"]["joints_rad"]) - numbers(given["given"]["joints_rad"])
+    inputs = load_reference("turn_loss")
+    rounded = np.rint(numbers_in(inputs["answers"]["real_turns"]))
+    assert (rounded != numbers_in(inputs["answers"]["turns"])).any(), "rounding is not enough"
+    inputs = load_reference("compensation")
+    moved = numbers_in(inputs["answers"]["joints_rad"]) - numbers_in(inputs["given"]["joints_rad"])
     assert np.abs(moved).max() > 1e-3
     for name, key in (
         ("plane", "rms_m"),
@@ -101,9 +101,9 @@ def test_the_command_prints_every_comparison_and_says_how_it_ended(tmp_path, cap
 
 
 def test_the_command_fails_loudly(monkeypatch, capsys):
-    def wrong(given):
+    def wrong_answers(inputs):
         return {"flanges": np.zeros((3, 4, 4))}
 
-    monkeypatch.setitem(reference.SOLVERS, "dh", wrong)
+    monkeypatch.setitem(reference.SOLVERS, "dh", wrong_answers)
     assert run_command_line(["bench", "--reference", "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["passed"] is False

@@ -62,7 +62,7 @@ DOCUMENT = {
 }
 
 
-def register(kind: str, words: int, unit: str = "", multiply: float = 1.0) -> RobotRegister:
+def make_register(kind: str, words: int, unit: str = "", multiply: float = 1.0) -> RobotRegister:
     return RobotRegister.model_validate({
         "address": 1, "words": words, "type": kind, "unit": unit, "multiply": multiply,
         "access": "read_write", "source": "here",
@@ -120,20 +120,20 @@ def test_alarms_lie_a_hundred_words_apart() -> None:
     ],
 )
 def test_golden_words(kind: str, unit: str, words: tuple[int, ...], values: tuple[float, ...]) -> None:
-    found = register(kind, len(words), unit)
+    found = make_register(kind, len(words), unit)
     assert decode_words(found, words) == pytest.approx(values, rel=1e-12)
     assert encode_values(found, values) == words
 
 
 def test_a_multiplied_integer_is_divided() -> None:
-    found = register("int32", 2, "mm", multiply=1000)
+    found = make_register("int32", 2, "mm", multiply=1000)
     assert decode_words(found, (1500, 0)) == pytest.approx((1.5e-3,))
     assert encode_values(found, (1.5e-3,)) == (1500, 0)
 
 
 def test_text_has_its_low_byte_first_and_ends_at_nul() -> None:
     words = (0x2D46, 0x3031, 0x3734, 0x3131, 0x0000, 0x4141)  # "F-", "10", "47", "11", end, rubbish
-    assert decode_text(register("text", 6), words) == "F-104711"
+    assert decode_text(make_register("text", 6), words) == "F-104711"
 
 
 @pytest.mark.parametrize(
@@ -149,13 +149,13 @@ def test_text_has_its_low_byte_first_and_ends_at_nul() -> None:
 )
 def test_words_that_are_no_value_are_refused(kind: str, words: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"."):
-        decode_words(register(kind, 2), words)
+        decode_words(make_register(kind, 2), words)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 2.0**31, -(2.0**31) - 1])
 def test_values_that_do_not_fit_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match=r"."):
-        encode_values(register("int32", 2), (value,))
+        encode_values(make_register("int32", 2), (value,))
 
 
 @given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=6, max_size=6))

@@ -17,7 +17,7 @@ POINTS = RNG.uniform(-1, 1, (8, 3))
 TRUTH = homogeneous_matrix(exp_rotation(np.array([0.4, -1.3, 2.2])), np.array([2.0, -1.0, 0.5]))
 
 
-def carried(points, matrix=TRUTH):
+def transform_points(points, matrix=TRUTH):
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
@@ -29,30 +29,32 @@ def carried(points, matrix=TRUTH):
 )
 def test_exact_pairs_give_the_exact_transform(turn, shift, count):
     matrix = homogeneous_matrix(exp_rotation(np.array(turn)), np.array(shift))
-    fit = best_fit_transform(POINTS[:count], carried(POINTS[:count], matrix))
+    fit = best_fit_transform(POINTS[:count], transform_points(POINTS[:count], matrix))
     assert np.allclose(fit.target_source.to_matrix(), matrix, atol=1e-12)
     assert fit.max_m < 1e-12
 
 
 def test_three_points_in_a_plane_are_enough_and_no_reflection():
     flat = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.1, 0.4, 0]])
-    assert np.allclose(best_fit_transform(flat, carried(flat)).target_source.to_matrix(), TRUTH, atol=1e-12)
+    assert np.allclose(
+        best_fit_transform(flat, transform_points(flat)).target_source.to_matrix(), TRUTH, atol=1e-12
+    )
 
 
 def test_no_other_transform_is_closer():
-    target = carried(POINTS) + RNG.normal(scale=1e-2, size=POINTS.shape)
+    target = transform_points(POINTS) + RNG.normal(scale=1e-2, size=POINTS.shape)
     fit = best_fit_transform(POINTS, target)
-    least = ((carried(POINTS, fit.target_source.to_matrix()) - target) ** 2).sum()
+    least = ((transform_points(POINTS, fit.target_source.to_matrix()) - target) ** 2).sum()
     for axis in np.vstack([np.eye(6), -np.eye(6)]) * 1e-4:
         other = fit.target_source @ Pose.from_matrix(homogeneous_matrix(exp_rotation(axis[3:]), axis[:3]))
-        assert ((carried(POINTS, other.to_matrix()) - target) ** 2).sum() > least
+        assert ((transform_points(POINTS, other.to_matrix()) - target) ** 2).sum() > least
 
 
 def test_covariance_is_the_scatter_of_repeated_fits():
     twists, stated = [], None
     for seed in range(1500):
         noise = np.random.default_rng(seed).normal(scale=1e-3, size=POINTS.shape)
-        fit = best_fit_transform(POINTS, carried(POINTS) + noise, sigma_m=1e-3)
+        fit = best_fit_transform(POINTS, transform_points(POINTS) + noise, sigma_m=1e-3)
         twists.append(log_transform(np.linalg.inv(TRUTH) @ fit.target_source.to_matrix()))
         stated = np.array(fit.covariance)
     scatter = np.cov(np.array(twists).T)
@@ -60,14 +62,14 @@ def test_covariance_is_the_scatter_of_repeated_fits():
 
 
 def test_a_far_point_is_less_sure_than_one_among_the_measured():
-    fit = best_fit_transform(POINTS, carried(POINTS), sigma_m=1e-3)
+    fit = best_fit_transform(POINTS, transform_points(POINTS), sigma_m=1e-3)
     centre = POINTS.mean(axis=0)
     assert fit.sigma_at(centre) == pytest.approx(1e-3 * np.sqrt(3 / 8), rel=1e-6)
     assert fit.sigma_at(centre + np.array([5, 0, 0])) > 4 * fit.sigma_at(centre)
 
 
 def test_the_worst_pair_is_named():
-    target = carried(POINTS)
+    target = transform_points(POINTS)
     target[5] += [0, 0, 0.02]
     fit = best_fit_transform(POINTS, target)
     assert fit.worst_pair == 5
@@ -159,7 +161,7 @@ def test_lengths_that_fix_no_point_are_refused(stations, lengths):
 @pytest.mark.parametrize(
     "found",
     [
-        best_fit_transform(POINTS, carried(POINTS)),
+        best_fit_transform(POINTS, transform_points(POINTS)),
         trilaterate_point(STATIONS, LENGTHS),
         frame_from_three_points(*POINTS[:3], sigma_m=1e-4),
         locate_tool_point([Pose.from_matrix(exp_twist(np.array([0, 0, 0, *turn]))) for turn in np.eye(3)]),

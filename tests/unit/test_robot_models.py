@@ -28,7 +28,7 @@ NOMINAL = [
 ]
 
 
-def flange(name: str, degrees) -> np.ndarray:
+def flange_at(name: str, degrees) -> np.ndarray:
     return load_model(name).base_flange(np.deg2rad([degrees]))[0]
 
 
@@ -65,7 +65,7 @@ def test_the_ur_simulator_reports_the_same_pose():
     ],
 )
 def test_a_ur_at_zero_lies_along_minus_x(name, out_m, side_m, up_m):
-    matrix = flange(name, [0] * 6)
+    matrix = flange_at(name, [0] * 6)
     assert np.allclose(matrix[:3, 3], (out_m, side_m, up_m), atol=1e-12)
     assert np.allclose(matrix[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-12)
 
@@ -74,7 +74,7 @@ def test_a_ur_at_zero_lies_along_minus_x(name, out_m, side_m, up_m):
     ("name", "x_mm", "z_mm"), [("fanuc_m6ib", 150 + 615 + 100, 600 + 100), ("fanuc_r2000ic_165f", 1807, 1300)]
 )
 def test_a_fanuc_at_zero(name, x_mm, z_mm):
-    matrix = flange(name, [0] * 6)
+    matrix = flange_at(name, [0] * 6)
     assert np.allclose(matrix[:3, 3] * 1e3, (x_mm, 0, z_mm), atol=1e-9)
     assert np.allclose(np.rad2deg(values_from("fanuc_wpr", matrix[:3, :3])), (180, -90, 0), atol=1e-6)
 
@@ -90,7 +90,7 @@ def test_the_published_reach_of_the_wrist_centre(name, reach_mm):
 
 def test_a_fanuc_forearm_stays_level_when_only_j2_moves():
     """J3 is measured against the horizon."""
-    level, leaning = flange("fanuc_m6ib", [0] * 6), flange("fanuc_m6ib", [0, 30, 0, 0, 0, 0])
+    level, leaning = flange_at("fanuc_m6ib", [0] * 6), flange_at("fanuc_m6ib", [0, 30, 0, 0, 0, 0])
     assert np.allclose(level[:3, :3], leaning[:3, :3], atol=1e-12)
     assert np.allclose(leaning[:3, 3] - level[:3, 3], (0.6 * 0.5, 0, 0.6 * (np.sqrt(0.75) - 1)), atol=1e-12)
 
@@ -99,14 +99,14 @@ def test_a_fanuc_forearm_stays_level_when_only_j2_moves():
     ("joints", "x_mm", "z_mm"), [((0, 0, 0, 0, 0, 0), 980, 435), ((0, -90, 90, 0, 0, 0), 525, 890)]
 )
 def test_a_kuka_stretched_and_upright(joints, x_mm, z_mm):
-    matrix = flange("kuka_kr6_r900", joints)
+    matrix = flange_at("kuka_kr6_r900", joints)
     assert np.allclose(matrix[:3, 3] * 1e3, (x_mm, 0, z_mm), atol=1e-9)
     assert np.allclose(np.rad2deg(values_from("kuka_abc", matrix[:3, :3])), (0, 90, 0), atol=1e-6)
 
 
 def test_an_ar2010_at_zero():
     """The upper arm upright, the forearm and the flange level; reach and heights of the maker's drawing."""
-    matrix = flange("yaskawa_ar2010", [0] * 6)
+    matrix = flange_at("yaskawa_ar2010", [0] * 6)
     assert np.allclose(matrix[:3, 3] * 1e3, (150 + 1082 + 100, 0, 760 + 200), atol=1e-9)
     assert np.allclose(matrix[:3, 2], (1, 0, 0), atol=1e-12)
     model = load_model("yaskawa_ar2010")
@@ -115,14 +115,14 @@ def test_an_ar2010_at_zero():
 
 def test_a_kuka_turns_a1_clockwise_from_above():
     assert (
-        flange("kuka_kr6_r900", [30, 0, 0, 0, 0, 0])[1, 3]
+        flange_at("kuka_kr6_r900", [30, 0, 0, 0, 0, 0])[1, 3]
         < 0
-        < flange("abb_irb120", [30, 0, 0, 0, 0, 0])[1, 3]
+        < flange_at("abb_irb120", [30, 0, 0, 0, 0, 0])[1, 3]
     )
 
 
 def test_an_irb_120_at_zero():
-    matrix = flange("abb_irb120", [0] * 6)
+    matrix = flange_at("abb_irb120", [0] * 6)
     assert np.allclose(matrix[:3, 3] * 1e3, (374, 0, 630), atol=1e-9)
     assert np.allclose(
         values_from("abb_quaternion", matrix[:3, :3]), (np.sqrt(0.5), 0, np.sqrt(0.5), 0), atol=1e-9
@@ -138,7 +138,7 @@ def test_an_irb_120_at_zero():
 )
 def test_an_irb_120_controller_shows_the_same_place(joints_deg, shown_mm):
     """First rows of RobotCali (Li, Li, Luo 2021); the joints there are rounded to 0.1 degrees."""
-    assert np.allclose(flange("abb_irb120", joints_deg)[:3, 3] * 1e3, shown_mm, atol=0.8)
+    assert np.allclose(flange_at("abb_irb120", joints_deg)[:3, 3] * 1e3, shown_mm, atol=0.8)
 
 
 # ROS-Industrial's descriptions: origin and axis of each joint, then the turn to tool0 [m, rad].

@@ -59,7 +59,7 @@ def _as_the_controller_has_it(state: ArmState) -> Array:
 
 
 @pytest.mark.parametrize("plain", [WIRE, TRACKER], ids=["wire", "tracker"])
-def test_the_points_are_found_as_surely_as_is_said(plain: ArmTask) -> None:
+def test_the_points_lie_within_the_stated_uncertainty(plain: ArmTask) -> None:
     task, rng, square = replace(plain, points_in_flange_m=POINTS), np.random.default_rng(7), []
     for _ in range(6):
         true = _true_state(task, rng)
@@ -80,7 +80,9 @@ def test_one_fit_knows_arm_and_points_no_worse_than_one_after_the_other() -> Non
     assert target_expanded_u(together, tests)[0] < target_expanded_u(flange, tests)[0]
     alone = with_readings(outlook_of(task, JOINTS[:0]), JOINTS[40:], TARGETS[40:])
     tool = Pose((0.0, 0.0, 0.2))
-    joint, separate = (tool_u(tool, POINTS, point_covariance(known), 2e-5) for known in (together, alone))
+    joint, separate = (
+        tool_u(tool, POINTS, point_covariance(each_fit), 2e-5) for each_fit in (together, alone)
+    )
     assert joint[0] < separate[0]
     assert joint[1] < separate[1]
 

@@ -40,40 +40,48 @@ def key(tmp_path_factory: pytest.TempPathFactory) -> CellKey:
 
 
 @pytest.fixture(scope="module")
-def signed(key: CellKey) -> bytes:
+def signed_document(key: CellKey) -> bytes:
     return key.sign_document("test 1", CONTENT).encode()
 
 
-def test_an_untouched_document_is_intact_and_gives_its_content(key: CellKey, signed: bytes) -> None:
+def test_an_untouched_document_is_intact_and_gives_its_content(key: CellKey, signed_document: bytes) -> None:
     for expected in (None, key.public_key, key.public_key.upper()):
-        checked = check_document(signed, expected_key=expected)
+        checked = check_document(signed_document, expected_key=expected)
         assert (checked.finding, checked.content) == (CheckFinding.INTACT, CONTENT)
     assert (checked.format, checked.public_key) == ("test 1", key.public_key)
 
 
-def test_the_same_content_gives_the_same_bytes(key: CellKey, signed: bytes) -> None:
-    assert key.sign_document("test 1", dict(reversed(CONTENT.items()))).encode() == signed
+def test_the_same_content_gives_the_same_bytes(key: CellKey, signed_document: bytes) -> None:
+    assert key.sign_document("test 1", dict(reversed(CONTENT.items()))).encode() == signed_document
 
 
-def test_every_byte_matters(signed: bytes) -> None:
+def test_every_byte_matters(signed_document: bytes) -> None:
     """Each byte replaced by several others, taken away, and doubled: none of them passes."""
-    for place, byte in enumerate(signed):
+    for place, byte in enumerate(signed_document):
         for other in {byte ^ 1, byte ^ 0x20, byte ^ 0x80, ord("0"), ord(" "), ord("\n")} - {byte}:
             assert (
-                check_document(signed[:place] + bytes([other]) + signed[place + 1 :]).finding
+                check_document(
+                    signed_document[:place] + bytes([other]) + signed_document[place + 1 :]
+                ).finding
                 is not CheckFinding.INTACT
             )
-        assert check_document(signed[:place] + signed[place + 1 :]).finding is not CheckFinding.INTACT
-        assert check_document(signed[: place + 1] + signed[place:]).finding is not CheckFinding.INTACT
+        assert (
+            check_document(signed_document[:place] + signed_document[place + 1 :]).finding
+            is not CheckFinding.INTACT
+        )
+        assert (
+            check_document(signed_document[: place + 1] + signed_document[place:]).finding
+            is not CheckFinding.INTACT
+        )
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_no_other_change_passes(signed: bytes, data: st.DataObject) -> None:
-    place = data.draw(st.integers(0, len(signed)))
-    until = data.draw(st.integers(place, min(len(signed), place + 20)))
-    changed = signed[:place] + data.draw(st.binary(max_size=20)) + signed[until:]
-    assert (check_document(changed).finding is CheckFinding.INTACT) == (changed == signed)
+def test_no_other_change_passes(signed_document: bytes, data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(signed_document)))
+    until = data.draw(st.integers(place, min(len(signed_document), place + 20)))
+    changed = signed_document[:place] + data.draw(st.binary(max_size=20)) + signed_document[until:]
+    assert (check_document(changed).finding is CheckFinding.INTACT) == (changed == signed_document)
 
 
 @pytest.mark.parametrize(
@@ -92,9 +100,9 @@ def test_no_other_change_passes(signed: bytes, data: st.DataObject) -> None:
         lambda text: text.replace('"pass"', '"\\ud800"'),
     ],
 )
-def test_the_same_meaning_in_other_bytes_is_tampered_too(signed: bytes, change) -> None:
-    changed = change(signed.decode())
-    assert changed.encode(errors="surrogatepass") != signed
+def test_the_same_meaning_in_other_bytes_is_tampered_too(signed_document: bytes, change) -> None:
+    changed = change(signed_document.decode())
+    assert changed.encode(errors="surrogatepass") != signed_document
     assert check_document(changed.encode(errors="surrogatepass")).finding is CheckFinding.TAMPERED
 
 
@@ -124,8 +132,8 @@ def test_another_key_is_an_unknown_key(key: CellKey, tmp_path: Path) -> None:
     assert (found.finding, found.content) == (CheckFinding.UNKNOWN_KEY, None)
 
 
-def test_a_signature_does_not_travel_to_another_format(key: CellKey, signed: bytes) -> None:
-    document = json.loads(signed)
+def test_a_signature_does_not_travel_to_another_format(key: CellKey, signed_document: bytes) -> None:
+    document = json.loads(signed_document)
     document["format"] = "test 2"
     assert check_document((canonical_json(document) + "\n").encode()).finding is CheckFinding.TAMPERED
 
@@ -141,9 +149,9 @@ def test_a_key_is_made_once_for_its_owner_only(tmp_path: Path) -> None:
     assert first.created
     assert stat.S_IMODE(first.path.stat().st_mode) == 0o600
     assert not first.open_to_others
-    kept = first.path.read_bytes()
+    key_bytes = first.path.read_bytes()
     again = station_key(tmp_path / "data")
-    assert (again.created, again.public_key, first.path.read_bytes()) == (False, first.public_key, kept)
+    assert (again.created, again.public_key, first.path.read_bytes()) == (False, first.public_key, key_bytes)
     assert os.listdir(tmp_path / "data") == [first.path.name]  # noqa: PTH208
     first.path.chmod(0o644)
     assert station_key(tmp_path / "data").open_to_others
@@ -156,16 +164,16 @@ def test_two_at_once_end_with_one_key(tmp_path: Path) -> None:
     assert sum(key.created for key in keys) == 1
 
 
-def test_a_damaged_key_is_left_alone_and_told(tmp_path: Path) -> None:
+def test_a_damaged_key_is_left_alone_and_reported(tmp_path: Path) -> None:
     other = generate_private_key(SECP256R1()).private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     for content in (b"", b"nonsense", b"\xff", other):
         path = tmp_path / "signing_key.pem"
         path.write_bytes(content)
-        with pytest.raises(SigningError, match="holds no signing key") as told:
+        with pytest.raises(SigningError, match="holds no signing key") as error_info:
             station_key(tmp_path)
-        assert "backup" in told.value.remedy
+        assert "backup" in error_info.value.remedy
         assert path.read_bytes() == content
 
 
@@ -183,15 +191,15 @@ def test_a_public_key_is_given_as_digits_or_as_a_file(key: CellKey, tmp_path: Pa
             serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
         )
     )
-    for told in (key.public_key, key.public_key.upper(), str(digits), str(pem)):
-        assert read_public_key(told) == key.public_key
+    for key_text in (key.public_key, key.public_key.upper(), str(digits), str(pem)):
+        assert read_public_key(key_text) == key.public_key
     digits.write_text("-----BEGIN PUBLIC KEY-----\nxx\n-----END PUBLIC KEY-----")
     for wrong in ("", "abc", str(digits), str(tmp_path), "x" * 5000, "a\0b", str(tmp_path / "none")):
         with pytest.raises(SigningError, match="no public key"):
             read_public_key(wrong)
 
 
-def test_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "none", Path("a\0b")):
         found = read_document(path)
         assert isinstance(found, CheckedDocument)

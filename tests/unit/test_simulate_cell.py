@@ -18,10 +18,12 @@ from cellcal.service.engineering.measured.tag_files import TagOptions, read_tags
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.runs.settings import spec_of
-from tests.unit.helpers.tags import FIXTURE_BASE, OFFSETS_DEG, TIP, robot_tags, two_paths
+from tests.unit.helpers.tag_paths import FIXTURE_BASE, OFFSETS_DEG, TIP, robot_tags, two_paths
 
 
-def written(folder: Path, name: str, tags: TagPath, *, unit: float = 1e3, head: str = "Name,X,Y,Z") -> Path:
+def write_tags(
+    folder: Path, name: str, tags: TagPath, *, unit: float = 1e3, head: str = "Name,X,Y,Z"
+) -> Path:
     """Write tags as a simulation exports them, in millimetres and degrees."""
     rows = [head + "".join(f",J{k + 1}" for k in range(len(tags.joints_rad[0]) if tags.joints_rad else 0))]
     for row in range(len(tags)):
@@ -35,7 +37,7 @@ def written(folder: Path, name: str, tags: TagPath, *, unit: float = 1e3, head: 
 
 def test_a_path_is_read_as_it_was_written(tmp_path: Path) -> None:
     tags = robot_tags().robot
-    found = read_tags(written(tmp_path, "tags.csv", tags))
+    found = read_tags(write_tags(tmp_path, "tags.csv", tags))
     assert found.path.names == tags.names
     assert np.allclose(found.path.to_positions(), tags.to_positions(), atol=1e-9)
     assert np.allclose(found.path.joints_rad, tags.joints_rad, atol=1e-9)
@@ -58,7 +60,7 @@ def test_units_columns_and_attitudes_are_read_as_they_are_named(tmp_path: Path) 
 
 
 def test_files_that_are_no_tags_are_refused_with_what_helps(tmp_path: Path) -> None:
-    good = written(tmp_path, "good.csv", two_paths(FIXTURE_BASE)[0])
+    good = write_tags(tmp_path, "good.csv", two_paths(FIXTURE_BASE)[0])
     bad = tmp_path / "bad.csv"
     bad.write_text(good.read_text().replace("\nP3,", "\nP3,?", 1))
     with pytest.raises(MeasurementError, match="line 4: column 'X' holds"):
@@ -74,7 +76,7 @@ def test_files_that_are_no_tags_are_refused_with_what_helps(tmp_path: Path) -> N
 
 def test_settings_that_name_files_become_a_spec(tmp_path: Path) -> None:
     simulated, measured = (
-        written(tmp_path, name, tags) for name, tags in zip("ab", two_paths(FIXTURE_BASE), strict=True)
+        write_tags(tmp_path, name, tags) for name, tags in zip("ab", two_paths(FIXTURE_BASE), strict=True)
     )
     spec = spec_of(
         "simulation_cell", {"part": "base", "simulated": str(simulated), "measured": str(measured)}
@@ -94,16 +96,16 @@ def test_settings_that_name_files_become_a_spec(tmp_path: Path) -> None:
 
 def test_a_base_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [
-        str(written(tmp_path, f"{name}.csv", tags))
+        str(write_tags(tmp_path, f"{name}.csv", tags))
         for name, tags in zip("ab", two_paths(FIXTURE_BASE), strict=True)
     ]
     out = tmp_path / "out"
     assert run_command_line(["simulate-cell", "base", *files, "--out", str(out), "--json"]) == ExitCode.PASS
-    told = json.loads(capsys.readouterr().out)
-    assert told["judgement"]["word"] == "pass"
-    found = Pose(**told["result"]["found"]["outer_inner"])
+    output = json.loads(capsys.readouterr().out)
+    assert output["judgement"]["word"] == "pass"
+    found = Pose(**output["result"]["found"]["outer_inner"])
     assert np.allclose(found.to_matrix(), FIXTURE_BASE, atol=5e-4)
-    assert json.loads((out / "base.json").read_text()) == told["result"]
+    assert json.loads((out / "base.json").read_text()) == output["result"]
     text = (out / "base.txt").read_text()
     assert "fanuc_wpr: W " in text
     assert "the fixture in the robot's base" in text
@@ -114,7 +116,7 @@ def test_a_workpiece_by_the_command_and_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     drawn, touched = two_paths(FIXTURE_BASE, 3, sigma_m=1e-5)
-    files = [str(written(tmp_path, f"{name}.csv", tags)) for name, tags in (("a", drawn), ("b", touched))]
+    files = [str(write_tags(tmp_path, f"{name}.csv", tags)) for name, tags in (("a", drawn), ("b", touched))]
     command = ["simulate-cell", "workpiece", *files, "--method", "three_points"]
     assert run_command_line(command) != ExitCode.PASS
     assert "sigma_m" in capsys.readouterr().err
@@ -128,7 +130,7 @@ def test_a_robot_by_the_command_with_its_description_and_parameter_set(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tags = robot_tags(40, sigma_m=3e-5, name="ur10e")
-    files = [str(written(tmp_path, f"{n}.csv", t)) for n, t in (("a", tags.robot), ("b", tags.device))]
+    files = [str(write_tags(tmp_path, f"{n}.csv", t)) for n, t in (("a", tags.robot), ("b", tags.device))]
     description = tmp_path / "ur10e.urdf"
     description.write_text(bare_urdf(load_model("ur10e")))
     out, sets = tmp_path / "out", tmp_path / "sets"
@@ -145,10 +147,10 @@ def test_a_robot_by_the_command_with_its_description_and_parameter_set(
     ]
     saving = ["--save", str(sets), "--serial", "R-1", "--by", "anna"]
     assert run_command_line([*command, *saving]) == ExitCode.PASS
-    told = capsys.readouterr().out
-    assert "mm RMS at tags that were not fitted" in told
-    assert "not known: J1 offset" in told
-    assert "J1 offset: " not in told
+    output = capsys.readouterr().out
+    assert "mm RMS at tags that were not fitted" in output
+    assert "not known: J1 offset" in output
+    assert "J1 offset: " not in output
     saved = ParameterSets(sets).load_set("R-1")
     assert saved.made_by == "anna"
     calibrated = read_urdf((out / "robot.urdf").read_text(), tip_link="flange").model
@@ -156,12 +158,12 @@ def test_a_robot_by_the_command_with_its_description_and_parameter_set(
     errors = np.zeros((6, 5))
     errors[:, 0] = np.radians(OFFSETS_DEG)
     truth = tags.model.with_dh_errors(errors).tip_positions(joints, TIP)
-    before, after = (_misfit(arm.tip_positions(joints, TIP), truth) for arm in (tags.model, calibrated))
+    before, after = (_misfit_m(arm.tip_positions(joints, TIP), truth) for arm in (tags.model, calibrated))
     assert after < 2e-4
     assert before > 1e-3
 
 
-def _misfit(one: np.ndarray, other: np.ndarray) -> float:
+def _misfit_m(one: np.ndarray, other: np.ndarray) -> float:
     """Return what is left when one set of places may be moved as a whole: J1's zero is the device's place."""
     a, b = one - one.mean(axis=0), other - other.mean(axis=0)
     u, _, vt = np.linalg.svd(b.T @ a)
@@ -173,7 +175,7 @@ def test_a_description_without_its_flange_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tags = robot_tags(20)
-    files = [str(written(tmp_path, f"{n}.csv", t)) for n, t in (("a", tags.robot), ("b", tags.device))]
+    files = [str(write_tags(tmp_path, f"{n}.csv", t)) for n, t in (("a", tags.robot), ("b", tags.device))]
     description = tmp_path / "arm.urdf"
     description.write_text(bare_urdf(load_model("ur10e")))
     assert run_command_line(["simulate-cell", "robot", *files, "--urdf", str(description)]) != ExitCode.PASS

@@ -20,36 +20,41 @@ YES = {
 VOUCHED = WatchTable(recover_alone=True, cell_closed=True, records_complete=True, wire_stays_hooked=True)
 
 
-def operator(watch: WatchTable) -> AutomaticOperator:
+def automatic_operator(watch: WatchTable) -> AutomaticOperator:
     return AutomaticOperator(watch, ScriptedOperator(YES | {"retry": "yes", "plate": "F-1"}, person="Anna"))
 
 
-async def test_a_checked_plan_and_what_was_vouched_for_need_nobody() -> None:
-    alone = operator(VOUCHED)
-    for asked in (NEWEST, HOOK_WIRE, PLAN):
-        assert await alone.confirm(asked) == Answer(CELL_FILE)
+async def test_a_checked_plan_and_confirmed_facts_are_answered_automatically() -> None:
+    alone = automatic_operator(VOUCHED)
+    for instruction in (NEWEST, HOOK_WIRE, PLAN):
+        assert await alone.confirm(instruction) == Answer(CELL_FILE)
 
 
 @pytest.mark.parametrize(
-    "asked", [WRITE, NEW_BATTERY, POWER_CYCLE, SLOW_MOTION, AT_REFERENCE, Instruction("retry", "Try again?")]
+    "instruction",
+    [WRITE, NEW_BATTERY, POWER_CYCLE, SLOW_MOTION, AT_REFERENCE, Instruction("retry", "Try again?")],
 )
-async def test_hands_eyes_and_writes_are_a_persons_and_so_is_all_that_follows(asked: Instruction) -> None:
-    alone = operator(VOUCHED)
+async def test_manual_steps_looks_and_writes_go_to_a_person_and_so_does_all_that_follows(
+    instruction: Instruction,
+) -> None:
+    alone = automatic_operator(VOUCHED)
     assert (await alone.confirm(PLAN)).who == CELL_FILE
-    assert (await alone.confirm(asked)).who == "Anna"
+    assert (await alone.confirm(instruction)).who == "Anna"
     assert (await alone.confirm(PLAN)).who == "Anna"  # whoever was called may stand in the cell
 
 
 async def test_what_only_a_person_knows_ends_it_too() -> None:
-    alone = operator(VOUCHED)
+    alone = automatic_operator(VOUCHED)
     assert (await alone.ask_question(Question("plate", "What does the plate say?"))).who == "Anna"
     assert (await alone.confirm(PLAN)).who == "Anna"
 
 
-@pytest.mark.parametrize("asked", [NEWEST, HOOK_WIRE])
-async def test_what_nobody_vouched_for_is_asked(asked: Instruction) -> None:
-    assert (await operator(WatchTable(recover_alone=True, cell_closed=True)).confirm(asked)).who == "Anna"
+@pytest.mark.parametrize("instruction", [NEWEST, HOOK_WIRE])
+async def test_unconfirmed_facts_are_asked(instruction: Instruction) -> None:
+    assert (
+        await automatic_operator(WatchTable(recover_alone=True, cell_closed=True)).confirm(instruction)
+    ).who == "Anna"
 
 
 async def test_without_the_permission_no_plan_is_approved() -> None:
-    assert (await operator(WatchTable(wire_stays_hooked=True)).confirm(PLAN)).who == "Anna"
+    assert (await automatic_operator(WatchTable(wire_stays_hooked=True)).confirm(PLAN)).who == "Anna"

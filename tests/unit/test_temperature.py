@@ -15,7 +15,7 @@ from tests.unit.test_identify_report import file_of
 SHIFT_M = np.array([6e-5, -2e-5, 4e-5])  # a degree
 
 
-def warmed(count=200, slope=SHIFT_M, seed=2):
+def warmed_measurements(count=200, slope=SHIFT_M, seed=2):
     simulated = tracker_points("ur10", count, seed=seed)
     degrees = 21.0 + np.cumsum(np.random.default_rng(seed).normal(0.03, 0.1, count))
     rows = simulated.observations
@@ -24,7 +24,7 @@ def warmed(count=200, slope=SHIFT_M, seed=2):
 
 
 def test_the_shift_of_a_degree_is_found_and_taken_out():
-    simulated, rows, degrees = warmed()
+    simulated, rows, degrees = warmed_measurements()
     found = temperature_effect(load_model("ur10"), rows, degrees, group_rows(rows.joints_rad))
     assert found.slopes == pytest.approx(SHIFT_M, abs=1.5e-5)
     assert found.at == pytest.approx(degrees.mean())
@@ -43,10 +43,10 @@ def test_a_wire_shifts_by_one_number():
     assert found.slopes == pytest.approx([1e-4], abs=2e-5)
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_what_gains_nothing_or_is_not_known_everywhere_is_left_alone(known):
-    _, rows, degrees = warmed(slope=np.zeros(3) if known else SHIFT_M)
-    if not known:
+@pytest.mark.parametrize("known_share", [True, False])
+def test_what_gains_nothing_or_is_not_known_everywhere_is_left_alone(known_share):
+    _, rows, degrees = warmed_measurements(slope=np.zeros(3) if known_share else SHIFT_M)
+    if not known_share:
         degrees = np.where(np.arange(len(degrees)) == 7, np.nan, degrees)
     grouping = group_rows(rows.joints_rad)
     assert temperature_effect(load_model("ur10"), rows, degrees, grouping) is None
@@ -55,13 +55,13 @@ def test_what_gains_nothing_or_is_not_known_everywhere_is_left_alone(known):
 
 
 def test_a_file_with_a_temperature_is_identified_at_its_mean(tmp_path):
-    simulated, rows, degrees = warmed()
+    simulated, rows, degrees = warmed_measurements()
     path = file_of(replace(simulated, observations=rows), tmp_path / "warm.csv")
     head, *lines = path.read_text(encoding="utf-8").splitlines()
     cold = identify_file(path, "ur10", IdentifyOptions(level=2))
     lines = [f"{line},{degree:.3f}" for line, degree in zip(lines, degrees, strict=True)]
     path.write_text("\n".join([f"{head},temperature", *lines]) + "\n", encoding="utf-8")
-    told = identify_file(path, "ur10", IdentifyOptions(level=2, check=path))
-    assert told.held_out.rmse_m < 0.9 * cold.held_out.rmse_m
-    assert told.check.rmse_m < 0.9 * cold.held_out.rmse_m  # a check file is brought to the same temperature
-    assert any("taken out" in lint.message for lint in told.lints if lint.code == "temperature")
+    report = identify_file(path, "ur10", IdentifyOptions(level=2, check=path))
+    assert report.held_out.rmse_m < 0.9 * cold.held_out.rmse_m
+    assert report.check.rmse_m < 0.9 * cold.held_out.rmse_m  # a check file is brought to the same temperature
+    assert any("taken out" in lint.message for lint in report.lints if lint.code == "temperature")

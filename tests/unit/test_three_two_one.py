@@ -39,7 +39,7 @@ TRUE = homogeneous_matrix(exp_rotation(np.array([0.3, -0.2, 0.7])), np.array([0.
 Array = np.ndarray
 
 
-def felt(
+def touched_faces(
     places: dict[FaceName, tuple[tuple[float, float, float], ...]],
     corner: Corner = "outside",
     errors_m: Array | None = None,
@@ -63,11 +63,11 @@ def felt(
     return found
 
 
-def solved(faces: dict[FaceName, CornerFace], corner: Corner = "outside") -> CornerFrame:
+def fit_corner(faces: dict[FaceName, CornerFace], corner: Corner = "outside") -> CornerFrame:
     return three_two_one(faces, radius_m=RADIUS_M, corner=corner)
 
 
-def weighted(
+def with_sigmas(
     faces: dict[FaceName, CornerFace], sigma_m: dict[FaceName, tuple[float, ...]]
 ) -> dict[FaceName, CornerFace]:
     return {name: replace(face, sigma_m=sigma_m[name]) for name, face in faces.items()}
@@ -88,17 +88,17 @@ def test_perfect_touches_give_the_corner_itself(
     shift: tuple[float, ...],
 ) -> None:
     true = homogeneous_matrix(exp_rotation(np.array(turn)), np.array(shift))
-    found = solved(felt(places, corner, true=true), corner)
+    found = fit_corner(touched_faces(places, corner, true=true), corner)
     assert np.abs(found.base_frame.to_matrix() - true).max() < 1e-11
     assert found.rms_m < 1e-12
     assert found.redundancy == sum(map(len, places.values())) - 6
 
 
 def test_the_ball_is_taken_off_along_each_normal() -> None:
-    faces = felt(LEAST_PLACES)
+    faces = touched_faces(LEAST_PLACES)
     too_small = three_two_one(faces, radius_m=RADIUS_M - 0.001, corner="outside")
     assert twist_off(too_small) == pytest.approx([-0.001, -0.001, 0.001, 0.0, 0.0, 0.0], abs=1e-9)
-    within = felt(LEAST_PLACES, "inside")
+    within = touched_faces(LEAST_PLACES, "inside")
     too_small = three_two_one(within, radius_m=RADIUS_M - 0.001, corner="inside")
     assert twist_off(too_small) == pytest.approx([0.001, 0.001, 0.001, 0.0, 0.0, 0.0], abs=1e-9)
 
@@ -108,32 +108,34 @@ def test_the_ball_is_taken_off_along_each_normal() -> None:
 def test_the_estimate_is_what_finite_differences_of_the_solution_give(
     corner: Corner, places: dict[FaceName, tuple[tuple[float, float, float], ...]]
 ) -> None:
-    dice = np.random.default_rng(3)
-    sigma = {name: tuple(dice.uniform(5e-5, 3e-4, len(places[name]))) for name in FACES}
+    rng = np.random.default_rng(3)
+    sigma = {name: tuple(rng.uniform(5e-5, 3e-4, len(places[name]))) for name in FACES}
     estimate = corner_estimate({name: np.array(places[name]) for name in FACES}, sigma)
     step = 1e-6
     for k in range(estimate.shape[1]):
         error = np.zeros(estimate.shape[1])
         error[k] = step
         ends = [
-            twist_off(solved(weighted(felt(places, corner, errors_m=sign * error), sigma), corner))
+            twist_off(
+                fit_corner(with_sigmas(touched_faces(places, corner, errors_m=sign * error), sigma), corner)
+            )
             for sign in (1.0, -1.0)
         ]
         assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(estimate[:, k], abs=1e-5)
 
 
 def test_the_covariance_is_that_of_many_corners_felt_with_noise() -> None:
-    dice, count = np.random.default_rng(5), sum(map(len, MORE_PLACES.values()))
-    errors = dice.normal(scale=SIGMA_M, size=(1500, count))
-    kept, twists = 0, []
+    rng, count = np.random.default_rng(5), sum(map(len, MORE_PLACES.values()))
+    errors = rng.normal(scale=SIGMA_M, size=(1500, count))
+    kept_count, twists = 0, []
     for error in errors:
         try:
-            twists.append(twist_off(solved(felt(MORE_PLACES, errors_m=error))))
-            kept += 1
+            twists.append(twist_off(fit_corner(touched_faces(MORE_PLACES, errors_m=error))))
+            kept_count += 1
         except PointsDisagreeError:
             continue
-    assert kept > 1480  # one in a thousand is refused
-    stated = solved(felt(MORE_PLACES)).covariance_matrix()
+    assert kept_count > 1480  # one in a thousand is refused
+    stated = fit_corner(touched_faces(MORE_PLACES)).covariance_matrix()
     scale = np.sqrt(np.diag(stated))
     found = np.cov(np.array(twists).T)
     assert np.abs(found / np.outer(scale, scale) - stated / np.outer(scale, scale)).max() < 0.12
@@ -143,9 +145,9 @@ def test_a_shift_common_to_all_touches_shifts_the_frame_and_turns_nothing() -> N
     shift = np.array([0.001, -0.002, 0.0005])
     faces = {
         name: replace(face, centres_m=tuple((x + 0.001, y - 0.002, z + 0.0005) for x, y, z in face.centres_m))
-        for name, face in felt(LEAST_PLACES).items()
+        for name, face in touched_faces(LEAST_PLACES).items()
     }
-    twist = twist_off(solved(faces))
+    twist = twist_off(fit_corner(faces))
     assert twist[:3] == pytest.approx(TRUE[:3, :3].T @ shift, abs=1e-9)
     assert np.abs(twist[3:]).max() < 1e-9
 
@@ -166,65 +168,65 @@ def test_a_point_to_spare_that_contradicts_is_named() -> None:
     error = np.zeros(10)
     error[3] = 0.002
     with pytest.raises(PointsDisagreeError, match="of the z face misses it by") as refused:
-        solved(felt(MORE_PLACES, errors_m=error))
+        fit_corner(touched_faces(MORE_PLACES, errors_m=error))
     assert "Clean the faces" in refused.value.remedy
 
 
 @pytest.mark.parametrize(
-    ("lean", "told"),
+    ("lean", "message"),
     [({"y": np.array([math.radians(3.0), 0.0, 0.0])}, "87.00"), ({"x": np.array([0.0, 0.0, 0.04])}, "87.7")],
 )
 def test_faces_that_are_not_square_are_refused_with_their_angle(
-    lean: dict[FaceName, Array], told: str
+    lean: dict[FaceName, Array], message: str
 ) -> None:
-    with pytest.raises(DegenerateDataError, match=f"meet at {told}"):
-        solved(felt(MORE_PLACES, lean=lean))
+    with pytest.raises(DegenerateDataError, match=f"meet at {message}"):
+        fit_corner(touched_faces(MORE_PLACES, lean=lean))
 
 
-def test_a_small_departure_from_the_right_angle_is_told() -> None:
+def test_a_small_departure_from_the_right_angle_is_reported() -> None:
     lean: dict[FaceName, Array] = {"y": np.array([1e-4, 0.0, 0.0])}
-    found = solved(felt(MORE_PLACES, lean=lean))
+    found = fit_corner(touched_faces(MORE_PLACES, lean=lean))
     assert abs(found.square_rad[0]) == pytest.approx(1e-4, rel=0.05)
-    assert solved(felt(LEAST_PLACES)).square_rad == ()
+    assert fit_corner(touched_faces(LEAST_PLACES)).square_rad == ()
 
 
-def _with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dict[FaceName, CornerFace]:
-    return felt({**LEAST_PLACES, name: places})
+def _faces_with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dict[FaceName, CornerFace]:
+    return touched_faces({**LEAST_PLACES, name: places})
 
 
 @pytest.mark.parametrize(
     ("faces", "words"),
     [
-        (_with("z", ((0.02, 0.02, 0.0), (0.06, 0.021, 0.0), (0.1, 0.022, 0.0))), "nearly on one line"),
+        (_faces_with("z", ((0.02, 0.02, 0.0), (0.06, 0.021, 0.0), (0.1, 0.022, 0.0))), "nearly on one line"),
         (
-            _with("z", ((0.02, 0.02, 0.0), (0.021, 0.02, 0.0), (0.02, 0.021, 0.0))),
+            _faces_with("z", ((0.02, 0.02, 0.0), (0.021, 0.02, 0.0), (0.02, 0.021, 0.0))),
             "within 20 mm of each other",
         ),
-        (_with("z", LEAST_PLACES["z"][:2]), "needs 3 points or more"),
-        (_with("y", LEAST_PLACES["y"][:1]), "needs 2 points or more"),
-        (_with("y", ((0.02, 0.0, -0.01), (0.02, 0.0, -0.05))), "above each other"),
-        (_with("y", ((0.02, 0.0, -0.01), (0.021, 0.0, -0.01))), "within 20 mm of each other"),
+        (_faces_with("z", LEAST_PLACES["z"][:2]), "needs 3 points or more"),
+        (_faces_with("y", LEAST_PLACES["y"][:1]), "needs 2 points or more"),
+        (_faces_with("y", ((0.02, 0.0, -0.01), (0.02, 0.0, -0.05))), "above each other"),
+        (_faces_with("y", ((0.02, 0.0, -0.01), (0.021, 0.0, -0.01))), "within 20 mm of each other"),
     ],
 )
 def test_bases_that_are_too_short_are_refused(faces: dict[FaceName, CornerFace], words: str) -> None:
     with pytest.raises(DegenerateDataError, match=words):
-        solved(faces)
+        fit_corner(faces)
 
 
 @pytest.mark.parametrize("name", FACES)
 def test_a_face_that_looks_another_way_than_it_was_felt_from_is_refused(name: FaceName) -> None:
-    faces = felt(LEAST_PLACES)
+    faces = touched_faces(LEAST_PLACES)
     x, y, z = TRUE[:3, :3] @ (exp_rotation(np.array([0.6, 0.6, 0.6])) @ outward_in_frame(name, "outside"))
     faces[name] = replace(faces[name], outward=(float(x), float(y), float(z)))
     with pytest.raises(DegenerateDataError, match=f"the {name} face looks .* deg away"):
-        solved(faces)
+        fit_corner(faces)
 
 
 def test_numbers_that_are_none_are_refused() -> None:
-    faces = felt(LEAST_PLACES)
+    faces = touched_faces(LEAST_PLACES)
     faces["x"] = replace(faces["x"], centres_m=((math.nan, 0.0, 0.0),))
     with pytest.raises(CalibrationError, match="finite"):
-        solved(faces)
-    faces["x"] = replace(felt(LEAST_PLACES)["x"], sigma_m=(0.0,))
+        fit_corner(faces)
+    faces["x"] = replace(touched_faces(LEAST_PLACES)["x"], sigma_m=(0.0,))
     with pytest.raises(CalibrationError, match="above zero"):
-        solved(faces)
+        fit_corner(faces)

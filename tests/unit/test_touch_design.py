@@ -18,7 +18,7 @@ from cellcal.calibration.points.touch_design import (
 )
 
 
-def held(*degrees: tuple[float, float, float]) -> list[Pose]:
+def flange_attitudes(*degrees: tuple[float, float, float]) -> list[Pose]:
     return [
         Pose.from_matrix(homogeneous_matrix(exp_rotation(np.radians(turn)), np.zeros(3)))
         for turn in (np.array(t, dtype=float) for t in degrees)
@@ -26,7 +26,7 @@ def held(*degrees: tuple[float, float, float]) -> list[Pose]:
 
 
 def test_the_gain_is_the_covariance_of_the_fit():
-    touches = held((0, 0, 0), (40, 0, 0), (0, -50, 0), (10, 20, 60))
+    touches = flange_attitudes((0, 0, 0), (40, 0, 0), (0, -50, 0), (10, 20, 60))
     gain = tip_gain([touch.rotation_matrix() for touch in touches])
     found = locate_tool_point(touches, sigma_m=2e-4)
     assert np.allclose(gain * 2e-4**2, found.tip_covariance_m2, rtol=1e-9, atol=1e-20)
@@ -35,14 +35,17 @@ def test_the_gain_is_the_covariance_of_the_fit():
 
 
 def test_two_touches_and_turns_about_one_axis_foretell_nothing():
-    assert predicted_u_m([t.rotation_matrix() for t in held((0, 0, 0), (60, 0, 0))], 1e-4) is None
+    assert predicted_u_m([t.rotation_matrix() for t in flange_attitudes((0, 0, 0), (60, 0, 0))], 1e-4) is None
     assert (
-        predicted_u_m([t.rotation_matrix() for t in held((0, 0, 0), (0, 0, 60), (0, 0, 120))], 1e-4) is None
+        predicted_u_m(
+            [t.rotation_matrix() for t in flange_attitudes((0, 0, 0), (0, 0, 60), (0, 0, 120))], 1e-4
+        )
+        is None
     )
 
 
 def test_the_least_turn_that_is_asked_for_is_enough_and_no_smaller_one_is():
-    touches = held((0, 0, 0), (12, 0, 0))
+    touches = flange_attitudes((0, 0, 0), (12, 0, 0))
     found = alike_touch(touches, min_turn_rad=math.radians(20), worst_gain=4.0)
     assert found is not None
     assert (found.touch, found.like) == (1, 0)
@@ -55,7 +58,7 @@ def test_the_least_turn_that_is_asked_for_is_enough_and_no_smaller_one_is():
 
 def test_a_third_touch_about_the_same_axis_is_alike_whatever_its_angle():
     found = alike_touch(
-        held((0, 0, 0), (0, 0, 45), (0, 0, 90)), min_turn_rad=math.radians(20), worst_gain=4.0
+        flange_attitudes((0, 0, 0), (0, 0, 45), (0, 0, 90)), min_turn_rad=math.radians(20), worst_gain=4.0
     )
     assert found is not None
     assert found.like is None
@@ -72,7 +75,7 @@ def test_each_next_turn_tells_more_than_a_fixed_cone():
 
 
 def test_the_next_turn_stays_within_what_the_tool_can_do_and_repeats_no_attitude():
-    taken = held((0, 0, 0))
+    taken = flange_attitudes((0, 0, 0))
     for _ in range(9):
         turn = next_turn(taken, math.radians(50))
         assert turn.angle_rad <= math.radians(50) + 1e-12

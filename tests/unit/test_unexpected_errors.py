@@ -19,7 +19,7 @@ from cellcal.service.files import replace_file
 from cellcal.service.unexpected_errors import OneLineFormatter, explain_os_error, log_in_lines, run_guarded
 
 
-def _raises(error: BaseException) -> int:
+def _raise_error(error: BaseException) -> int:
     raise error
 
 
@@ -32,19 +32,19 @@ def test_a_command_that_breaks_says_one_sentence_and_writes_a_report(
     error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(command_line, "app", lambda *_, **__: _raises(error))
+    monkeypatch.setattr(command_line, "app", lambda *_, **__: _raise_error(error))
     assert run_command_line(["models"]) == ExitCode.INTERNAL == 70
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "Traceback" not in said.err
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
     reports = sorted(tmp_path.glob("cellcal-report-*.txt"))
     assert len(reports) == (2 if isinstance(error, ExceptionGroup) else 1)
     for report in reports:
-        assert str(report) in said.err
+        assert str(report) in captured.err
         assert re.search(r"^\w+Error", report.read_text(), re.MULTILINE)
         assert report.stat().st_mode & 0o777 == 0o600
     if isinstance(error, RuntimeError) and not isinstance(error, RecursionError):
-        assert "two lines [red]x[/red] :robot:" in said.err
+        assert "two lines [red]x[/red] :robot:" in captured.err
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_command_that_breaks_says_one_sentence_and_writes_a_report(
     [(errno.EROFS, "read-only"), (errno.ENOSPC, "disk is full"), (errno.EACCES, "permission was denied"),
      (errno.ENOENT, "no such file"), (errno.EISDIR, "is a folder")],
 )  # fmt: skip
-def test_what_the_system_refuses_is_said_as_such(number: int, words: str) -> None:
+def test_refusals_of_the_operating_system_are_reported_as_such(number: int, words: str) -> None:
     message, cure = explain_os_error(OSError(number, os.strerror(number), "/a/b"))
     assert words in message
     assert message.startswith("/a/b: ")
@@ -65,10 +65,10 @@ def test_a_process_of_ours_that_breaks_shows_no_trace(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert run_guarded(lambda: _raises(IndexError("gone"))) == 70
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "IndexError: gone" in said
+    assert run_guarded(lambda: _raise_error(IndexError("gone"))) == 70
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "IndexError: gone" in message
 
 
 @pytest.mark.parametrize(
@@ -108,11 +108,11 @@ def test_a_log_has_no_trace_and_nothing_of_libraries(
         logging.getLogger(library).critical("a library speaks")
     for _ in range(3):
         try:
-            _raises(ValueError("why"))
+            _raise_error(ValueError("why"))
         except ValueError:
             logging.getLogger("cellcal.service.test").exception("it broke\nhere")
-    said = capsys.readouterr().err
-    assert re.fullmatch(r"(it broke here \[ValueError: why; report in \S+\]\n){3}", said)
+    message = capsys.readouterr().err
+    assert re.fullmatch(r"(it broke here \[ValueError: why; report in \S+\]\n){3}", message)
     assert len(list(tmp_path.iterdir())) == 1
     assert isinstance(root.handlers[0].formatter, OneLineFormatter)
 
@@ -139,10 +139,10 @@ def test_the_software_is_identified_in_any_working_folder(tmp_path: Path) -> Non
 def test_an_argument_that_is_no_text_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def encode() -> None:
+    def encode_argument() -> None:
         "\udced".encode()
 
-    monkeypatch.setattr(command_line, "app", lambda *_, **__: encode())
+    monkeypatch.setattr(command_line, "app", lambda *_, **__: encode_argument())
     assert run_command_line(["show", "\udced"]) == ExitCode.USAGE
     assert "not text in UTF-8" in capsys.readouterr().err
     assert run_command_line(["show", "last"]) == ExitCode.INTERNAL

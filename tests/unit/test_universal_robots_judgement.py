@@ -46,7 +46,7 @@ HEALTHY = StateSample(
 )
 
 
-def record(*joints: Six, period_s: float = 0.05) -> list[StateSample]:
+def sample_joints(*joints: Six, period_s: float = 0.05) -> list[StateSample]:
     return [replace(HEALTHY, timestamp_s=10 + k * period_s, joints_rad=q) for k, q in enumerate(joints)]
 
 
@@ -71,7 +71,7 @@ def test_a_healthy_arm_in_reduced_mode_is_ready() -> None:
         ((10,), "a safety reason"),
     ],
 )
-def test_each_safety_stop_is_told_with_what_to_do(bits: tuple[int, ...], says: str) -> None:
+def test_each_safety_stop_is_reported_with_what_to_do(bits: tuple[int, ...], says: str) -> None:
     sample = replace(HEALTHY, robot_mode=3, safety_status_bits=sum(1 << bit for bit in bits))
     condition = condition_of(sample, program_is_ours=True)
     assert condition.readiness is Readiness.STOPPED
@@ -100,7 +100,7 @@ def test_a_program_that_is_not_ours_forbids_a_move_and_ours_does_not(state: Runt
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("library_message", "says"),
     [
         ("One of the RTDE input registers are already in use! …", "another program already commands"),
         ("ur_rtde: Please enable remote control on the robot!", "Local"),
@@ -108,31 +108,31 @@ def test_a_program_that_is_not_ours_forbids_a_move_and_ours_does_not(state: Runt
         ("Something nobody has heard before", "Something nobody has heard before"),
     ],
 )
-def test_what_the_library_says_is_said_in_our_words(said: str, says: str) -> None:
-    error = translate_refusal(RefusedError("arm", said, vendor_text=said))
+def test_library_messages_are_reported_in_our_words(library_message: str, says: str) -> None:
+    error = translate_refusal(RefusedError("arm", library_message, vendor_text=library_message))
     assert says in str(error)
-    assert error.vendor_text == said
+    assert error.vendor_text == library_message
 
 
 def test_an_arm_has_arrived_when_it_stood_at_the_target_for_the_settling_time() -> None:
-    assert has_arrived(record(*[TARGET] * 8), TARGET, LIMITS)
-    assert not has_arrived(record(*[TARGET] * 4), TARGET, LIMITS), "not for long enough"
-    assert not has_arrived(record(*[START] * 8), TARGET, LIMITS), "somewhere else"
+    assert has_arrived(sample_joints(*[TARGET] * 8), TARGET, LIMITS)
+    assert not has_arrived(sample_joints(*[TARGET] * 4), TARGET, LIMITS), "not for long enough"
+    assert not has_arrived(sample_joints(*[START] * 8), TARGET, LIMITS), "somewhere else"
     near: Six = (1.0 + 6e-4, -0.5, 0.0, 0.2, 0.0, 0.0)
-    assert not has_arrived(record(*[near] * 8), TARGET, LIMITS)
-    assert not has_arrived(record(*[TARGET] * 4, near, *[TARGET] * 3), TARGET, LIMITS), "it was pushed"
+    assert not has_arrived(sample_joints(*[near] * 8), TARGET, LIMITS)
+    assert not has_arrived(sample_joints(*[TARGET] * 4, near, *[TARGET] * 3), TARGET, LIMITS), "it was pushed"
 
 
 def test_an_arm_that_passes_through_the_target_has_not_arrived() -> None:
-    passing = [replace(s, joint_speeds_rad_s=(0.01, 0, 0, 0, 0, 0)) for s in record(*[TARGET] * 8)]
+    passing = [replace(s, joint_speeds_rad_s=(0.01, 0, 0, 0, 0, 0)) for s in sample_joints(*[TARGET] * 8)]
     assert not has_arrived(passing, TARGET, LIMITS)
     assert is_moving(passing[-1], LIMITS)
 
 
 def test_an_arm_that_creeps_without_saying_so_does_not_stand() -> None:
     creeping: list[Six] = [(1e-3 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(8)]
-    assert not has_stood(record(*creeping), LIMITS, 0.1)
-    assert has_stood(record(*[START] * 8), LIMITS, 0.1)
+    assert not has_stood(sample_joints(*creeping), LIMITS, 0.1)
+    assert has_stood(sample_joints(*[START] * 8), LIMITS, 0.1)
     assert not has_stood([], LIMITS, 0.0)
 
 

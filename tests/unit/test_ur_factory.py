@@ -84,10 +84,10 @@ def test_another_types_table_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("name", "known"), [("ur5e", "calib_12788084448423163542"), ("ur10e", "calib_5119701370761913513")]
+    ("name", "ros_name"), [("ur5e", "calib_12788084448423163542"), ("ur10e", "calib_5119701370761913513")]
 )
-def test_nominal_tables_have_the_names_that_the_ros_driver_ships(name, known):
-    assert calibration_hash(load_model(name).dh) == known
+def test_nominal_tables_have_the_names_that_the_ros_driver_ships(name, ros_name):
+    assert calibration_hash(load_model(name).dh) == ros_name
 
 
 CONF = """

@@ -76,13 +76,13 @@ kinematics:
 """
 
 
-def reach(model):
+def arm_reach_m(model):
     return model.base_flange(JOINTS)
 
 
 def test_the_file_that_ros_ships_is_the_nominal_arm():
     read = read_ros_kinematics(DEFAULT_UR10E)
-    assert np.allclose(reach(model_of_ros(read, NOMINAL)), reach(NOMINAL), atol=5e-9)
+    assert np.allclose(arm_reach_m(model_of_ros(read, NOMINAL)), arm_reach_m(NOMINAL), atol=5e-9)
     assert belongs_to(read.hash, UrKinematics(NOMINAL.dh))
     assert np.allclose(ros_frames(NOMINAL), read.frames, atol=5e-9)
 
@@ -96,7 +96,7 @@ def test_frames_of_a_real_arm_are_those_of_ur_calibration():
 def test_ros_kinematics_go_out_and_come_back():
     text = write_ros_kinematics(RosKinematics(ros_frames(ARM), UrKinematics(ABSOLUTE).factory_hash))
     back = read_ros_kinematics(text)
-    assert np.allclose(reach(model_of_ros(back, NOMINAL)), reach(ARM), rtol=0, atol=1e-11)
+    assert np.allclose(arm_reach_m(model_of_ros(back, NOMINAL)), arm_reach_m(ARM), rtol=0, atol=1e-11)
     assert belongs_to(back.hash, UrKinematics(ABSOLUTE))
     assert not belongs_to(back.hash, UrKinematics(NOMINAL.dh))
 
@@ -210,6 +210,6 @@ def test_any_arm_has_a_standard_table_that_reaches_the_same_poses(name):
             found.table, name="plain", base=nominal.placements[0], joint_coupling=nominal.joint_coupling
         )
         assert (found.table.beta_rad == 0).all()
-        assert np.allclose(reach(plain) @ found.flange_rest, reach(model), rtol=0, atol=1e-11)
+        assert np.allclose(arm_reach_m(plain) @ found.flange_rest, arm_reach_m(model), rtol=0, atol=1e-11)
     assert np.allclose(standard_dh(nominal, nominal).table.to_rows(), nominal.dh.to_rows(), atol=1e-12)
     assert np.abs(found.flange_rest - np.eye(4)).max() < 0.02

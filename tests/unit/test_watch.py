@@ -18,7 +18,7 @@ PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 
 
 @dataclass
-class Controller:
+class TwoAxisController:
     """Two axes; only what the watch asks for."""
 
     name: str = "arm"
@@ -28,7 +28,7 @@ class Controller:
     alarms: tuple[Alarm, ...] = ()
     link_is_up: bool = True
     losses: list[PositionLoss] = field(default_factory=list)
-    held: MasteringData = field(default_factory=lambda: MasteringData((0, 0), mastered=True))
+    mastering_data: MasteringData = field(default_factory=lambda: MasteringData((0, 0), mastered=True))
 
     async def read_condition(self) -> Condition:
         if not self.link_is_up:
@@ -44,7 +44,7 @@ class Controller:
         return self.epoch
 
     async def read_mastering(self) -> MasteringData:
-        return self.held
+        return self.mastering_data
 
     async def drive_train(self) -> DriveTrain:
         return DriveTrain(((PER_COUNT, 0.0), (0.0, PER_COUNT)), (524288, 524288))
@@ -54,22 +54,24 @@ class Controller:
 
 
 @pytest.fixture
-def arm() -> Controller:
-    return Controller()
+def fake_arm() -> TwoAxisController:
+    return TwoAxisController()
 
 
 @pytest.fixture
-def watch(arm: Controller, tmp_path: Path) -> RobotWatch:
-    return RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
+def robot_watch(fake_arm: TwoAxisController, tmp_path: Path) -> RobotWatch:
+    return RobotWatch(fake_arm, LastHealthyCounts(tmp_path), fake_arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
 
 
-async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller, watch: RobotWatch) -> None:
-    assert await watch.look_once() is None
-    arm.counts, arm.readiness = (17, 23), Readiness.POSITION_LOST
-    arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS),)
-    assert await watch.look_once() is not None
-    assert await watch.look_once() is None
-    (loss,) = arm.losses
+async def test_an_alarm_is_seen_once_with_the_counts_from_before(
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
+) -> None:
+    assert await robot_watch.look_once() is None
+    fake_arm.counts, fake_arm.readiness = (17, 23), Readiness.POSITION_LOST
+    fake_arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS),)
+    assert await robot_watch.look_once() is not None
+    assert await robot_watch.look_once() is None
+    (loss,) = fake_arm.losses
     assert "BZAL alarm" in loss.detected_by
     assert loss.last_healthy is not None
     assert loss.last_healthy.counts == (1000, 2000)
@@ -79,17 +81,17 @@ FAILS = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:2)", 1, AlarmKind.ENCODER)
 EMPTY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS)
 
 
-async def test_a_loss_after_a_failing_encoder_is_told_too_and_may_mean_an_exchanged_one(
-    arm: Controller, watch: RobotWatch
+async def test_a_loss_after_a_failing_encoder_is_reported_too_and_may_mean_an_exchanged_one(
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
 ) -> None:
-    await watch.look_once()
-    arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
-    failing = await watch.look_once()
-    arm.link_is_up = False  # switched off and mended
-    assert await watch.look_once() is None
-    arm.link_is_up, arm.readiness, arm.alarms = True, Readiness.POSITION_LOST, (EMPTY,)
-    lost = await watch.look_once()
-    assert await watch.look_once() is None
+    await robot_watch.look_once()
+    fake_arm.readiness, fake_arm.alarms = Readiness.NOT_READY, (FAILS,)
+    failing = await robot_watch.look_once()
+    fake_arm.link_is_up = False  # switched off and mended
+    assert await robot_watch.look_once() is None
+    fake_arm.link_is_up, fake_arm.readiness, fake_arm.alarms = True, Readiness.POSITION_LOST, (EMPTY,)
+    lost = await robot_watch.look_once()
+    assert await robot_watch.look_once() is None
     assert failing is not None
     assert lost is not None
     assert (failing.suspicion.loss_kind, failing.follows_another) == (LossKind.HELD, False)
@@ -98,42 +100,42 @@ async def test_a_loss_after_a_failing_encoder_is_told_too_and_may_mean_an_exchan
 
 
 async def test_a_failing_encoder_is_remembered_over_a_new_connection(
-    arm: Controller, watch: RobotWatch
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
 ) -> None:
-    await watch.look_once()
-    arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
-    await watch.look_once()
-    mended = replace(arm, readiness=Readiness.POSITION_LOST, alarms=(EMPTY,))
-    watch.use_connection(mended)  # type: ignore[arg-type]
-    lost = await watch.look_once()
+    await robot_watch.look_once()
+    fake_arm.readiness, fake_arm.alarms = Readiness.NOT_READY, (FAILS,)
+    await robot_watch.look_once()
+    mended = replace(fake_arm, readiness=Readiness.POSITION_LOST, alarms=(EMPTY,))
+    robot_watch.use_connection(mended)  # type: ignore[arg-type]
+    lost = await robot_watch.look_once()
     assert lost is not None
     assert (lost.follows_another, lost.suspicion.mode) == (True, LossMode.MOTOR)
 
 
 async def test_a_loss_is_of_a_run_until_the_robot_was_seen_healthy_after_it(
-    arm: Controller, watch: RobotWatch
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
 ) -> None:
-    await watch.look_once()
-    watch.forget_motion()
-    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
-    during = await watch.look_once()
-    assert not await watch.is_mended()
-    arm.readiness, arm.alarms = Readiness.READY, ()
-    await watch.look_once()
-    assert await watch.is_mended()
-    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
-    after = await watch.look_once()
+    await robot_watch.look_once()
+    robot_watch.forget_motion()
+    fake_arm.readiness, fake_arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    during = await robot_watch.look_once()
+    assert not await robot_watch.is_mended()
+    fake_arm.readiness, fake_arm.alarms = Readiness.READY, ()
+    await robot_watch.look_once()
+    assert await robot_watch.is_mended()
+    fake_arm.readiness, fake_arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    after = await robot_watch.look_once()
     assert during is not None
     assert after is not None
     assert (during.during_run, after.during_run) == (True, False)
 
 
-async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_told_as_what_follows(
-    arm: Controller, tmp_path: Path
+async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_reported_as_what_follows(
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
-    watch = watching(arm, tmp_path, [record_of((1, 1))])
+    watch = watch_with_records(fake_arm, tmp_path, [record_of((1, 1))])
     differs = await watch.look_once()
-    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    fake_arm.readiness, fake_arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
     lost = await watch.look_once()
     assert differs is not None
     assert lost is not None
@@ -141,64 +143,68 @@ async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_told_as_what_fo
     assert lost.follows_another
 
 
-async def test_a_jump_beside_an_alarm_that_nobody_knows_names_it(arm: Controller, watch: RobotWatch) -> None:
-    await watch.look_once()
-    arm.counts = (1000 + 60 * 524288, 2000)
-    arm.readiness, arm.alarms = Readiness.NOT_READY, (Alarm("SYST-001", "something else"),)
-    found = await watch.look_once()
+async def test_a_jump_beside_an_unknown_alarm_names_it(
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
+) -> None:
+    await robot_watch.look_once()
+    fake_arm.counts = (1000 + 60 * 524288, 2000)
+    fake_arm.readiness, fake_arm.alarms = Readiness.NOT_READY, (Alarm("SYST-001", "something else"),)
+    found = await robot_watch.look_once()
     assert found is not None
     assert (found.suspicion.mode, found.suspicion.not_known) == (LossMode.TURNS, ("SYST-001",))
 
 
 async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(
-    arm: Controller, watch: RobotWatch
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
 ) -> None:
-    await watch.look_once()
-    arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
-    found = await watch.look_once()
+    await robot_watch.look_once()
+    fake_arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
+    found = await robot_watch.look_once()
     assert found is not None
     assert "axis 1 jumped" in found.detected_by
 
 
-async def test_ordinary_motion_is_no_loss(arm: Controller, watch: RobotWatch) -> None:
+async def test_ordinary_motion_is_no_loss(fake_arm: TwoAxisController, robot_watch: RobotWatch) -> None:
     for step in range(5):
-        arm.counts = (1000 + step * 200_000, 2000 - step * 100_000)
-        assert await watch.look_once() is None
+        fake_arm.counts = (1000 + step * 200_000, 2000 - step * 100_000)
+        assert await robot_watch.look_once() is None
 
 
 async def test_a_new_epoch_is_a_loss_until_a_run_has_left_the_robot_healthy(
-    arm: Controller, watch: RobotWatch, tmp_path: Path
+    fake_arm: TwoAxisController, robot_watch: RobotWatch, tmp_path: Path
 ) -> None:
-    await watch.look_once()
-    arm.epoch = 5
-    assert await watch.look_once() is not None
-    await remember_healthy("arm", arm, LastHealthyCounts(tmp_path))  # type: ignore[arg-type]
-    assert await watch.look_once() is None
+    await robot_watch.look_once()
+    fake_arm.epoch = 5
+    assert await robot_watch.look_once() is not None
+    await remember_healthy("arm", fake_arm, LastHealthyCounts(tmp_path))  # type: ignore[arg-type]
+    assert await robot_watch.look_once() is None
 
 
-async def test_a_disk_that_takes_nothing_is_told_once_and_the_watch_goes_on(
-    arm: Controller, tmp_path: Path
+async def test_a_disk_that_takes_nothing_is_reported_once_and_the_watch_goes_on(
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
-    told: list[str] = []
-    watch = RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, warn=told.append)  # type: ignore[arg-type]
+    messages: list[str] = []
+    watch = RobotWatch(
+        fake_arm, LastHealthyCounts(tmp_path), fake_arm.on_loss, period_s=0.01, warn=messages.append
+    )  # type: ignore[arg-type]
     (tmp_path / "last_healthy_arm.json").mkdir()  # no file can take its place
     for step in range(3):
-        arm.counts = (1000 + step, 2000)
+        fake_arm.counts = (1000 + step, 2000)
         assert await watch.look_once() is None
-    assert len(told) == 1
-    assert "arm: its healthy counts cannot be kept" in told[0]
-    arm.readiness = Readiness.POSITION_LOST
+    assert len(messages) == 1
+    assert "arm: its healthy counts cannot be kept" in messages[0]
+    fake_arm.readiness = Readiness.POSITION_LOST
     assert await watch.look_once() is not None
 
 
 async def test_a_lost_link_is_no_loss_and_the_next_look_does_not_compare(
-    arm: Controller, watch: RobotWatch
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
 ) -> None:
-    await watch.look_once()
-    arm.link_is_up = False
-    assert await watch.look_once() is None
-    arm.link_is_up, arm.counts = True, (1000 + 60 * 524288, 2000)  # moved while we could not see
-    assert await watch.look_once() is None
+    await robot_watch.look_once()
+    fake_arm.link_is_up = False
+    assert await robot_watch.look_once() is None
+    fake_arm.link_is_up, fake_arm.counts = True, (1000 + 60 * 524288, 2000)  # moved while we could not see
+    assert await robot_watch.look_once() is None
 
 
 def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
@@ -219,22 +225,22 @@ def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
     )
 
 
-def watching(
-    arm: Controller, folder: Path, records: list[MasteringRecord], every_s: float = 0.0
+def watch_with_records(
+    arm: TwoAxisController, folder: Path, records: list[MasteringRecord], every_s: float = 0.0
 ) -> RobotWatch:
-    def journalled() -> JournalledMastering:
+    def journalled_record() -> JournalledMastering:
         return JournalledMastering(records[-1] if records else None)
 
-    held = MasteringComparison(journalled, look_every_s=every_s)
-    return RobotWatch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, comparison=held)  # type: ignore[arg-type]
+    comparison = MasteringComparison(journalled_record, look_every_s=every_s)
+    return RobotWatch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, comparison=comparison)  # type: ignore[arg-type]
 
 
 async def test_an_old_backup_raises_no_alarm_and_is_seen_once_until_it_is_mended(
-    arm: Controller, tmp_path: Path
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
-    watch = watching(arm, tmp_path, [record_of((0, 0))])
+    watch = watch_with_records(fake_arm, tmp_path, [record_of((0, 0))])
     assert await watch.look_once() is None
-    arm.held = MasteringData((0, 174763), mastered=True)
+    fake_arm.mastering_data = MasteringData((0, 174763), mastered=True)
     found = await watch.look_once()
     assert found is not None
     assert "J2 by 1.200 deg" in found.detected_by
@@ -247,19 +253,19 @@ async def test_an_old_backup_raises_no_alarm_and_is_seen_once_until_it_is_mended
     assert found.last_healthy is not None  # the encoders are fine: what they said serves the recovery
     assert await watch.look_once() is None
     assert watch.is_still_lost
-    arm.held = MasteringData((0, 0), mastered=True)
+    fake_arm.mastering_data = MasteringData((0, 0), mastered=True)
     assert await watch.look_once() is None
     assert not watch.is_still_lost
-    arm.held = MasteringData((1, 0), mastered=True)
+    fake_arm.mastering_data = MasteringData((1, 0), mastered=True)
     assert await watch.look_once() is not None  # the next one is told again
 
 
 async def test_a_new_record_makes_the_robots_own_mastering_the_right_one(
-    arm: Controller, tmp_path: Path
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
     records = [record_of((0, 0))]
-    watch = watching(arm, tmp_path, records, every_s=3600.0)
-    arm.held = MasteringData((0, 9), mastered=True)
+    watch = watch_with_records(fake_arm, tmp_path, records, every_s=3600.0)
+    fake_arm.mastering_data = MasteringData((0, 9), mastered=True)
     assert await watch.look_once() is not None
     records.append(record_of((0, 9)))
     assert await watch.look_once() is None
@@ -270,22 +276,26 @@ async def test_a_new_record_makes_the_robots_own_mastering_the_right_one(
 
 
 async def test_without_a_record_or_while_nothing_is_mastered_there_is_nothing_to_compare(
-    arm: Controller, tmp_path: Path
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
-    arm.held = MasteringData((0, 9), mastered=True)
-    assert await watching(arm, tmp_path, []).look_once() is None
-    arm.held = MasteringData((0, 9), mastered=False)
-    assert await watching(arm, tmp_path, [record_of((0, 0))]).look_once() is None
+    fake_arm.mastering_data = MasteringData((0, 9), mastered=True)
+    assert await watch_with_records(fake_arm, tmp_path, []).look_once() is None
+    fake_arm.mastering_data = MasteringData((0, 9), mastered=False)
+    assert await watch_with_records(fake_arm, tmp_path, [record_of((0, 0))]).look_once() is None
 
 
-async def test_a_mastering_that_a_run_never_confirmed_is_told_until_it_is_gone(
-    arm: Controller, tmp_path: Path
+async def test_a_mastering_that_a_run_never_confirmed_is_shown_until_it_is_gone(
+    fake_arm: TwoAxisController, tmp_path: Path
 ) -> None:
     old, new = MasteringData((0, 0), mastered=False), MasteringData((5, 7), mastered=True)
     pending = UnconfirmedMastering("mastering_recovery-1", new, old, 3)
-    held = MasteringComparison(lambda: JournalledMastering(record_of((0, 0)), (pending,)), look_every_s=0.0)
-    watch = RobotWatch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, comparison=held)  # type: ignore[arg-type]
-    arm.held = new
+    comparison = MasteringComparison(
+        lambda: JournalledMastering(record_of((0, 0)), (pending,)), look_every_s=0.0
+    )
+    watch = RobotWatch(
+        fake_arm, LastHealthyCounts(tmp_path), fake_arm.on_loss, period_s=0.01, comparison=comparison
+    )  # type: ignore[arg-type]
+    fake_arm.mastering_data = new
     found = await watch.look_once()
     assert found is not None
     assert (found.suspicion.loss_kind, found.suspicion.answering_procedure) == (
@@ -294,10 +304,10 @@ async def test_a_mastering_that_a_run_never_confirmed_is_told_until_it_is_gone(
     )
     assert found.suspicion.procedure_settings() == {"of_run": "mastering_recovery-1"}
     assert not found.suspicion.may_run_unattended
-    arm.held = MasteringData((5, 0), mastered=True)  # half of it
+    fake_arm.mastering_data = MasteringData((5, 0), mastered=True)  # half of it
     assert await watch.look_once() is None
     assert watch.is_still_lost
-    arm.held = old
+    fake_arm.mastering_data = old
     assert await watch.look_once() is None
     assert not watch.is_still_lost
 
@@ -305,8 +315,8 @@ async def test_a_mastering_that_a_run_never_confirmed_is_told_until_it_is_gone(
 def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:
     memory = LastHealthyCounts(tmp_path)
     assert memory.load_counts("arm") is None
-    seen = HealthyCounts("arm", (1, -2), 7, "2026-01-01T00:00:00+00:00")
-    memory.save_counts(seen)
-    assert LastHealthyCounts(tmp_path).load_counts("arm") == seen
+    healthy_counts = HealthyCounts("arm", (1, -2), 7, "2026-01-01T00:00:00+00:00")
+    memory.save_counts(healthy_counts)
+    assert LastHealthyCounts(tmp_path).load_counts("arm") == healthy_counts
     (tmp_path / "last_healthy_arm.json").write_text('{"counts": [1')
     assert memory.load_counts("arm") is None

@@ -23,18 +23,18 @@ from tests.unit.helpers.fixture_world import (
     POINTS,
     ROUGH,
     FixtureWorld,
-    align,
-    designed,
+    align_world,
+    designed_poses,
     fixture_belief,
-    mounting,
+    wire_mounting,
 )
 
 DIAGONAL = np.diag([1e-4**2] * 12)
 
 
 def test_the_fixture_of_the_hidden_world_is_found_and_its_uncertainty_holds() -> None:
-    found = [align(FixtureWorld(seed), 16) for seed in range(1, 7)]
-    errors, us = np.array([f.error for f in found]), np.array([f.u for f in found])
+    found = [align_world(FixtureWorld(seed), 16) for seed in range(1, 7)]
+    errors, us = np.array([f.pose_error for f in found]), np.array([f.stated_u_of_axes for f in found])
     assert (np.abs(errors) <= us).mean() > 0.8  # 36 axes; the campaign says 95 % of hundreds
     assert np.linalg.norm(errors[:, :3], axis=1).max() < 0.0004
     assert max(f.placed.origin_u_m for f in found) < 0.0003
@@ -42,17 +42,17 @@ def test_the_fixture_of_the_hidden_world_is_found_and_its_uncertainty_holds() ->
     assert all(f.network.is_consistent() and f.placed.is_consistent() for f in found)
 
 
-def _mountings(world: FixtureWorld) -> list:
-    record, *spots = designed(False, 16)
-    mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
+def _make_mountings(world: FixtureWorld) -> list:
+    record, *spots = designed_poses(False, 16)
+    mountings = [wire_mounting(0, 0, record, world.measure_lengths(record), another_day=True)]
     for point, poses in enumerate(spots, 1):
         world.gauge.mount_exit(point, MOUTH)
-        mountings.append(mounting(point, 0, poses, world.lengths(poses), MOUTH))
+        mountings.append(wire_mounting(point, 0, poses, world.measure_lengths(poses), MOUTH))
     return mountings
 
 
 def test_one_wrong_length_is_named_with_its_mounting_and_capture() -> None:
-    mountings = _mountings(FixtureWorld(2))
+    mountings = _make_mountings(FixtureWorld(2))
     lengths = list(mountings[3].lengths_m)
     lengths[5] += 0.004
     mountings[3] = replace(mountings[3], lengths_m=tuple(lengths))
@@ -63,7 +63,7 @@ def test_one_wrong_length_is_named_with_its_mounting_and_capture() -> None:
 
 def test_an_adaptor_on_another_seat_shows_as_a_wrong_shape_with_the_pair_named() -> None:
     world = FixtureWorld(3)
-    mountings = _mountings(world)
+    mountings = _make_mountings(world)
     found = fit_network(MODEL, fixture_belief(), mountings)
     exits = [np.array(e) for e in found.exits_m[1:]]
     exits[2][1] += 0.003
@@ -79,19 +79,19 @@ def test_an_adaptor_on_another_seat_shows_as_a_wrong_shape_with_the_pair_named()
     [("lengths_m", math.nan), ("lengths_m", math.inf), ("sigma_m", 0.0), ("sigma_m", math.nan)],
 )
 def test_numbers_that_cannot_be_measured_are_refused(field: str, value: float) -> None:
-    mountings = _mountings(FixtureWorld(1))
+    mountings = _make_mountings(FixtureWorld(1))
     values = (value, *getattr(mountings[1], field)[1:])
     with pytest.raises(CalibrationError):
         fit_network(MODEL, fixture_belief(), [replace(mountings[1], **{field: values})])
 
 
-def test_two_lengths_or_a_place_nobody_described_are_refused() -> None:
-    joints = designed(False, 16)[1]
-    few = mounting(1, 0, joints[:2], np.ones(2))
+def test_two_lengths_or_an_undescribed_place_are_refused() -> None:
+    joints = designed_poses(False, 16)[1]
+    few = wire_mounting(1, 0, joints[:2], np.ones(2))
     with pytest.raises(DegenerateDataError, match="fewer than three"):
         fit_network(MODEL, fixture_belief(), [few])
     with pytest.raises(CalibrationError, match="nobody described"):
-        fit_network(MODEL, fixture_belief(), [mounting(9, 0, joints, np.ones(len(joints)))])
+        fit_network(MODEL, fixture_belief(), [wire_mounting(9, 0, joints, np.ones(len(joints)))])
     with pytest.raises(DegenerateDataError):
         fit_network(MODEL, fixture_belief(), [])
 
@@ -157,9 +157,9 @@ def test_a_base_through_a_fixture_carries_both_uncertainties_as_monte_carlo_does
     )
     draws = rng.normal(size=(4000, 2, 6))
     base = one.to_matrix() @ exp_twist(draws[:, 0] @ spread[0].T)
-    seen = other.to_matrix() @ exp_twist(draws[:, 1] @ spread[1].T)
+    drawn_bases = other.to_matrix() @ exp_twist(draws[:, 1] @ spread[1].T)
     expected = np.linalg.inv(chained.other_base_base.to_matrix())
-    twists = log_transform(expected @ seen @ np.linalg.inv(base))
+    twists = log_transform(expected @ drawn_bases @ np.linalg.inv(base))
     found, stated = np.cov(twists.T), np.array(chained.covariance)
     assert np.allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(stated)), rtol=0.1)
     assert chained.origin_u_m == pytest.approx(2 * math.sqrt(np.linalg.eigvalsh(found[:3, :3])[-1]), rel=0.1)

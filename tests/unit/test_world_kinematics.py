@@ -25,11 +25,11 @@ from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
 
-def perfect(model: str) -> SimulatedArm:
+def perfect_arm(model: str) -> SimulatedArm:
     return SimulatedArm.from_model(model, seed=1, hidden=False, clock=WorldClock(0.0))
 
 
-def at(arm: SimulatedArm, degrees: list[float]) -> np.ndarray:
+def flange_at(arm: SimulatedArm, degrees: list[float]) -> np.ndarray:
     return arm.believed_flange(np.radians(degrees))[0]
 
 
@@ -37,21 +37,21 @@ def at(arm: SimulatedArm, degrees: list[float]) -> np.ndarray:
 
 
 def test_a_fanuc_stands_at_its_makers_zero_pose():
-    pose = at(perfect("fanuc_m6ib"), [0.0] * 6)
+    pose = flange_at(perfect_arm("fanuc_m6ib"), [0.0] * 6)
     assert pose[:3, 3] == pytest.approx([0.865, 0.0, 0.700], abs=1e-12)
     w, p, _ = wpr_from_matrix(pose[:3, :3])
     assert (abs(w), p) == pytest.approx((180.0, -90.0), abs=1e-6)
 
 
 def test_a_fanuc_with_j5_down_points_its_tool_at_the_floor():
-    pose = at(perfect("fanuc_m6ib"), [0, 0, 0, 0, -90, 0])
+    pose = flange_at(perfect_arm("fanuc_m6ib"), [0, 0, 0, 0, -90, 0])
     assert pose[:3, 3] == pytest.approx([0.765, 0.0, 0.600], abs=1e-12)
     w, p, r = wpr_from_matrix(pose[:3, :3])
     assert (abs(w), p, r) == pytest.approx((180.0, 0.0, 0.0), abs=1e-6)
 
 
 def test_a_fanucs_wrist_centre_reaches_what_the_data_sheet_says():
-    arm = perfect("fanuc_m6ib")
+    arm = perfect_arm("fanuc_m6ib")
     stretch = np.degrees(np.arctan2(0.100, 0.615))  # forearm and upper arm in one line
     angles = np.radians([[0.0, 90.0, -stretch, 0.0, 0.0, 0.0]]) @ arm.coupling.T
     wrist = link_frames(arm.nominal_dh, angles)[0, 4, :3, 3]
@@ -59,8 +59,8 @@ def test_a_fanucs_wrist_centre_reaches_what_the_data_sheet_says():
 
 
 def test_a_fanucs_j2_alone_does_not_turn_the_forearm():
-    arm = perfect("fanuc_m6ib")
-    leaning, upright = at(arm, [0, 40, 10, 20, 30, 40]), at(arm, [0, -20, 10, 20, 30, 40])
+    arm = perfect_arm("fanuc_m6ib")
+    leaning, upright = flange_at(arm, [0, 40, 10, 20, 30, 40]), flange_at(arm, [0, -20, 10, 20, 30, 40])
     assert leaning[:3, :3] == pytest.approx(upright[:3, :3], abs=1e-12)
     assert np.linalg.norm(leaning[:3, 3] - upright[:3, 3]) > 0.1
 
@@ -74,14 +74,14 @@ def test_a_fanucs_j2_alone_does_not_turn_the_forearm():
     ],
 )
 def test_a_universal_robot_stretched_out_stands_where_its_maker_says(model, position):
-    pose = at(perfect(model), [0.0] * 6)
+    pose = flange_at(perfect_arm(model), [0.0] * 6)
     assert pose[:3, 3] == pytest.approx(position, abs=1e-9)
     assert pose[:3, 2] == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("model", ["fanuc_m6ib", "ur5e", "ur10", "ur10e"])
 def test_two_kinematics_written_apart_agree(model):
-    ours, theirs = perfect(model), load_model(model)
+    ours, theirs = perfect_arm(model), load_model(model)
     joints = np.random.default_rng(3).uniform(-3.0, 3.0, (40, 6))
     assert ours.believed_flange(joints) == pytest.approx(theirs.base_flange(joints), abs=1e-9)
 
@@ -209,8 +209,11 @@ def test_a_ur_controller_knows_its_factory_errors_but_for_a_small_rest():
     joints = np.random.default_rng(2).uniform(-2.0, 2.0, (50, 6))
     truth = arm.flange_at(joints)[:, :3, 3]
     nominal = flange_poses(arm.nominal_dh, joints)[:, :3, 3]
-    known = arm.believed_flange(joints)[:, :3, 3]
-    assert np.linalg.norm(known - truth, axis=1).mean() < 0.5 * np.linalg.norm(nominal - truth, axis=1).mean()
+    believed_m = arm.believed_flange(joints)[:, :3, 3]
+    assert (
+        np.linalg.norm(believed_m - truth, axis=1).mean()
+        < 0.5 * np.linalg.norm(nominal - truth, axis=1).mean()
+    )
 
 
 def test_an_unloaded_axis_stops_short_on_the_side_it_comes_from():
@@ -252,21 +255,21 @@ def test_what_is_left_after_a_move_dies_away():
 # pulse coders
 
 
-def coders(seed: int = 1) -> PulseCoders:
+def pulse_coders(seed: int = 1) -> PulseCoders:
     world = World(seed, 0.0)
     return PulseCoders(world.add_arm("a", "fanuc_m6ib"), world.make_rng("coders"))
 
 
-def turn(subject: PulseCoders, joints: np.ndarray) -> None:
+def turn_coders(subject: PulseCoders, joints: np.ndarray) -> None:
     subject._arm.put_joints(subject._arm.joints_rad + joints)
 
 
 def test_joints_come_from_counts_through_the_wrist_coupling():
-    subject = coders()
+    subject = pulse_coders()
     zero = tuple(int(count) for count in subject.factory_counts_at_zero)
     assert subject.joints_from_counts(zero) == pytest.approx(subject._arm.joints_rad, abs=1e-6)
     before = np.array(subject.read_counts())
-    turn(subject, np.array([0, 0, 0, 0.5, 0, 0]))
+    turn_coders(subject, np.array([0, 0, 0, 0.5, 0, 0]))
     moved = np.array(subject.read_counts()) - before
     assert moved[3] != 0
     assert moved[4] != 0  # motor 5 has to hold its joint against motor 4
@@ -274,12 +277,12 @@ def test_joints_come_from_counts_through_the_wrist_coupling():
 
 
 def test_a_lost_coder_counts_from_zero_until_its_index_gives_the_fraction_back():
-    subject = coders()
+    subject = pulse_coders()
     before = np.array(subject.read_counts())
     subject.lose_turns([2])
     assert subject.read_counts()[2] == 0
     subject.acknowledge_alarm()
-    turn(subject, 1.2 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
+    turn_coders(subject, 1.2 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
     travelled = subject.read_counts()[2] - before[2]
     assert subject.established.all()
     fraction = (travelled - round(1.2 * COUNTS_PER_TURN)) % COUNTS_PER_TURN
@@ -291,32 +294,32 @@ def test_a_lost_coder_counts_from_zero_until_its_index_gives_the_fraction_back()
 
 
 def test_the_index_is_not_found_while_the_battery_alarm_stands():
-    subject = coders()
+    subject = pulse_coders()
     subject.lose_turns([0])
-    turn(subject, 1.5 * subject.radians_per_count[:, 0] * COUNTS_PER_TURN)
+    turn_coders(subject, 1.5 * subject.radians_per_count[:, 0] * COUNTS_PER_TURN)
     subject.read_counts()
     assert not subject.established[0]
 
 
 def test_less_than_a_turn_that_passes_no_index_establishes_nothing():
-    subject = coders()
+    subject = pulse_coders()
     inside = COUNTS_PER_TURN - int(subject.true_counts()[1]) % COUNTS_PER_TURN
     subject.lose_turns([1])
     subject.acknowledge_alarm()
-    turn(subject, 0.9 * inside * subject.radians_per_count[:, 1])
+    turn_coders(subject, 0.9 * inside * subject.radians_per_count[:, 1])
     subject.read_counts()
     assert not subject.established[1]
-    turn(subject, 0.2 * inside * subject.radians_per_count[:, 1])
+    turn_coders(subject, 0.2 * inside * subject.radians_per_count[:, 1])
     subject.read_counts()
     assert subject.established[1]
 
 
 def test_a_new_motor_shifts_the_fraction_too():
-    subject = coders()
+    subject = pulse_coders()
     subject.replace_motor(2, 123_456)
     subject.lose_turns([2])
     subject.acknowledge_alarm()
-    turn(subject, 1.5 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
+    turn_coders(subject, 1.5 * subject.radians_per_count[:, 2] * COUNTS_PER_TURN)
     subject.read_counts()
     shift = subject.true_counts_at_zero()[2] - int(subject.factory_counts_at_zero[2])
     assert shift % COUNTS_PER_TURN == -123_456 % COUNTS_PER_TURN
@@ -331,14 +334,14 @@ def test_an_arm_without_gears_has_no_pulse_coders():
 # wire
 
 
-def gauge(seed: int = 3, hidden: bool = True) -> tuple[World, WireGauge]:
+def world_and_gauge(seed: int = 3, hidden: bool = True) -> tuple[World, WireGauge]:
     world = World(seed, 0.0, hidden=hidden)
     world.add_arm("fanuc", "fanuc_m6ib")
     return world, WireGauge(world, {"name": "wire", "robot": "fanuc"})
 
 
 def test_without_hidden_errors_a_wire_is_the_straight_distance():
-    _, wire = gauge(hidden=False)
+    _, wire = world_and_gauge(hidden=False)
     straight = np.linalg.norm(wire.hook_in_base_m() - wire.anchor_in_base_m)
     assert wire.anchor_in_base_m == pytest.approx([0.9, -0.7, -0.45])
     assert wire.true_length_m() == pytest.approx(straight, abs=1e-12)
@@ -346,7 +349,7 @@ def test_without_hidden_errors_a_wire_is_the_straight_distance():
 
 
 def test_the_exit_lip_lengthens_a_bent_wire_by_radius_times_phi_minus_sin_phi():
-    _, wire = gauge()
+    _, wire = world_and_gauge()
     wire.exit_radius_m = 0.002
     way = wire.hook_in_base_m() - wire.anchor_in_base_m
     phi = np.arccos(way @ wire._exit_axis / np.linalg.norm(way))
@@ -355,14 +358,14 @@ def test_the_exit_lip_lengthens_a_bent_wire_by_radius_times_phi_minus_sin_phi():
 
 
 def test_readings_scatter_around_the_drum():
-    _, wire = gauge()
+    _, wire = world_and_gauge()
     samples = np.array([wire.read_m()[0] for _ in range(400)])
     assert samples.std() == pytest.approx(0.5 * 2e-4, rel=0.2)
     assert samples.mean() == pytest.approx(wire.exact_reading_m(), abs=3e-5)
 
 
 def test_linearity_is_a_small_smooth_error():
-    world, wire = gauge()
+    world, wire = world_and_gauge()
     arm = world.arms["fanuc"]
     errors = []
     for j1 in np.linspace(-0.6, 0.6, 100):
@@ -375,7 +378,7 @@ def test_linearity_is_a_small_smooth_error():
 
 
 def test_slack_snap_slip_and_outliers_show_and_go_away():
-    world, wire = gauge()
+    world, wire = world_and_gauge()
     arm = world.arms["fanuc"]
     here = wire.exact_reading_m()
     wire.let_catch()
@@ -401,7 +404,7 @@ def test_slack_snap_slip_and_outliers_show_and_go_away():
 
 
 def test_beyond_its_end_a_drum_stands_still():
-    _, wire = gauge()
+    _, wire = world_and_gauge()
     wire.range_m = 0.5
     assert wire.read_m() == (0.5, False)
 
@@ -409,7 +412,7 @@ def test_beyond_its_end_a_drum_stands_still():
 # the clock, and the error that matters
 
 
-def test_a_standing_clock_moves_only_when_told():
+def test_a_standing_clock_moves_only_on_request():
     clock = WorldClock(0.0)
     assert clock.now_s() == 0.0
     clock.advance(12.5)

@@ -60,44 +60,44 @@ class PeerTracker:
 
     def __init__(self, serial: int, place_m: tuple[float, float, float]) -> None:
         self.place_m = place_m
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
         self.refuses: dict[int, int] = {}  # command -> status
         self.instead: list[Any] | None = None  # packets that come in place of a result
-        self.known = {**_first_settings(), "lTrackerSerialNumber": serial}
+        self.settings = {**_first_settings(), "lTrackerSerialNumber": serial}
 
-    def hear(self, data: bytes) -> list[Any]:
+    def take_packet(self, data: bytes) -> list[Any]:
         """Take one packet of the driver; return the packets that it is answered with."""
         command = ces.PacketFactory().packet(data, return_type=False)
         assert command.pack() == data, f"cesapi packs {type(command).__name__} otherwise"
-        self.heard.append(command)
+        self.received.append(command)
         number = command.packetInfo.command
         reply = getattr(ces, type(command).__name__.removesuffix("CT") + "RT")()
         reply.packetInfo.status = self.refuses.get(number, ces.ES_RS_AllOK)
         if reply.packetInfo.status:
             return [reply]
-        self._keep(command)
+        self._keep_settings(command)
         if number == ces.ES_C_Initialize:
-            self.known["trackerProcessorStatus"] = ces.ES_TPS_Initialized
-        for name in self.known.keys() & vars(reply).keys():
-            setattr(reply, name, self.known[name])
-        return [reply] if number != ces.ES_C_StartMeasurement else [reply, *self._measured()]
+            self.settings["trackerProcessorStatus"] = ces.ES_TPS_Initialized
+        for name in self.settings.keys() & vars(reply).keys():
+            setattr(reply, name, self.settings[name])
+        return [reply] if number != ces.ES_C_StartMeasurement else [reply, *self._measurement_packets()]
 
-    def _keep(self, command: Any) -> None:
-        self.known |= {
+    def _keep_settings(self, command: Any) -> None:
+        self.settings |= {
             name: deepcopy(value)
             for name, value in vars(command).items()
-            if name in self.known and name != "packetInfo"
+            if name in self.settings and name != "packetInfo"
         }
 
-    def _measured(self) -> list[Any]:
+    def _measurement_packets(self) -> list[Any]:
         if self.instead is not None:
             return self.instead
-        covariances = self.known["stationaryMeasurements"] == ces.ES_SM_Extended
+        covariances = self.settings["stationaryMeasurements"] == ces.ES_SM_Extended
         found = ces.SingleMeasResult2T() if covariances else ces.SingleMeasResultT()
-        per_m = _PER_METRE[self.known["unitsSettings"].lenUnitType]
+        per_m = _PER_METRE[self.settings["unitsSettings"].lenUnitType]
         found.measMode, found.bIsTryMode = (
-            self.known["measMode"],
-            self.known["systemSettings"].bTryMeasurementMode,
+            self.settings["measMode"],
+            self.settings["systemSettings"].bTryMeasurementMode,
         )
         found.dVal1, found.dVal2, found.dVal3 = (per_m * value for value in self.place_m)
         found.dStd1, found.dStd2, found.dStd3 = (per_m * value for value in (1e-6, 2e-6, 30e-6))
@@ -117,7 +117,7 @@ def status_change(code: int) -> Any:
     return event
 
 
-def error(command: int, status: int) -> Any:
+def error_packet(command: int, status: int) -> Any:
     """Return an error that is no answer."""
     found = ces.ErrorResponseT()
     found.command, found.status = command, status
@@ -125,12 +125,12 @@ def error(command: int, status: int) -> Any:
 
 
 @asynccontextmanager
-async def listening(tracker: PeerTracker) -> AsyncIterator[int]:
+async def serve_peer(tracker: PeerTracker) -> AsyncIterator[int]:
     """Serve one driver; return the port. What went wrong inside is raised at the end."""
     failures: list[Exception] = []
     serving: set[asyncio.Task[Any] | None] = set()
 
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve_driver(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         serving.add(asyncio.current_task())
         try:
             while True:
@@ -138,7 +138,7 @@ async def listening(tracker: PeerTracker) -> AsyncIterator[int]:
                 header = ces.PacketHeaderT()
                 header.unpack(head)
                 rest = await reader.readexactly(header.lPacketSize - _HEADER_BYTES)
-                writer.write(b"".join(packet.pack() for packet in tracker.hear(head + rest)))
+                writer.write(b"".join(packet.pack() for packet in tracker.take_packet(head + rest)))
         except (asyncio.IncompleteReadError, ConnectionError):
             return
         except Exception as failure:
@@ -146,7 +146,7 @@ async def listening(tracker: PeerTracker) -> AsyncIterator[int]:
         finally:
             writer.close()
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+    async with await asyncio.start_server(serve_driver, "127.0.0.1", 0) as server:
         yield server.sockets[0].getsockname()[1]
         server.close()
         if serving:
@@ -163,6 +163,6 @@ class PeerClient:
         self._connection.connect("127.0.0.1", port)
         self.command = CommandSync(self._connection)
 
-    def close(self) -> None:
+    def close_client(self) -> None:
         """Hang up and see its thread ended."""
         self._connection.disconnect()

@@ -8,8 +8,17 @@ import pytest
 
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.cases import GAUGES, PROBES, ROBOTS, GaugeCase, ProbeCase, RobotCase, opened, until_open
-from tests.wire.fakes import running
+from tests.wire.driver_cases import (
+    GAUGES,
+    PROBES,
+    ROBOTS,
+    GaugeCase,
+    ProbeCase,
+    RobotCase,
+    open_retrying,
+    until_open,
+)
+from tests.wire.fake_devices_process import run_fakes
 
 pytest.register_assert_rewrite(
     "tests.wire.contract_robot",
@@ -21,20 +30,20 @@ pytest.register_assert_rewrite(
 
 
 @pytest.fixture(scope="session")
-def fakes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
-    with running(tmp_path_factory.mktemp("cell")) as cell:
+def fake_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
+    with run_fakes(tmp_path_factory.mktemp("cell")) as cell:
         yield cell
 
 
 @pytest.fixture
-def cell(fakes: tuple[Path, FakeCellClient]) -> CellConfig:
-    return read_cell_file(fakes[0])
+def cell(fake_process: tuple[Path, FakeCellClient]) -> CellConfig:
+    return read_cell_file(fake_process[0])
 
 
 @pytest.fixture
-async def door(fakes: tuple[Path, FakeCellClient]) -> FakeCellClient:
-    await fakes[1].send_command("clear")
-    return fakes[1]
+async def fake_client(fake_process: tuple[Path, FakeCellClient]) -> FakeCellClient:
+    await fake_process[1].send_command("clear")
+    return fake_process[1]
 
 
 @pytest.fixture(params=sorted(ROBOTS))
@@ -43,10 +52,10 @@ def robot_case(request: pytest.FixtureRequest) -> RobotCase:
 
 
 @pytest.fixture
-async def robot(robot_case: RobotCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
+async def robot(robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """A connected robot at its home position, its cell healthy."""
-    async with opened(cell.robot_named(robot_case.name)) as robot:
-        await robot_case.heal(door, robot)
+    async with open_retrying(cell.robot_named(robot_case.name)) as robot:
+        await robot_case.heal(fake_client, robot)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
         yield robot
 
@@ -57,11 +66,11 @@ def gauge_case(request: pytest.FixtureRequest) -> GaugeCase:
 
 
 @pytest.fixture
-async def gauge(gauge_case: GaugeCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
+async def gauge(gauge_case: GaugeCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """A connected gauge, its cell healthy."""
-    await gauge_case.heal(door)
+    await gauge_case.heal(fake_client)
     entry = next(one for one in (*cell.gauges, *cell.probes) if one.device.name == gauge_case.name)
-    async with opened(entry.device) as gauge:
+    async with open_retrying(entry.device) as gauge:
         yield gauge
 
 
@@ -71,21 +80,21 @@ def probe_case(request: pytest.FixtureRequest) -> ProbeCase:
 
 
 @pytest.fixture
-async def probe(probe_case: ProbeCase, cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
+async def probe(probe_case: ProbeCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """A connected touch probe that touches nothing, its cell healthy."""
-    await probe_case.heal(door)
+    await probe_case.heal(fake_client)
     entry = next(entry for entry in cell.probes if entry.device.name == probe_case.name)
-    async with opened(entry.device) as probe:
+    async with open_retrying(entry.device) as probe:
         await until_open(probe)
         yield probe
 
 
 @pytest.fixture
-async def fanuc(cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
+async def fanuc(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The Modbus robot, healthy and at home."""
     case = ROBOTS["modbus_robot"]
-    async with opened(cell.robot_named(case.name)) as robot:
-        await case.heal(door, robot)
+    async with open_retrying(cell.robot_named(case.name)) as robot:
+        await case.heal(fake_client, robot)
         await robot.move_joints(case.home_rad, speed_rad_s=0.5)
         yield robot
 
@@ -93,5 +102,5 @@ async def fanuc(cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
 @pytest.fixture
 def fresh_fakes(tmp_path: Path) -> Iterator[tuple[Path, FakeCellClient]]:
     """A cell of its own, for a test that spoils the robot for others."""
-    with running(tmp_path) as cell:
+    with run_fakes(tmp_path) as cell:
         yield cell

@@ -10,17 +10,17 @@ import pytest
 from cellcal.drivers.errors import BusyError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.cases import RobotCase
-from tests.wire.contract_robot import AT_TARGET_RAD, moving, truth_of
+from tests.wire.contract_robot import AT_TARGET_RAD, truth_of, wait_for_motion
+from tests.wire.driver_cases import RobotCase
 
 
 class MasteringContract:
     """Mixed into a test class; only for robots that write mastering."""
 
     async def test_counts_and_drive_train_give_the_joints(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
-        truth = await truth_of(door, robot_case)
+        truth = await truth_of(fake_client, robot_case)
         counts, data, drive = (
             await robot.encoder_counts(),
             await robot.read_mastering(),
@@ -37,7 +37,7 @@ class MasteringContract:
         assert set(drive.counts_per_turn) == {2**19}
 
     async def test_written_mastering_is_effective_and_read_back(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         before = await robot.read_mastering()
         joints = (await robot.read_joints()).joints_rad
@@ -46,7 +46,7 @@ class MasteringContract:
             found = await robot.write_mastering(shifted)
             assert found.counts_at_zero == shifted
             assert found.mastered
-            truth = await truth_of(door, robot_case)
+            truth = await truth_of(fake_client, robot_case)
             assert tuple(truth["counts_at_zero"]) == shifted
             assert (await robot.read_joints()).joints_rad != pytest.approx(joints, abs=1e-6)
         finally:
@@ -65,15 +65,15 @@ class MasteringContract:
 
     @pytest.mark.parametrize("axis", range(6))
     async def test_after_a_partial_write_the_old_data_are_back(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient, axis: int
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient, axis: int
     ) -> None:
         before = await robot.read_mastering()
-        await door.inject_fault("partial_write", device=robot_case.name, axis=f"J{axis + 1}")
+        await fake_client.inject_fault("partial_write", device=robot_case.name, axis=f"J{axis + 1}")
         shifted = tuple(count + 5000 for count in before.counts_at_zero)
         with pytest.raises(RefusedError, match=f"axis {axis + 1} was not written.*restored"):
             await robot.write_mastering(shifted)
         assert await robot.read_mastering() == before
-        truth = await truth_of(door, robot_case)
+        truth = await truth_of(fake_client, robot_case)
         assert tuple(truth["counts_at_zero"]) == before.counts_at_zero
 
     @pytest.mark.parametrize("after_s", [0.0, 0.002, 0.005, 0.01, 0.02, 0.04])
@@ -87,8 +87,8 @@ class MasteringContract:
         found = await robot.read_mastering()
         try:
             assert found.mastered
-            wanted = before.counts_at_zero if writing.cancelled() else shifted
-            assert found.counts_at_zero == wanted
+            expected_counts = before.counts_at_zero if writing.cancelled() else shifted
+            assert found.counts_at_zero == expected_counts
         finally:
             await robot.write_mastering(before.counts_at_zero)
 
@@ -109,32 +109,32 @@ class MasteringContract:
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
     async def test_a_jog_turns_one_joint_by_its_angle(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         for axis in range(robot.capabilities.axes):
             before = (await robot.read_joints()).joints_rad
             await robot.jog_axis(axis, -0.03, speed_rad_s=0.2)
-            assert not (await truth_of(door, robot_case))["moving"]
+            assert not (await truth_of(fake_client, robot_case))["moving"]
             expected = tuple(value - 0.03 * (i == axis) for i, value in enumerate(before))
             assert (await robot.read_joints()).joints_rad == pytest.approx(expected, abs=AT_TARGET_RAD)
 
     async def test_a_cancelled_jog_stops_the_arm_and_re_raises(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         jog = asyncio.create_task(robot.jog_axis(0, 0.8, speed_rad_s=robot_case.slow_rad_s))
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         with pytest.raises(BusyError):
             await robot.jog_axis(1, 0.1, speed_rad_s=0.1)
         jog.cancel()
         with pytest.raises(asyncio.CancelledError):
             await jog
-        assert not (await truth_of(door, robot_case))["moving"]
+        assert not (await truth_of(fake_client, robot_case))["moving"]
 
     async def test_a_jog_that_is_stopped_raises(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         jog = asyncio.create_task(robot.jog_axis(0, 0.8, speed_rad_s=robot_case.slow_rad_s))
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         await robot.stop()
         with pytest.raises(MotionStoppedError):
             await jog

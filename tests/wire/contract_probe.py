@@ -10,7 +10,7 @@ from cellcal.drivers.errors import BusyError, DeviceError, RefusedError, WrongDe
 from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.cases import ProbeCase, until_open, until_ready, watching
+from tests.wire.driver_cases import ProbeCase, until_open, until_ready, watch_touch
 
 
 def config_of(cell: CellConfig, case: ProbeCase) -> Any:
@@ -20,11 +20,13 @@ def config_of(cell: CellConfig, case: ProbeCase) -> Any:
 class ProbeContract:
     """Mixed into a test class."""
 
-    async def test_a_reading_is_fresh(self, probe: Any, probe_case: ProbeCase, door: FakeCellClient) -> None:
+    async def test_a_reading_is_fresh(
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient
+    ) -> None:
         for fault, closed in ((None, False), ("stuck_closed", True), ("stuck_open", False)):
-            await probe_case.heal(door)
+            await probe_case.heal(fake_client)
             if fault is not None:
-                await door.inject_fault(fault, device=probe_case.name)
+                await fake_client.inject_fault(fault, device=probe_case.name)
             began_s = time.monotonic()
             reading = await probe.read_contact()
             assert reading.closed is closed
@@ -32,12 +34,12 @@ class ProbeContract:
 
     @pytest.mark.parametrize("way", range(3))
     async def test_inputs_that_stand_still_give_no_reading(
-        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: FakeCellClient, way: int
+        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, fake_client: FakeCellClient, way: int
     ) -> None:
         fault, parameters = probe_case.stale_faults[way]
         touch = asyncio.create_task(probe.wait_for_touch())
         await asyncio.sleep(0)
-        await door.inject_fault(fault, device=probe_case.name, **parameters)
+        await fake_client.inject_fault(fault, device=probe_case.name, **parameters)
         async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
             with pytest.raises(DeviceError) as seen_while_waiting:
                 await touch
@@ -48,62 +50,62 @@ class ProbeContract:
         condition = await probe.read_condition()
         assert condition.readiness is not Readiness.READY
         assert condition.remedy
-        await probe_case.heal(door)
+        await probe_case.heal(fake_client)
         await until_ready(probe, Readiness.READY)
 
     @pytest.mark.parametrize("bounce_s", [0.0, 0.005])
     async def test_touched_returns_the_first_touch_in_bounds_that_hold_it(
-        self, probe: Any, probe_case: ProbeCase, door: FakeCellClient, bounce_s: float
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient, bounce_s: float
     ) -> None:
         for _ in range(5):
             if bounce_s:
-                await door.inject_fault("bounce", device=probe_case.name, s=bounce_s)
+                await fake_client.inject_fault("bounce", device=probe_case.name, s=bounce_s)
             began_s = time.monotonic()
-            touch = await watching(probe, probe_case, door)
-            await door.inject_fault("press", device=probe_case.name)
+            touch = await watch_touch(probe, probe_case, fake_client)
+            await fake_client.inject_fault("press", device=probe_case.name)
             edge = await touch
-            touched_at_s = (await door.read_truth())["probes"][probe_case.name]["touched_at_s"]
+            touched_at_s = (await fake_client.read_truth())["probes"][probe_case.name]["touched_at_s"]
             assert began_s < touched_at_s
             assert edge.earliest_s <= touched_at_s <= edge.latest_s
             assert edge.steady
             assert edge.raw
-            await probe_case.heal(door)
+            await probe_case.heal(fake_client)
             await until_open(probe)
 
-    async def test_a_contact_that_does_not_settle_is_told(
-        self, probe: Any, probe_case: ProbeCase, door: FakeCellClient
+    async def test_a_contact_that_does_not_settle_is_reported(
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient
     ) -> None:
         steady = []
         for _ in range(6):  # a busy machine may happen to look at closed moments only
-            await door.inject_fault("bounce", device=probe_case.name, s=5.0, half_s=0.004)
-            touch = await watching(probe, probe_case, door)
-            await door.inject_fault("press", device=probe_case.name)
+            await fake_client.inject_fault("bounce", device=probe_case.name, s=5.0, half_s=0.004)
+            touch = await watch_touch(probe, probe_case, fake_client)
+            await fake_client.inject_fault("press", device=probe_case.name)
             edge = await touch
             assert edge.steady or edge.bounces > 0
             steady.append(edge.steady)
-            await probe_case.heal(door)
+            await probe_case.heal(fake_client)
             await until_open(probe)
         assert not all(steady)
 
     async def test_a_closed_contact_is_refused(
-        self, probe: Any, probe_case: ProbeCase, door: FakeCellClient
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient
     ) -> None:
-        await door.inject_fault("stuck_closed", device=probe_case.name)
+        await fake_client.inject_fault("stuck_closed", device=probe_case.name)
         with pytest.raises(RefusedError, match="closed already") as refused:
             await probe.wait_for_touch()
         assert refused.value.remedy
 
     async def test_a_second_wait_during_one_is_busy(
-        self, probe: Any, probe_case: ProbeCase, door: FakeCellClient
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient
     ) -> None:
-        touch = await watching(probe, probe_case, door)
+        touch = await watch_touch(probe, probe_case, fake_client)
         with pytest.raises(BusyError):
             await probe.wait_for_touch()
-        await door.inject_fault("press", device=probe_case.name)
+        await fake_client.inject_fault("press", device=probe_case.name)
         assert (await touch).steady
 
     async def test_a_cancelled_wait_leaves_the_probe_usable(
-        self, probe: Any, probe_case: ProbeCase, door: FakeCellClient
+        self, probe: Any, probe_case: ProbeCase, fake_client: FakeCellClient
     ) -> None:
         for pause_s in (0.0, 0.001, 0.01):
             touch = asyncio.create_task(probe.wait_for_touch())
@@ -124,20 +126,20 @@ class ProbeContract:
 
     @pytest.mark.parametrize("way", range(4))
     async def test_a_lost_link_ends_a_wait_and_heals(
-        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: FakeCellClient, way: int
+        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, fake_client: FakeCellClient, way: int
     ) -> None:
         fault, parameters = probe_case.link_faults[way]
-        touch = await watching(probe, probe_case, door)
-        await door.inject_fault(fault, device=probe_case.name, **parameters)
+        touch = await watch_touch(probe, probe_case, fake_client)
+        await fake_client.inject_fault(fault, device=probe_case.name, **parameters)
         if fault == "refuse":  # nobody new is let in; who is in stays in
-            await door.inject_fault("reset", device=probe_case.name, count=1)
+            await fake_client.inject_fault("reset", device=probe_case.name, count=1)
         async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
             with pytest.raises(DeviceError) as failure:
                 await touch
         assert failure.value.remedy
         condition = await probe.read_condition()
         assert condition.readiness is Readiness.UNREACHABLE
-        await probe_case.heal(door)
+        await probe_case.heal(fake_client)
         await until_ready(probe, Readiness.READY)
         assert not (await probe.read_contact()).closed
 

@@ -10,7 +10,7 @@ from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, R
 from cellcal.drivers.interfaces import ActiveFrames, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.cases import RobotCase, opened, until, until_ready
+from tests.wire.driver_cases import RobotCase, open_retrying, until_ready, wait_until
 
 AT_TARGET_RAD = math.radians(0.1)
 ABILITIES = {
@@ -30,26 +30,26 @@ MODES = {  # a switch that somebody turns, and what the controller calls its pla
 }
 
 
-async def truth_of(door: FakeCellClient, case: RobotCase) -> dict[str, Any]:
-    return dict((await door.read_truth())["robots"][case.name])
+async def truth_of(fake_client: FakeCellClient, case: RobotCase) -> dict[str, Any]:
+    return dict((await fake_client.read_truth())["robots"][case.name])
 
 
-async def moving(door: FakeCellClient, case: RobotCase, *, expected: bool = True) -> None:
+async def wait_for_motion(fake_client: FakeCellClient, case: RobotCase, *, expected: bool = True) -> None:
     """Wait until the arm moves, or stands."""
 
     async def as_expected() -> bool:
-        return bool((await truth_of(door, case))["moving"]) is expected
+        return bool((await truth_of(fake_client, case))["moving"]) is expected
 
-    await until(as_expected)
+    await wait_until(as_expected)
 
 
-def refuse_other_frames(told: ActiveFrames, truth: dict[str, Any]) -> None:
+def refuse_other_frames(reported_frames: ActiveFrames, truth: dict[str, Any]) -> None:
     """Compare what a robot tells of its tool, frame and payload with the truth."""
-    assert told.tool_number == truth["tool_number"]
-    assert told.user_frame_number == truth["user_frame_number"]
-    assert told.payload_kg == truth["payload_kg"]
-    assert told.flange_tool is not None
-    for shown, true in zip(told.flange_tool.to_matrix()[:3], truth["flange_tool"], strict=False):
+    assert reported_frames.tool_number == truth["tool_number"]
+    assert reported_frames.user_frame_number == truth["user_frame_number"]
+    assert reported_frames.payload_kg == truth["payload_kg"]
+    assert reported_frames.flange_tool is not None
+    for shown, true in zip(reported_frames.flange_tool.to_matrix()[:3], truth["flange_tool"], strict=False):
         assert list(shown) == pytest.approx(true, abs=1e-6)
 
 
@@ -68,10 +68,10 @@ class RobotContract:
     """Mixed into a test class."""
 
     async def test_a_move_returns_when_the_arm_has_settled_at_the_target(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         await robot.move_joints(robot_case.away_rad, speed_rad_s=0.5)
-        truth = await truth_of(door, robot_case)
+        truth = await truth_of(fake_client, robot_case)
         assert not truth["moving"]
         assert robot_case.believed_joints(truth) == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
         reading = await robot.read_joints()
@@ -83,12 +83,12 @@ class RobotContract:
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
     async def test_a_move_that_is_stopped_raises(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         move = far_move(robot, robot_case)
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         name, parameters = robot_case.stop_fault
-        await door.inject_fault(name, device=robot_case.name, **parameters)
+        await fake_client.inject_fault(name, device=robot_case.name, **parameters)
         with pytest.raises(MotionStoppedError) as failure:
             await move
         assert failure.value.remedy
@@ -97,166 +97,166 @@ class RobotContract:
         assert condition.remedy
 
     async def test_a_cancelled_move_stops_the_arm_waits_for_standstill_and_re_raises(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         move = far_move(robot, robot_case)
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         move.cancel()
         with pytest.raises(asyncio.CancelledError):
             await move
-        truth = await truth_of(door, robot_case)
+        truth = await truth_of(fake_client, robot_case)
         assert not truth["moving"]
         assert robot_case.believed_joints(truth) != pytest.approx(robot_case.away_rad, abs=0.05)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
     async def test_a_robot_that_is_slowed_down_while_it_moves_still_arrives(
-        self, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient
+        self, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
     ) -> None:
         config = cell.robot_named(robot_case.name).model_copy(update=robot_case.impatient)
-        async with opened(config) as robot:
-            await robot_case.heal(door, robot)
+        async with open_retrying(config) as robot:
+            await robot_case.heal(fake_client, robot)
             await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
             move = asyncio.create_task(robot.move_joints(robot_case.away_rad, speed_rad_s=1.0))
-            await moving(door, robot_case)
+            await wait_for_motion(fake_client, robot_case)
             fault, parameters = robot_case.slow_fault
-            await door.inject_fault(fault, device=robot_case.name, **parameters)
+            await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
             await move
             reading = await robot.read_joints()
             assert reading.joints_rad == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
 
     async def test_a_second_command_during_a_move_raises_busy_at_once(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         move = far_move(robot, robot_case)
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         with pytest.raises(BusyError):
             await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
-        assert (await truth_of(door, robot_case))["moving"], "the first move was disturbed"
+        assert (await truth_of(fake_client, robot_case))["moving"], "the first move was disturbed"
         move.cancel()
         await asyncio.wait({move})
 
     async def test_stop_may_be_called_at_any_time_also_twice(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         await robot.stop()
         move = far_move(robot, robot_case)
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         await robot.stop()
-        assert not (await truth_of(door, robot_case))["moving"]
+        assert not (await truth_of(fake_client, robot_case))["moving"]
         await robot.stop()
         with pytest.raises(MotionStoppedError):
             await move
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
     async def test_reading_never_moves_the_arm(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
-        before = (await truth_of(door, robot_case))["joints_rad"]
+        before = (await truth_of(fake_client, robot_case))["joints_rad"]
         await robot.identify()
         await robot.read_condition()
         await robot.read_joints()
         await robot.flange_pose()
-        truth = await truth_of(door, robot_case)
+        truth = await truth_of(fake_client, robot_case)
         assert truth["joints_rad"] == pytest.approx(before, abs=1e-9)
         assert not truth["moving"]
 
     async def test_a_reading_is_what_the_controller_believes(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         reading = await robot.joints()
-        believed = robot_case.believed_joints(await truth_of(door, robot_case))
+        believed = robot_case.believed_joints(await truth_of(fake_client, robot_case))
         assert reading.joints_rad == pytest.approx(believed, abs=1e-5)
         assert reading.raw
 
     async def test_the_flange_pose_is_near_where_the_flange_is(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         pose = await robot.flange_pose()
-        truth = (await truth_of(door, robot_case))["base_flange"]
+        truth = (await truth_of(fake_client, robot_case))["base_flange"]
         for row in range(3):  # the world's hidden errors are some millimetres and tenths of a degree
             assert pose.position_m[row] == pytest.approx(truth[row][3], abs=0.03)
             assert list(pose.rotation_matrix()[row]) == pytest.approx(truth[row][:3], abs=0.03)
 
     async def test_the_active_tool_is_the_controllers_and_a_switch_is_seen(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         pose, before = await robot.flange_pose(), await robot.active_frames()
-        refuse_other_frames(before, (await truth_of(door, robot_case))["active"])
-        await door.inject_fault("tool_switched", device=robot_case.name)
+        refuse_other_frames(before, (await truth_of(fake_client, robot_case))["active"])
+        await fake_client.inject_fault("tool_switched", device=robot_case.name)
         after = await robot.active_frames()
-        refuse_other_frames(after, (await truth_of(door, robot_case))["active"])
+        refuse_other_frames(after, (await truth_of(fake_client, robot_case))["active"])
         assert after.flange_tool.position_m != pytest.approx(before.flange_tool.position_m, abs=1e-3)
         assert (await robot.flange_pose()).position_m == pytest.approx(pose.position_m, abs=1e-5)
 
-    async def test_the_mode_is_the_one_that_somebody_has_switched_to(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+    async def test_the_mode_is_the_one_switched_to(
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         fault, before, after = MODES[robot_case.name]
         assert await robot.controller_mode() == before
-        await door.inject_fault(fault, device=robot_case.name)
+        await fake_client.inject_fault(fault, device=robot_case.name)
         assert await robot.controller_mode() == after
 
-    async def test_the_speed_override_is_the_one_that_somebody_has_turned_to(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient
+    async def test_the_speed_override_is_the_one_turned_to(
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         fault, parameters = robot_case.slow_fault
         assert await robot.speed_override() == pytest.approx(1.0)
-        await door.inject_fault(fault, device=robot_case.name, **parameters)
+        await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
         assert await robot.speed_override() == pytest.approx(0.15)
 
     @pytest.mark.parametrize("bad", [math.nan, math.inf])
     async def test_a_target_that_is_no_number_is_refused_and_nothing_moves(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient, bad: float
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient, bad: float
     ) -> None:
-        before = (await truth_of(door, robot_case))["joints_rad"]
+        before = (await truth_of(fake_client, robot_case))["joints_rad"]
         with pytest.raises(RefusedError):
             await robot.move_joints((bad, *robot_case.home_rad[1:]), speed_rad_s=0.5)
         with pytest.raises(RefusedError):
             await robot.move_joints(robot_case.home_rad, speed_rad_s=bad)
         with pytest.raises(RefusedError):
             await robot.move_joints(robot_case.home_rad[:-1], speed_rad_s=0.5)
-        assert (await truth_of(door, robot_case))["joints_rad"] == pytest.approx(before, abs=1e-9)
+        assert (await truth_of(fake_client, robot_case))["joints_rad"] == pytest.approx(before, abs=1e-9)
 
     @pytest.mark.parametrize("way", range(3))
     async def test_every_call_ends_within_its_deadline_when_the_link_is_cut(
-        self, robot: Any, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient, way: int
+        self, robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient, way: int
     ) -> None:
         fault, parameters = robot_case.link_faults[way]
-        await door.inject_fault(fault, device=robot_case.name, **parameters)
+        await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
         async with asyncio.timeout(2 * cell.robot_named(robot_case.name).deadline_s):
             with pytest.raises(DeviceError) as failure:
                 await until_reading_fails(robot)
         assert robot_case.name in str(failure.value)
         assert failure.value.remedy
-        await door.send_command("clear")
+        await fake_client.send_command("clear")
 
     @pytest.mark.parametrize("way", range(3))
     async def test_a_link_lost_during_a_move_is_an_error_that_says_what_to_do(
-        self, robot: Any, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient, way: int
+        self, robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient, way: int
     ) -> None:
         move = far_move(robot, robot_case)
-        await moving(door, robot_case)
+        await wait_for_motion(fake_client, robot_case)
         fault, parameters = robot_case.link_faults[way]
-        await door.inject_fault(fault, device=robot_case.name, **parameters)
+        await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
         async with asyncio.timeout(2 * cell.robot_named(robot_case.name).deadline_s):
             with pytest.raises(DeviceError) as failure:
                 await move
         assert failure.value.remedy
-        await door.send_command("clear")
-        await moving(door, robot_case, expected=False)
-        believed = robot_case.believed_joints(await truth_of(door, robot_case))
+        await fake_client.send_command("clear")
+        await wait_for_motion(fake_client, robot_case, expected=False)
+        believed = robot_case.believed_joints(await truth_of(fake_client, robot_case))
         assert believed != pytest.approx(robot_case.away_rad, abs=0.05), "the arm went on without us"
 
     @pytest.mark.parametrize("way", range(3))
     async def test_an_unreachable_robot_has_a_condition_too_and_comes_back(
-        self, robot: Any, robot_case: RobotCase, door: FakeCellClient, way: int
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient, way: int
     ) -> None:
         fault, parameters = robot_case.link_faults[way]
-        await door.inject_fault(fault, device=robot_case.name, **parameters)
+        await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
         condition = await until_ready(robot, Readiness.UNREACHABLE)
         assert condition.message
         assert condition.remedy
-        await door.send_command("clear")
+        await fake_client.send_command("clear")
         await until_ready(robot, Readiness.READY)
         assert (await robot.joints()).joints_rad
 

@@ -11,7 +11,7 @@ import pytest
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Readiness
 from cellcal.fake_devices.laser_tracker.device import FakeLaserTracker as FakeTracker
-from tests.wire.trackers import SERIAL, believed, off_in_sigmas
+from tests.wire.tracker_cases import SERIAL, believed_position, off_in_sigmas
 
 
 class TrackerContract:
@@ -37,13 +37,13 @@ class TrackerContract:
 
     async def test_a_reading_is_as_new_as_the_target(self, tracker: Any, fake: FakeTracker) -> None:
         before = np.array((await tracker.point()).position_m)
-        where = believed(fake)
+        where = believed_position(fake)
         await fake.inject_fault("tripod_pushed", {"m": 0.05, "silently": True})
         after = await tracker.point()
-        assert np.linalg.norm(believed(fake) - where) > 0.02
-        assert np.array(after.position_m) - before == pytest.approx(believed(fake) - where, abs=5e-4)
+        assert np.linalg.norm(believed_position(fake) - where) > 0.02
+        assert np.array(after.position_m) - before == pytest.approx(believed_position(fake) - where, abs=5e-4)
 
-    async def test_every_reading_tells_its_station(self, tracker: Any) -> None:
+    async def test_every_reading_names_its_station(self, tracker: Any) -> None:
         assert [(await tracker.point()).station for _ in range(2)] == [3, 3]
 
     async def test_a_second_measurement_during_one_raises_busy_at_once(
@@ -79,7 +79,7 @@ class TrackerContract:
         assert np.abs(off[:3, :3]).max() < 6.0 * max(reading.sigma_rad)
         assert reading.station == 3
 
-    async def test_a_healthy_device_is_ready_and_says_who_it_is(self, tracker: Any) -> None:
+    async def test_a_healthy_device_is_ready_and_identifies_itself(self, tracker: Any) -> None:
         assert (await tracker.read_condition()).readiness is Readiness.READY
         assert (await tracker.identify()).serial == str(SERIAL)
         assert tracker.name == "at"

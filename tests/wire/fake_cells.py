@@ -18,7 +18,7 @@ GAUGE = {
 }  # fmt: skip
 
 
-def document(**fake: Any) -> dict[str, Any]:
+def cell_document(**fake: Any) -> dict[str, Any]:
     """Return the cell file of a robot and its wire; the clock runs 500 times as fast, watchdogs wait long."""
     return {
         "robot": [ROBOT],
@@ -28,51 +28,51 @@ def document(**fake: Any) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def running(**fake: Any) -> AsyncIterator[FakeCell]:
+async def run_cell(**fake: Any) -> AsyncIterator[FakeCell]:
     """Run that cell."""
-    async with FakeCell(document(**fake)) as cell:
+    async with FakeCell(cell_document(**fake)) as cell:
         yield cell
 
 
 @asynccontextmanager
-async def behind_a_door(**fake: Any) -> AsyncIterator[ControlServer]:
+async def behind_control_server(**fake: Any) -> AsyncIterator[ControlServer]:
     """Run that cell with its control door."""
-    async with FakeCell(document(**fake)) as cell, ControlServer(cell) as door:
-        yield door
+    async with FakeCell(cell_document(**fake)) as cell, ControlServer(cell) as control_server:
+        yield control_server
 
 
-async def until(true: Callable[[], bool]) -> None:
+async def wait_until(true: Callable[[], bool]) -> None:
     """Wait for something that will become true."""
     async with asyncio.timeout(stretched_s(30.0)):
         while not true():
             await asyncio.sleep(0.002)
 
 
-async def happen(device: FakeDevice, fault: str, **parameters: Any) -> None:
+async def cause_fault(device: FakeDevice, fault: str, **parameters: Any) -> None:
     """Let a fault happen to a device."""
     await device.inject_fault(fault, parameters)
 
 
-def int32(*values: int) -> list[int]:
+def int32_words(*values: int) -> list[int]:
     """Return registers, low word first."""
     return [word for value in values for word in struct.unpack("<HH", struct.pack("<i", value))]
 
 
-def float32(*values: float) -> list[int]:
+def float32_words(*values: float) -> list[int]:
     """Return registers, low word first."""
     return [word for value in values for word in struct.unpack("<HH", struct.pack("<f", value))]
 
 
-def integers(words: list[int]) -> list[int]:
+def integers_from(words: list[int]) -> list[int]:
     """Return the signed 32-bit values of registers."""
     return list(struct.unpack(f"<{len(words) // 2}i", struct.pack(f"<{len(words)}H", *words)))
 
 
-def floats(words: list[int]) -> list[float]:
+def floats_from(words: list[int]) -> list[float]:
     """Return the single-precision values of registers."""
     return list(struct.unpack(f"<{len(words) // 2}f", struct.pack(f"<{len(words)}H", *words)))
 
 
-def text(words: list[int]) -> str:
+def text_from(words: list[int]) -> str:
     """Return the string in registers, low byte first."""
     return struct.pack(f"<{len(words)}H", *words).split(b"\0")[0].decode("latin-1")

@@ -20,17 +20,17 @@ async def fake_ur(
     time_factor: float = 1.0, model: str = "ur10e", seed: int = 3
 ) -> AsyncIterator[FakeUniversalRobot]:
     """Start one; its address is ``robot.server.address``."""
-    robot = await _started(time_factor, model, seed)
+    robot = await _start_robot(time_factor, model, seed)
     try:
         yield robot
     finally:
         await robot.stop()
 
 
-async def _started(time_factor: float, model: str, seed: int) -> FakeUniversalRobot:
-    dice = random.SystemRandom()
+async def _start_robot(time_factor: float, model: str, seed: int) -> FakeUniversalRobot:
+    rng = random.SystemRandom()
     for _ in range(20):
-        address = f"127.{dice.randint(1, 250)}.{dice.randint(0, 250)}.{dice.randint(1, 250)}"
+        address = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
         world = World(seed, time_factor)
         robot = create_universal_robot(
             world, {"name": "ur", "model": model, "address": address, "serial": "20225500042"}
@@ -41,13 +41,13 @@ async def _started(time_factor: float, model: str, seed: int) -> FakeUniversalRo
     raise AssertionError("no free loopback address")
 
 
-class Wheel:
+class WheelProcess:
     """A child process with the unmodified ur_rtde wheel; it may hang or crash, this test may not."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
 
-    async def line(self) -> dict[str, Any]:
+    async def read_line(self) -> dict[str, Any]:
         """Return the next thing the child says."""
         assert self.process.stdout is not None
         async with asyncio.timeout(CHILD_DEADLINE_S):
@@ -65,7 +65,7 @@ class Wheel:
 
 
 @asynccontextmanager
-async def wheel(robot: FakeUniversalRobot, scenario: str) -> AsyncIterator[Wheel]:
+async def run_wheel(robot: FakeUniversalRobot, scenario: str) -> AsyncIterator[WheelProcess]:
     """Run a scenario of tests/wire/ur_wheel_child.py against a fake; kill it at the end if need be."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
@@ -78,7 +78,7 @@ async def wheel(robot: FakeUniversalRobot, scenario: str) -> AsyncIterator[Wheel
         stderr=asyncio.subprocess.DEVNULL,
     )
     try:
-        yield Wheel(process)
+        yield WheelProcess(process)
     finally:
         with suppress(ProcessLookupError):
             process.kill()

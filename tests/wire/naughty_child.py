@@ -9,15 +9,15 @@ from typing import NoReturn
 from cellcal.drivers.wire.child import serve_requests
 
 
-def _echo(value: object) -> object:
+def _echo_value(value: object) -> object:
     return value
 
 
-def _refuse() -> NoReturn:
+def _refuse_call() -> NoReturn:
     raise RuntimeError("One of the input registers is in use")
 
 
-def _bug() -> NoReturn:
+def _raise_bug() -> NoReturn:
     raise KeyError("a bug of ours")
 
 
@@ -25,39 +25,39 @@ def _hang_holding_the_interpreter() -> None:
     ctypes.PyDLL(None).pause()  # PyDLL keeps the interpreter's lock, as ur-rtde's constructors do
 
 
-def _spin() -> NoReturn:
+def _spin_forever() -> NoReturn:
     while True:
         pass
 
 
-def _segfault() -> None:
+def _cause_segfault() -> None:
     ctypes.string_at(0)
 
 
-def _kill() -> None:
+def _kill_self() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _print(text: str) -> None:
+def _print_text(text: str) -> None:
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
-def _shout() -> None:
+def _flood_output() -> None:
     os.write(int(sys.argv[-1]), b"\xff\xff\xff\xffnot a frame")
 
 
 if __name__ == "__main__":
     serve_requests(
         {
-            "echo": _echo,
-            "refuse": _refuse,
-            "bug": _bug,
+            "echo": _echo_value,
+            "refuse": _refuse_call,
+            "bug": _raise_bug,
             "hang": _hang_holding_the_interpreter,
-            "spin": _spin,
-            "segfault": _segfault,
-            "kill": _kill,
-            "print": _print,
-            "shout": _shout,
+            "spin": _spin_forever,
+            "segfault": _cause_segfault,
+            "kill": _kill_self,
+            "print": _print_text,
+            "shout": _flood_output,
         }
     )

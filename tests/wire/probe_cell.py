@@ -13,7 +13,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.probe_line import joints_for_tip
 from cellcal.procedures.steps.touch import ProbeApproach, probe_of
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.fakes import running
+from tests.wire.fake_devices_process import run_fakes
 
 BALL_MM = 12.7
 TIP_MM = (10.0, -20.0, 160.0)
@@ -139,12 +139,12 @@ def drawn_ball_m(robot: str, model: RobotModel) -> np.ndarray:
 
 
 @contextmanager
-def probing(
+def play_probe_cell(
     folder: Path, robot: str, place_m: Sequence[float], *, hidden: bool = True, tip_sigma_mm: float = 1.0
 ) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play a robot with a probe and a ball near ``place_m``."""
     ball = _BALL.format(robot=robot, ball=BALL_MM, place=[float(1e3 * value) for value in place_m])
-    with _playing(folder, robot, ball, hidden=hidden, tip_sigma_mm=tip_sigma_mm) as cell:
+    with _play_cell(folder, robot, ball, hidden=hidden, tip_sigma_mm=tip_sigma_mm) as cell:
         yield cell
 
 
@@ -154,12 +154,12 @@ def at_a_corner(
 ) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on."""
     tables = corner_tables(robot, base_frame)
-    with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=4.0) as cell:
+    with _play_cell(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=4.0) as cell:
         yield cell
 
 
 @contextmanager
-def _playing(
+def _play_cell(
     folder: Path,
     robot: str,
     artefacts: str,
@@ -177,7 +177,7 @@ def _playing(
         tip_sigma=tip_sigma_mm,
         pace=pace,
     )
-    with running(folder, text + artefacts) as cell:
+    with run_fakes(folder, text + artefacts) as cell:
         yield cell
 
 

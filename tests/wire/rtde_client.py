@@ -52,7 +52,7 @@ class RawRtde:
             size, kind = struct.unpack(">HB", await self.reader.readexactly(3))
             return chr(kind), await self.reader.readexactly(size - 3)
 
-    async def ask(self, kind: str, payload: bytes = b"") -> bytes:
+    async def send_and_receive(self, kind: str, payload: bytes = b"") -> bytes:
         """Send and return the answer, data packages in between left aside."""
         self.send(kind, payload)
         while True:
@@ -61,29 +61,29 @@ class RawRtde:
                 assert answered == kind
                 return answer
 
-    async def negotiate(self, version: int = 2) -> bool:
-        accepted = await self.ask("V", struct.pack(">H", version)) == b"\1"
+    async def negotiate_version(self, version: int = 2) -> bool:
+        accepted = await self.send_and_receive("V", struct.pack(">H", version)) == b"\1"
         if accepted:
             self.protocol = version
         return accepted
 
-    async def outputs(self, names: list[str], hz: float = 125.0) -> tuple[int | None, list[str]]:
+    async def set_up_outputs(self, names: list[str], hz: float = 125.0) -> tuple[int | None, list[str]]:
         head = struct.pack(">d", hz) if self.protocol == 2 else b""
-        answer = await self.ask("O", head + ",".join(names).encode())
+        answer = await self.send_and_receive("O", head + ",".join(names).encode())
         recipe_id = None
         if self.protocol == 2:
             recipe_id, answer = answer[0], answer[1:]
         self.names, self.kinds = names, answer.decode().split(",")
         return recipe_id, self.kinds
 
-    async def inputs(self, names: list[str]) -> tuple[int, list[str]]:
-        answer = await self.ask("I", ",".join(names).encode())
+    async def set_up_inputs(self, names: list[str]) -> tuple[int, list[str]]:
+        answer = await self.send_and_receive("I", ",".join(names).encode())
         return answer[0], answer[1:].decode().split(",")
 
-    async def start(self) -> bool:
-        return await self.ask("S") == b"\1"
+    async def start_stream(self) -> bool:
+        return await self.send_and_receive("S") == b"\1"
 
-    async def read(self) -> dict[str, Any]:
+    async def read_package(self) -> dict[str, Any]:
         """Return the next data package by name."""
         kind, payload = await self.receive()
         while kind != "U":
@@ -100,19 +100,19 @@ class RawRtde:
         assert payload == b""
         return values
 
-    async def wait_for(self, name: str, wanted: Any) -> dict[str, Any]:
+    async def wait_for(self, name: str, expected: Any) -> dict[str, Any]:
         """Read until a variable has a value."""
         async with asyncio.timeout(DEADLINE_S):
-            while (values := await self.read())[name] != wanted:
+            while (values := await self.read_package())[name] != expected:
                 pass
             return values
 
 
-async def watching(host: str, names: list[str], hz: float = 125.0) -> RawRtde:
+async def start_client(host: str, names: list[str], hz: float = 125.0) -> RawRtde:
     """Return a started client."""
     client = await RawRtde.connect(host)
-    assert await client.negotiate()
-    _, kinds = await client.outputs(names, hz)
+    assert await client.negotiate_version()
+    _, kinds = await client.set_up_outputs(names, hz)
     assert "NOT_FOUND" not in kinds
-    assert await client.start()
+    assert await client.start_stream()
     return client

@@ -16,21 +16,25 @@ from tests.machine_speed import stretched_s
 DEADLINE_S = stretched_s(1.0)
 
 
-class Server:
+class DelayedServer:
     """Answers one request for two registers when it is told to, from a thread of its own."""
 
     def __init__(self) -> None:
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listening.getsockname()[1])
-        self.asked, self.may_answer, self.answered = threading.Event(), threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self.was_asked, self.may_answer, self.answered = (
+            threading.Event(),
+            threading.Event(),
+            threading.Event(),
+        )
+        self._thread = threading.Thread(target=self._serve_request, daemon=True)
         self._thread.start()
 
-    def _serve(self) -> None:
+    def _serve_request(self) -> None:
         connection, _ = self._listening.accept()
         with connection:
             request = connection.recv(256)
-            self.asked.set()
+            self.was_asked.set()
             self.may_answer.wait()
             connection.sendall(
                 request[:4] + bytes.fromhex("0007") + request[6:8] + bytes.fromhex("0400070009")
@@ -44,8 +48,8 @@ class Server:
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
-    server = Server()
+def server() -> Iterator[DelayedServer]:
+    server = DelayedServer()
     yield server
     server.close()
 
@@ -55,10 +59,10 @@ def stand_still_until(moment_s: float) -> None:
     time.sleep(max(0.0, moment_s - time.monotonic()))
 
 
-async def test_an_answer_that_came_while_the_process_stood_still_is_taken(server: Server) -> None:
+async def test_an_answer_that_came_while_the_process_stood_still_is_taken(server: DelayedServer) -> None:
     link = ModbusLink("arm", "127.0.0.1", server.port, deadline_s=DEADLINE_S)
     asking = asyncio.create_task(link.read(1, 2))
-    while not server.asked.is_set():
+    while not server.was_asked.is_set():
         await asyncio.sleep(0)
     server.may_answer.set()
     server.answered.wait()

@@ -27,7 +27,7 @@ from cellcal.drivers.wire.socketcand import SafeSocketcandBus
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
-from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
+from tests.wire.driver_cases import GAUGES, GaugeCase, until_ready, wait_until
 
 
 @pytest.fixture
@@ -36,18 +36,18 @@ def gauge_case() -> GaugeCase:
     return GAUGES["draw_wire"]
 
 
-def readers() -> set[threading.Thread]:
+def reader_threads() -> set[threading.Thread]:
     return {thread for thread in threading.enumerate() if thread.name.startswith("CAN receiver of")}
 
 
-async def expected_m(door: FakeCellClient) -> float:
-    return float((await door.read_truth())["gauges"]["wire"]["reading_m"])
+async def expected_m(fake_client: FakeCellClient) -> float:
+    return float((await fake_client.read_truth())["gauges"]["wire"]["reading_m"])
 
 
-async def heals(gauge: Any, door: FakeCellClient) -> None:
-    await GAUGES["draw_wire"].heal(door)
+async def check_healed(gauge: Any, fake_client: FakeCellClient) -> None:
+    await GAUGES["draw_wire"].heal(fake_client)
     await until_ready(gauge, Readiness.READY)
-    assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
+    assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
 
 
 class TestTheNode:
@@ -64,58 +64,60 @@ class TestTheNode:
     async def test_that_does_not_answer_rightly_is_an_error_with_a_remedy(
         self,
         gauge: Any,
-        door: FakeCellClient,
+        fake_client: FakeCellClient,
         fault: str,
         parameters: dict[str, Any],
         error: type[DeviceError],
     ) -> None:
-        given = {key: stretched_s(value) if key == "delay_s" else value for key, value in parameters.items()}
-        await door.inject_fault(fault, device="wire", **given)
+        fault_parameters = {
+            key: stretched_s(value) if key == "delay_s" else value for key, value in parameters.items()
+        }
+        await fake_client.inject_fault(fault, device="wire", **fault_parameters)
         with pytest.raises(error) as failure:
             await gauge.distance()
         assert str(failure.value).startswith("wire: ")
         assert failure.value.remedy
-        await heals(gauge, door)
+        await check_healed(gauge, fake_client)
 
     @pytest.mark.parametrize("delay_s", [0.4, 0.5, 0.6, 0.8])
     async def test_that_answers_late_is_never_taken_for_the_next_answer(
-        self, gauge: Any, door: FakeCellClient, delay_s: float
+        self, gauge: Any, fake_client: FakeCellClient, delay_s: float
     ) -> None:
-        await door.inject_fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
+        await fake_client.inject_fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
         with pytest.raises(DeviceTimeoutError):
             await gauge.distance()
-        await door.inject_fault("wire_offset", device="wire", m=0.04)
+        await fake_client.inject_fault("wire_offset", device="wire", m=0.04)
         found = []
         while not found:
             try:
                 found.append((await gauge.distance()).value_m)
             except DeviceError:
                 await asyncio.sleep(0.02)
-        assert found[0] == pytest.approx(await expected_m(door), abs=0.001)
+        assert found[0] == pytest.approx(await expected_m(fake_client), abs=0.001)
 
-    async def test_whose_heartbeat_stops_is_lost_even_while_nobody_asks(
-        self, gauge: Any, door: FakeCellClient
+    async def test_whose_heartbeat_stops_is_lost_even_without_a_request(
+        self, gauge: Any, fake_client: FakeCellClient
     ) -> None:
-        assert readers()
-        await door.inject_fault("heartbeat_stop", device="wire")
+        assert reader_threads()
+        await fake_client.inject_fault("heartbeat_stop", device="wire")
 
-        async def noticed() -> bool:
-            return not readers()
+        async def is_noticed() -> bool:
+            return not reader_threads()
 
-        await until(noticed)
-        await heals(gauge, door)
+        await wait_until(is_noticed)
+        await check_healed(gauge, fake_client)
 
-    async def test_that_restarts_is_set_up_again(self, gauge: Any, door: FakeCellClient) -> None:
+    async def test_that_restarts_is_set_up_again(self, gauge: Any, fake_client: FakeCellClient) -> None:
         await gauge.distance()
-        await door.inject_fault("node_off", device="wire")
-        await door.inject_fault("node_on", device="wire")
+        await fake_client.inject_fault("node_off", device="wire")
+        await fake_client.inject_fault("node_on", device="wire")
         await until_ready(gauge, Readiness.READY)
-        before = readers()
-        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
-        assert readers() == before, "the heartbeat was not switched on again"
+        before = reader_threads()
+        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
+        assert reader_threads() == before, "the heartbeat was not switched on again"
 
     async def test_whose_zero_was_moved_is_not_trusted_until_it_is_opened_again(
-        self, gauge: Any, cell: CellConfig, door: FakeCellClient
+        self, gauge: Any, cell: CellConfig, fake_client: FakeCellClient
     ) -> None:
         config = cell.gauges[0].device
         data = struct.pack("<BHBi", 0x23, 0x6003, 0, 100_000)
@@ -129,62 +131,64 @@ class TestTheNode:
                 await gauge.read_distance()
         async with config.open() as opened_again:
             assert (await opened_again.read_distance()).value_m == pytest.approx(1.0, abs=0.002)
-        await door.inject_fault("node_off", device="wire")
-        await door.inject_fault("node_on", device="wire")
-        await heals(gauge, door)
+        await fake_client.inject_fault("node_off", device="wire")
+        await fake_client.inject_fault("node_on", device="wire")
+        await check_healed(gauge, fake_client)
 
 
 class TestEmergencies:
     @pytest.mark.parametrize("length", [2, 3, 5, 8])
     async def test_of_any_length_are_latched_until_the_node_takes_them_back(
-        self, gauge: Any, door: FakeCellClient, length: int
+        self, gauge: Any, fake_client: FakeCellClient, length: int
     ) -> None:
-        await door.inject_fault("emcy", device="wire", code=0x5200, length=length)
+        await fake_client.inject_fault("emcy", device="wire", code=0x5200, length=length)
 
-        async def latched() -> bool:
+        async def is_latched() -> bool:
             return (await gauge.condition()).readiness is Readiness.NOT_READY
 
-        await until(latched)
+        await wait_until(is_latched)
         condition = await gauge.read_condition()
         assert [alarm.code for alarm in condition.alarms] == ["EMCY-5200"]
         with pytest.raises(RefusedError, match="sensor hardware") as failure:
             await gauge.read_distance()
         assert failure.value.vendor_code == 0x5200
-        await heals(gauge, door)
+        await check_healed(gauge, fake_client)
 
-    async def test_survive_a_lost_link(self, gauge: Any, door: FakeCellClient) -> None:
-        await door.inject_fault("emcy", device="wire", code=0x4210)
-        await door.inject_fault("daemon_stop", device="wire", duration_s=0.3)
+    async def test_survive_a_lost_link(self, gauge: Any, fake_client: FakeCellClient) -> None:
+        await fake_client.inject_fault("emcy", device="wire", code=0x4210)
+        await fake_client.inject_fault("daemon_stop", device="wire", duration_s=0.3)
         condition = await until_ready(gauge, Readiness.NOT_READY)
         assert [alarm.code for alarm in condition.alarms] == ["EMCY-4210"]
         assert condition.message.endswith("wire speed too high")
 
 
 class TestTheWire:
-    async def test_that_has_snapped_gives_no_length(self, gauge: Any, door: FakeCellClient) -> None:
-        await door.inject_fault("wire_snap", device="wire")
+    async def test_that_has_snapped_gives_no_length(self, gauge: Any, fake_client: FakeCellClient) -> None:
+        await fake_client.inject_fault("wire_snap", device="wire")
         with pytest.raises(RefusedError) as failure:
             await gauge.distance()
         assert failure.value.remedy
-        await heals(gauge, door)
+        await check_healed(gauge, fake_client)
 
-    async def test_at_the_end_of_its_range_gives_no_length(self, gauge: Any, door: FakeCellClient) -> None:
-        await door.inject_fault("wire_offset", device="wire", m=2.5)
+    async def test_at_the_end_of_its_range_gives_no_length(
+        self, gauge: Any, fake_client: FakeCellClient
+    ) -> None:
+        await fake_client.inject_fault("wire_offset", device="wire", m=2.5)
         with pytest.raises(RefusedError):
             await gauge.distance()
-        await heals(gauge, door)
+        await check_healed(gauge, fake_client)
 
 
 class TestTheBus:
-    async def test_with_another_master_is_not_used(self, gauge: Any, door: FakeCellClient) -> None:
-        async def noticed() -> bool:
-            await door.inject_fault(
+    async def test_with_another_master_is_not_used(self, gauge: Any, fake_client: FakeCellClient) -> None:
+        async def is_noticed() -> bool:
+            await fake_client.inject_fault(
                 "foreign_master", device="wire"
             )  # again and again: it is told for two seconds only
             return (await gauge.condition()).readiness is Readiness.NOT_READY
 
-        async def refused() -> bool:
-            await door.inject_fault("foreign_master", device="wire")
+        async def is_refused() -> bool:
+            await fake_client.inject_fault("foreign_master", device="wire")
             with suppress(WireProtocolError):  # its answer came between ours
                 try:
                     await gauge.distance()
@@ -192,56 +196,56 @@ class TestTheBus:
                     return "another program" in str(failure)
             return False
 
-        await until(noticed)
-        await until(refused)
+        await wait_until(is_noticed)
+        await wait_until(is_refused)
 
-    async def test_survives_an_error_frame(self, gauge: Any, door: FakeCellClient) -> None:
-        await door.inject_fault("error_frame", device="wire")
-        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(door), abs=0.001)
+    async def test_survives_an_error_frame(self, gauge: Any, fake_client: FakeCellClient) -> None:
+        await fake_client.inject_fault("error_frame", device="wire")
+        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
 
-    async def test_whose_daemon_dies_is_noticed_while_nobody_asks(
-        self, gauge: Any, door: FakeCellClient
+    async def test_whose_daemon_dies_is_noticed_without_a_request(
+        self, gauge: Any, fake_client: FakeCellClient
     ) -> None:
-        assert readers()
-        await door.inject_fault("daemon_stop", device="wire")
+        assert reader_threads()
+        await fake_client.inject_fault("daemon_stop", device="wire")
 
-        async def noticed() -> bool:
-            return not readers()
+        async def is_noticed() -> bool:
+            return not reader_threads()
 
-        await until(noticed)
-        await heals(gauge, door)
+        await wait_until(is_noticed)
+        await check_healed(gauge, fake_client)
 
-    async def test_is_left_without_threads(self, cell: CellConfig, door: FakeCellClient) -> None:
-        await GAUGES["draw_wire"].heal(door)
+    async def test_is_left_without_threads(self, cell: CellConfig, fake_client: FakeCellClient) -> None:
+        await GAUGES["draw_wire"].heal(fake_client)
         before = set(threading.enumerate())
         for _ in range(3):
             async with cell.gauges[0].device.open() as gauge:
                 await gauge.read_distance()
 
-        async def ended() -> bool:
+        async def has_ended() -> bool:
             return set(threading.enumerate()) <= before
 
-        await until(ended)
+        await wait_until(has_ended)
 
 
-class Daemon:
+class ScriptedDaemon:
     """A socketcand daemon that says byte for byte what it is told to."""
 
     def __init__(self, *answers: bytes) -> None:
         self._answers, self._server = answers, socket.create_server(("127.0.0.1", 0))
         self.port = int(self._server.getsockname()[1])
         self.connection: socket.socket | None = None
-        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread = threading.Thread(target=self._serve_script, daemon=True)
         self._thread.start()
 
-    def _serve(self) -> None:
+    def _serve_script(self) -> None:
         self.connection, _ = self._server.accept()
         for number, answer in enumerate(self._answers):
             if number:
                 self.connection.recv(256)
             self.connection.sendall(answer)
 
-    def end(self) -> None:
+    def stop_daemon(self) -> None:
         self._server.close()
         self._thread.join(5.0)
         if self.connection is not None:
@@ -252,31 +256,31 @@ class TestTheTrapsOfSocketcand:
     """python-can 4.6.1 falls into each of these by itself."""
 
     def test_a_frame_may_arrive_with_the_last_handshake_answer(self) -> None:
-        daemon = Daemon(b"< hi >", b"< ok >", b"< ok >< frame 707 1.000000 05 >")
+        daemon = ScriptedDaemon(b"< hi >", b"< ok >", b"< ok >< frame 707 1.000000 05 >")
         bus = SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         message = bus.recv(stretched_s(5.0))
         assert message is not None
         assert (message.arbitration_id, bytes(message.data)) == (0x707, b"\x05")
         bus.shutdown()
-        daemon.end()
+        daemon.stop_daemon()
 
     def test_a_silent_daemon_is_given_up(self) -> None:
-        daemon = Daemon(b"< hi >")
+        daemon = ScriptedDaemon(b"< hi >")
         with pytest.raises(TimeoutError):
             SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=0.1)
-        daemon.end()
+        daemon.stop_daemon()
 
     def test_a_daemon_that_says_no_is_an_error(self) -> None:
-        daemon = Daemon(b"< hi >", b"< error could not open bus >")
+        daemon = ScriptedDaemon(b"< hi >", b"< error could not open bus >")
         with pytest.raises(can.CanError, match="could not open bus"):
             SafeSocketcandBus("can9", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
-        daemon.end()
+        daemon.stop_daemon()
 
     @pytest.mark.parametrize("malformed", [b"< frame 707 1.0 >", b"< frame 707 1.0 5 >", b""])
     def test_nonsense_and_the_end_are_errors_and_not_silence(self, malformed: bytes) -> None:
-        daemon = Daemon(b"< hi >", b"< ok >", b"< ok >" + malformed)
+        daemon = ScriptedDaemon(b"< hi >", b"< ok >", b"< ok >" + malformed)
         bus = SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
-        daemon.end()
+        daemon.stop_daemon()
         with pytest.raises(can.CanError):
             bus.recv(stretched_s(5.0))
         bus.shutdown()
@@ -330,7 +334,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
 
     over = threading.Event()
 
-    async def serve() -> None:
+    async def serve_extra_answer() -> None:
         while not over.is_set():
             request = await asyncio.to_thread(node.recv, 0.05)
             if request is None:
@@ -339,7 +343,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
             for data in (late, right) if index == 0x6004 else (expedited[index],):
                 node.send(can.Message(arbitration_id=0x587, data=data, is_extended_id=False))
 
-    serving = asyncio.create_task(serve())
+    serving = asyncio.create_task(serve_extra_answer())
     with pytest.raises(WireProtocolError):
         await gauge.read_distance()
     await gauge.close()
@@ -347,7 +351,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
     await serving
 
 
-async def test_bus_off_is_said_as_such(virtual_gauge: tuple[DrawWire, can.BusABC]) -> None:
+async def test_bus_off_is_reported_as_such(virtual_gauge: tuple[DrawWire, can.BusABC]) -> None:
     gauge, node = virtual_gauge
     asking = asyncio.create_task(gauge.read_distance())
     assert await asyncio.to_thread(node.recv, stretched_s(10.0)) is not None

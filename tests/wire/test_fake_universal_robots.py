@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from tests.wire.fake_ur import fake_ur
-from tests.wire.rtde_client import RawRtde, watching
+from tests.wire.rtde_client import RawRtde, start_client
 
 RECEIVE = (  # what ur_rtde 1.6.5 asks a 5.11 controller for, with the byte at which it expects each field
     "timestamp@1 target_q@9 target_qd@57 target_qdd@105 target_current@153 target_moment@201 actual_q@249"
@@ -51,7 +51,7 @@ INPUTS = {
 }
 
 
-def typed(table: dict[str, str]) -> tuple[list[str], list[str]]:
+def split_table(table: dict[str, str]) -> tuple[list[str], list[str]]:
     pairs = [(name, kind) for kind, names in table.items() for name in names.split()]
     return [name for name, _ in pairs], [kind for _, kind in pairs]
 
@@ -91,7 +91,7 @@ async def test_the_wheels_list_lies_where_the_wheel_reads_it() -> None:
     names = [part.split("@")[0] for part in RECEIVE.split()]
     names += [f"output_int_register_{i}" for i in range(12, 20)]
     names += [f"output_double_register_{i}" for i in range(12, 20)]
-    async with fake_ur() as robot, await watching(robot.server.address, names, 500.0) as client:
+    async with fake_ur() as robot, await start_client(robot.server.address, names, 500.0) as client:
         kind, payload = await client.receive()
         assert (kind, len(payload)) == ("U", 1177)
         offset = 1
@@ -106,31 +106,31 @@ async def test_the_wheels_list_lies_where_the_wheel_reads_it() -> None:
 
 async def test_every_documented_field_has_its_documented_type() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
-        assert await client.negotiate()
-        names, kinds = typed(DOCUMENT)
-        assert await client.outputs(names) == (1, kinds)
-        assert await client.start()
-        await client.read()
-        names, kinds = typed(INPUTS)
-        assert await client.inputs(names) == (1, kinds)
+        assert await client.negotiate_version()
+        names, kinds = split_table(DOCUMENT)
+        assert await client.set_up_outputs(names) == (1, kinds)
+        assert await client.start_stream()
+        await client.read_package()
+        names, kinds = split_table(INPUTS)
+        assert await client.set_up_inputs(names) == (1, kinds)
 
 
 async def test_protocol_1_has_no_frequency_and_no_recipe_id() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
-        assert not await client.negotiate(3)
-        assert await client.negotiate(1)
-        assert await client.outputs(["timestamp", "actual_q"]) == (None, ["DOUBLE", "VECTOR6D"])
-        assert await client.start()
-        first, second = await client.read(), await client.read()
+        assert not await client.negotiate_version(3)
+        assert await client.negotiate_version(1)
+        assert await client.set_up_outputs(["timestamp", "actual_q"]) == (None, ["DOUBLE", "VECTOR6D"])
+        assert await client.start_stream()
+        first, second = await client.read_package(), await client.read_package()
         assert second["timestamp"] - first["timestamp"] == pytest.approx(0.008)
         assert first["actual_q"] == pytest.approx(robot.true_state()["joints_rad"])
 
 
 async def test_clients_at_different_rates_each_get_every_step_of_theirs() -> None:
     async with fake_ur() as robot:
-        clients = [await watching(robot.server.address, ["timestamp"], hz) for hz in (500.0, 125.0, 25.0)]
+        clients = [await start_client(robot.server.address, ["timestamp"], hz) for hz in (500.0, 125.0, 25.0)]
         for client, period_s, packets in zip(clients, (0.002, 0.008, 0.04), (200, 50, 10), strict=True):
-            times = [(await client.read())["timestamp"] for _ in range(packets)]
+            times = [(await client.read_package())["timestamp"] for _ in range(packets)]
             steps = [(b - a) / period_s for a, b in pairwise(times)]
             assert min(steps) == pytest.approx(1.0)
             assert all(step == pytest.approx(round(step)) for step in steps)
@@ -141,86 +141,91 @@ async def test_input_recipes_count_from_one_and_registers_have_one_owner() -> No
     async with fake_ur() as robot:
         host = robot.server.address
         async with await RawRtde.connect(host) as owner, await RawRtde.connect(host) as other:
-            assert await owner.negotiate()
-            assert await other.negotiate()
-            assert await owner.inputs(["input_int_register_20"]) == (1, ["INT32"])
-            assert await owner.inputs(["input_int_register_20", "input_double_register_20"]) == (
+            assert await owner.negotiate_version()
+            assert await other.negotiate_version()
+            assert await owner.set_up_inputs(["input_int_register_20"]) == (1, ["INT32"])
+            assert await owner.set_up_inputs(["input_int_register_20", "input_double_register_20"]) == (
                 2,
                 ["INT32", "DOUBLE"],
             )
-            assert await other.inputs(["input_int_register_20", "input_int_register_21"]) == (
+            assert await other.set_up_inputs(["input_int_register_20", "input_int_register_21"]) == (
                 0,
                 ["IN_USE", "INT32"],
             )
-            assert await other.inputs(["input_int_register_21"]) == (1, ["INT32"])
-            assert await owner.inputs(["no_such_thing"]) == (0, ["NOT_FOUND"])
+            assert await other.set_up_inputs(["input_int_register_21"]) == (1, ["INT32"])
+            assert await owner.set_up_inputs(["no_such_thing"]) == (0, ["NOT_FOUND"])
             owner.send("U", struct.pack(">Bid", 2, -7, 2.5))
             names = ["input_int_register_20", "input_double_register_20"]
-            watch = await watching(host, names)
+            watch = await start_client(host, names)
             assert (await watch.wait_for("input_int_register_20", -7))["input_double_register_20"] == 2.5
         async with watch:
             while robot.true_state()["connections"]["30004"] > 1:
-                await watch.read()
-            assert (await watch.read())["input_int_register_20"] == -7  # kept, though its writer has left
+                await watch.read_package()
+            assert (await watch.read_package())[
+                "input_int_register_20"
+            ] == -7  # kept, though its writer has left
             async with await RawRtde.connect(host) as heir:
-                assert await heir.negotiate()
-                assert await heir.inputs(["input_int_register_20"]) == (1, ["INT32"])
+                assert await heir.negotiate_version()
+                assert await heir.set_up_inputs(["input_int_register_20"]) == (1, ["INT32"])
 
 
 async def test_data_of_the_wrong_size_change_nothing_and_cut_nothing() -> None:
-    async with fake_ur() as robot, await watching(robot.server.address, ["input_int_register_3"]) as client:
-        assert await client.inputs(["input_int_register_3"]) == (1, ["INT32"])
+    async with (
+        fake_ur() as robot,
+        await start_client(robot.server.address, ["input_int_register_3"]) as client,
+    ):
+        assert await client.set_up_inputs(["input_int_register_3"]) == (1, ["INT32"])
         for nonsense in (b"", b"\1", struct.pack(">Bd", 1, 9.0), struct.pack(">Bi", 9, 9)):
             client.send("U", nonsense)
-        assert len(await client.ask("v")) == 16
-        assert (await client.read())["input_int_register_3"] == 0
+        assert len(await client.send_and_receive("v")) == 16
+        assert (await client.read_package())["input_int_register_3"] == 0
 
 
 async def test_start_needs_a_recipe_and_pause_ends_the_stream() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
-        assert await client.negotiate()
-        assert not await client.start()
-        assert await client.outputs(["timestamp", "nonsense"]) == (0, ["DOUBLE", "NOT_FOUND"])
-        assert not await client.start()
-        await client.outputs(["timestamp"])
-        assert await client.start()
-        await client.read()
-        assert await client.ask("P") == b"\1"
-        assert len(await client.ask("v")) == 16
+        assert await client.negotiate_version()
+        assert not await client.start_stream()
+        assert await client.set_up_outputs(["timestamp", "nonsense"]) == (0, ["DOUBLE", "NOT_FOUND"])
+        assert not await client.start_stream()
+        await client.set_up_outputs(["timestamp"])
+        assert await client.start_stream()
+        await client.read_package()
+        assert await client.send_and_receive("P") == b"\1"
+        assert len(await client.send_and_receive("v")) == 16
 
 
 async def test_an_unknown_package_is_answered_with_a_message() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
-        assert await client.negotiate()
+        assert await client.negotiate_version()
         client.send("R", b"v1.software.version")
         kind, payload = await client.receive()
         assert kind == "M"
         assert payload[1 : 1 + payload[0]] == b"Unsupported package type 82"
 
 
-async def test_a_reader_that_sleeps_loses_packets_and_keeps_nobody_waiting() -> None:
+async def test_a_slow_reader_loses_packets_and_delays_no_other() -> None:
     names = ["timestamp", *[f"output_double_register_{i}" for i in range(48)]]
     async with fake_ur() as robot:
-        sleeper = await watching(robot.server.address, names, 500.0)
+        sleeper = await start_client(robot.server.address, names, 500.0)
         sleeper.writer.transport.pause_reading()
-        async with sleeper, await watching(robot.server.address, ["timestamp"], 500.0) as awake:
-            times = [(await awake.read())["timestamp"] for _ in range(300)]
+        async with sleeper, await start_client(robot.server.address, ["timestamp"], 500.0) as awake:
+            times = [(await awake.read_package())["timestamp"] for _ in range(300)]
             assert times == sorted(times)
             assert times[-1] - times[0] >= 0.59
 
 
 async def test_an_arm_at_slider_zero_stands_and_says_so() -> None:
     names = ["actual_q", "actual_qd", "target_qd", "actual_TCP_speed", "target_speed_fraction"]
-    async with fake_ur() as robot, await watching(robot.server.address, names) as client:
-        slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+    async with fake_ur() as robot, await start_client(robot.server.address, names) as client:
+        slider, _ = await client.set_up_inputs(["speed_slider_mask", "speed_slider_fraction"])
         start = robot.true_state()["joints_rad"]
         await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
-        while (await client.read())["actual_qd"][0] < 0.4:
+        while (await client.read_package())["actual_qd"][0] < 0.4:
             pass
         client.send("U", struct.pack(">BId", slider, 1, 0.0))
         at_zero = await client.wait_for("target_speed_fraction", 0.0)
-        await client.read()
-        found = [await client.read() for _ in range(5)]
+        await client.read_package()
+        found = [await client.read_package() for _ in range(5)]
         assert {values["actual_q"] for values in found} == {found[0]["actual_q"]}
         assert found[0]["actual_q"][0] < start[0] + 2.9
         for values in (at_zero, *found):
@@ -228,21 +233,21 @@ async def test_an_arm_at_slider_zero_stands_and_says_so() -> None:
                 assert not any(values[name]), name
         assert not robot.true_state()["moving"]
         client.send("U", struct.pack(">BId", slider, 1, 1.0))
-        while (await client.read())["actual_qd"][0] < 0.4:  # the program goes on where it stood
+        while (await client.read_package())["actual_qd"][0] < 0.4:  # the program goes on where it stood
             pass
 
 
 async def test_speed_is_that_of_the_arm_at_half_slider_too() -> None:
     async with fake_ur() as robot:
         names = ["actual_q", "actual_qd", "timestamp", "target_speed_fraction"]
-        async with await watching(robot.server.address, names) as client:
-            slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+        async with await start_client(robot.server.address, names) as client:
+            slider, _ = await client.set_up_inputs(["speed_slider_mask", "speed_slider_fraction"])
             client.send("U", struct.pack(">BId", slider, 1, 0.5))
             await client.wait_for("target_speed_fraction", 0.5)
             target = [q + 0.3 for q in robot.true_state()["joints_rad"]]
             await run_program(robot.server.address, f"movej({target}, a=50.0, v=0.4)")
             speeds = set()
-            while (values := await client.read())["actual_q"] != tuple(target):
+            while (values := await client.read_package())["actual_q"] != tuple(target):
                 speeds.add(round(values["actual_qd"][0], 9))
         assert max(speeds) == pytest.approx(0.2)
 
@@ -250,18 +255,18 @@ async def test_speed_is_that_of_the_arm_at_half_slider_too() -> None:
 async def test_a_program_stopped_at_slider_zero_leaves_the_arm_where_it_stands() -> None:
     async with fake_ur() as robot:
         names = ["actual_q", "actual_qd", "runtime_state", "target_speed_fraction"]
-        async with await watching(robot.server.address, names) as client:
-            slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+        async with await start_client(robot.server.address, names) as client:
+            slider, _ = await client.set_up_inputs(["speed_slider_mask", "speed_slider_fraction"])
             start = robot.true_state()["joints_rad"]
             await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
-            while (await client.read())["actual_qd"][0] < 0.4:
+            while (await client.read_package())["actual_qd"][0] < 0.4:
                 pass
             client.send("U", struct.pack(">BId", slider, 1, 0.0))
             await client.wait_for("target_speed_fraction", 0.0)
-            stood = (await client.read())["actual_q"]
+            stood = (await client.read_package())["actual_q"]
             await robot.inject_fault("program_stop", {})
             await client.wait_for("runtime_state", 1)
-            found = [await client.read() for _ in range(20)]
+            found = [await client.read_package() for _ in range(20)]
             assert {values["actual_q"] for values in found} == {stood}
 
 

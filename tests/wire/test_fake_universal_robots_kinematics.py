@@ -43,8 +43,8 @@ def test_the_calibration_with_distant_normals_is_the_same_arm(model: str) -> Non
     arm = UrArmKinematics(factory_calibration(real.known_dh), real.nominal_dh)
     assert max(map(abs, arm.calibration.d_m)) > 5.0
     joints = np.random.default_rng(5).uniform(-6.0, 6.0, (50, 6))
-    for q, wanted in zip(joints, real.believed_flange(joints), strict=True):
-        assert np.array(arm.base_flange(q)) == pytest.approx(wanted[:3], abs=1e-10)
+    for q, expected_flange in zip(joints, real.believed_flange(joints), strict=True):
+        assert np.array(arm.base_flange(q)) == pytest.approx(expected_flange[:3], abs=1e-10)
 
 
 def test_inverse_kinematics_find_the_joints_back_and_know_what_is_out_of_reach() -> None:

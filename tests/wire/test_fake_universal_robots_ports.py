@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.wire.fake_ur import fake_ur
-from tests.wire.rtde_client import DEADLINE_S, RawRtde, watching
+from tests.wire.rtde_client import DEADLINE_S, RawRtde, start_client
 
 SUB_PACKAGES = {
     0: 47,
@@ -30,7 +30,9 @@ SUB_PACKAGES = {
 
 
 @asynccontextmanager
-async def connected(host: str, port: int) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+async def open_connection(
+    host: str, port: int
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
     async with asyncio.timeout(DEADLINE_S):
         reader, writer = await asyncio.open_connection(host, port)
     try:
@@ -75,11 +77,11 @@ def flange_by_dh(
 
 async def _read_on(client: RawRtde) -> None:
     while True:
-        await client.read()
+        await client.read_package()
 
 
-async def say(host: str, *lines: str) -> list[str]:
-    async with connected(host, 29999) as (reader, writer), asyncio.timeout(DEADLINE_S):
+async def send_lines(host: str, *lines: str) -> list[str]:
+    async with open_connection(host, 29999) as (reader, writer), asyncio.timeout(DEADLINE_S):
         assert await reader.readline() == b"Connected: Universal Robots Dashboard Server\n"
         answers = []
         for line in lines:
@@ -93,13 +95,13 @@ async def test_the_primary_interface_tells_a_calibration_that_explains_the_tool_
     async with fake_ur() as robot:
         host = robot.server.address
         async with (
-            await watching(host, ["actual_q", "actual_TCP_pose"]) as rtde,
-            connected(host, 30001) as (
+            await start_client(host, ["actual_q", "actual_TCP_pose"]) as rtde,
+            open_connection(host, 30001) as (
                 reader,
                 _,
             ),
         ):
-            state, values = await robot_state(reader), await rtde.read()
+            state, values = await robot_state(reader), await rtde.read_package()
     assert {sub: len(body) + 5 for sub, body in state.items()} == SUB_PACKAGES
     theta, a, d, alpha = np.array(struct.unpack_from(">24d", state[5], 24)).reshape(4, 6)
     pose = flange_by_dh(theta, a, d, alpha, np.array(values["actual_q"]))
@@ -112,7 +114,7 @@ async def test_the_primary_interface_tells_a_calibration_that_explains_the_tool_
 
 async def test_the_dashboard_answers_word_for_word() -> None:
     async with fake_ur() as robot:
-        found = await say(
+        found = await send_lines(
             robot.server.address,
             "PolyscopeVersion",
             "get serial number",
@@ -150,17 +152,17 @@ async def test_the_dashboard_answers_word_for_word() -> None:
 async def test_power_comes_back_step_by_step_after_an_emergency_stop() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
-        async with await watching(host, ["robot_mode", "safety_mode", "safety_status_bits"]) as rtde:
+        async with await start_client(host, ["robot_mode", "safety_mode", "safety_status_bits"]) as rtde:
             await robot.inject_fault("emergency_stop", {})
             found = await rtde.wait_for("safety_mode", 7)
             assert found["robot_mode"] != 7
             assert found["safety_status_bits"] == 1 << 6 | 1 << 7 | 1 << 10
-            assert await say(host, "power on", "brake release") == ["Powering on", "Brake releasing"]
-            assert (await rtde.read())["robot_mode"] == 3
+            assert await send_lines(host, "power on", "brake release") == ["Powering on", "Brake releasing"]
+            assert (await rtde.read_package())["robot_mode"] == 3
             await robot.inject_fault("release_emergency_stop", {"power": False})
-            await say(host, "power on")
+            await send_lines(host, "power on")
             await rtde.wait_for("robot_mode", 5)
-            await say(host, "brake release")
+            await send_lines(host, "brake release")
             assert (await rtde.wait_for("robot_mode", 7))["safety_status_bits"] == 1
 
 
@@ -168,12 +170,14 @@ async def test_a_protective_stop_is_unlocked_when_its_time_has_come() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
         await robot.inject_fault("protective_stop", {"unlock_after_s": 3600.0})
-        async with await watching(host, ["safety_mode", "safety_status_bits"]) as rtde:
+        async with await start_client(host, ["safety_mode", "safety_status_bits"]) as rtde:
             assert (await rtde.wait_for("safety_mode", 3))["safety_status_bits"] == 1 << 2 | 1 << 10
-        assert "until 5s" in (await say(host, "unlock protective stop"))[0]
+        assert "until 5s" in (await send_lines(host, "unlock protective stop"))[0]
     async with fake_ur() as robot:
         await robot.inject_fault("protective_stop", {})
-        assert await say(robot.server.address, "unlock protective stop") == ["Protective stop releasing"]
+        assert await send_lines(robot.server.address, "unlock protective stop") == [
+            "Protective stop releasing"
+        ]
         assert robot.true_state()["safety_mode"] == "NORMAL"
 
 
@@ -182,8 +186,8 @@ async def test_a_program_sent_to_any_script_port_moves_the_arm(port: int) -> Non
     async with fake_ur(time_factor=20.0) as robot:
         target = [q + 0.2 for q in robot.true_state()["joints_rad"]]
         async with (
-            await watching(robot.server.address, ["runtime_state", "actual_q"]) as rtde,
-            connected(robot.server.address, port) as (_, writer),
+            await start_client(robot.server.address, ["runtime_state", "actual_q"]) as rtde,
+            open_connection(robot.server.address, port) as (_, writer),
         ):
             writer.write(f"def go():\n\tmovej({target}, a=1.4, v=1.0)\nend\n".encode())
             await rtde.wait_for("runtime_state", 2)
@@ -194,16 +198,16 @@ async def test_a_single_stop_line_ends_the_program_that_moves() -> None:
     async with fake_ur() as robot:
         host, start = robot.server.address, robot.true_state()["joints_rad"]
         async with (
-            await watching(host, ["actual_q", "actual_qd", "runtime_state"]) as rtde,
-            connected(host, 30003) as (reader, writer),
+            await start_client(host, ["actual_q", "actual_qd", "runtime_state"]) as rtde,
+            open_connection(host, 30003) as (reader, writer),
         ):
             writer.write(f"def go():\n movej({[q + 2.0 for q in start]}, a=1.0, v=0.5)\nend\n".encode())
-            while (await rtde.read())["actual_qd"][0] < 0.05:
+            while (await rtde.read_package())["actual_qd"][0] < 0.05:
                 pass
             writer.write(b"stopj(4.0)\n")
             values = await rtde.wait_for("runtime_state", 1)
             while any(values["actual_qd"]):
-                values = await rtde.read()
+                values = await rtde.read_package()
             assert values["actual_q"][0] - start[0] < 1.0
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(reader.read(1), 0.05)  # 30003 says nothing
@@ -213,14 +217,14 @@ async def test_in_local_control_nothing_starts() -> None:
     async with fake_ur() as robot:
         host = robot.server.address
         await robot.inject_fault("local_mode", {})
-        assert (await say(host, "is in remote control"))[0] == "false"
-        assert "remote control" in (await say(host, "play"))[0]
+        assert (await send_lines(host, "is in remote control"))[0] == "false"
+        assert "remote control" in (await send_lines(host, "play"))[0]
         async with (
-            await watching(host, ["runtime_state"]) as rtde,
-            connected(host, 30003) as (_, writer),
+            await start_client(host, ["runtime_state"]) as rtde,
+            open_connection(host, 30003) as (_, writer),
         ):
             writer.write(b"def go():\n movej([0,0,0,0,0,0])\nend\n")
-            assert {(await rtde.read())["runtime_state"] for _ in range(30)} == {1}
+            assert {(await rtde.read_package())["runtime_state"] for _ in range(30)} == {1}
             await robot.inject_fault("remote_mode", {})
             writer.write(b"def go():\n sync()\nend\n")
             await rtde.wait_for("runtime_state", 2)
@@ -229,7 +233,7 @@ async def test_in_local_control_nothing_starts() -> None:
 async def test_another_client_moves_the_robot() -> None:
     async with fake_ur(time_factor=20.0) as robot:
         before = robot.true_state()["joints_rad"]
-        async with await watching(robot.server.address, ["runtime_state", "actual_q"]) as rtde:
+        async with await start_client(robot.server.address, ["runtime_state", "actual_q"]) as rtde:
             await robot.inject_fault("other_client_moves", {"axis": "J2", "rad": 0.3})
             await rtde.wait_for("runtime_state", 2)
             after = (await rtde.wait_for("runtime_state", 1))["actual_q"]
@@ -237,12 +241,12 @@ async def test_another_client_moves_the_robot() -> None:
 
 
 async def test_a_cut_rtde_link_leaves_the_ports_open() -> None:
-    async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"]) as rtde:
+    async with fake_ur() as robot, await start_client(robot.server.address, ["timestamp"]) as rtde:
         await robot.inject_fault("link_loss_rtde", {})
         with pytest.raises((asyncio.IncompleteReadError, ConnectionError)):
             await _read_on(rtde)
-        async with await watching(robot.server.address, ["timestamp"]) as again:
-            assert (await again.read())["timestamp"] > 0.0
+        async with await start_client(robot.server.address, ["timestamp"]) as again:
+            assert (await again.read_package())["timestamp"] > 0.0
 
 
 async def test_closed_ports_refuse_and_open_again_when_the_fault_is_cleared() -> None:
@@ -255,40 +259,40 @@ async def test_closed_ports_refuse_and_open_again_when_the_fault_is_cleared() ->
         async with asyncio.timeout(DEADLINE_S):
             while True:
                 try:
-                    async with await watching(robot.server.address, ["timestamp"]) as rtde:
-                        await rtde.read()
+                    async with await start_client(robot.server.address, ["timestamp"]) as rtde:
+                        await rtde.read_package()
                         break
                 except ConnectionRefusedError:
                     await asyncio.sleep(0.01)
 
 
 async def test_a_stalled_link_is_silent_both_ways_until_restored() -> None:
-    async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"], 500.0) as rtde:
+    async with fake_ur() as robot, await start_client(robot.server.address, ["timestamp"], 500.0) as rtde:
         await robot.inject_fault("link_stall", {})
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(_read_on(rtde), 0.3)
         assert robot.true_state()["connections"]["30004"] == 1
         await robot.inject_fault("link_restore", {})
-        assert (await rtde.read())["timestamp"] > 0.0
+        assert (await rtde.read_package())["timestamp"] > 0.0
 
 
 async def test_names_that_the_controller_does_not_know_today() -> None:
     async with fake_ur() as robot, await RawRtde.connect(robot.server.address) as client:
-        assert await client.negotiate()
+        assert await client.negotiate_version()
         await robot.inject_fault("not_found", {"variable": "actual_q"})
-        assert await client.outputs(["timestamp", "actual_q"]) == (0, ["DOUBLE", "NOT_FOUND"])
+        assert await client.set_up_outputs(["timestamp", "actual_q"]) == (0, ["DOUBLE", "NOT_FOUND"])
         robot.clear_faults()
-        assert await client.outputs(["timestamp", "actual_q"]) == (1, ["DOUBLE", "VECTOR6D"])
+        assert await client.set_up_outputs(["timestamp", "actual_q"]) == (1, ["DOUBLE", "VECTOR6D"])
 
 
 async def test_a_late_script_runs_later_and_unknown_faults_are_refused() -> None:
     async with (
         fake_ur() as robot,
-        await watching(robot.server.address, ["timestamp", "runtime_state"]) as rtde,
+        await start_client(robot.server.address, ["timestamp", "runtime_state"]) as rtde,
     ):
         await robot.inject_fault("late_script", {"delay_s": 0.4})
-        async with connected(robot.server.address, 30003) as (_, writer):
-            sent = (await rtde.read())["timestamp"]
+        async with open_connection(robot.server.address, 30003) as (_, writer):
+            sent = (await rtde.read_package())["timestamp"]
             writer.write(b"def go():\n sync()\nend\n")
             assert (await rtde.wait_for("runtime_state", 2))["timestamp"] - sent >= 0.4
         with pytest.raises(ValueError, match="no fault is called 'tea_break'"):
@@ -298,26 +302,26 @@ async def test_a_late_script_runs_later_and_unknown_faults_are_refused() -> None
 
 
 async def test_a_frozen_controller_repeats_its_last_packet() -> None:
-    async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"]) as rtde:
-        await rtde.read()
+    async with fake_ur() as robot, await start_client(robot.server.address, ["timestamp"]) as rtde:
+        await rtde.read_package()
         await robot.inject_fault("frozen", {})
         last = -1.0
-        while (now := (await rtde.read())["timestamp"]) != last:
+        while (now := (await rtde.read_package())["timestamp"]) != last:
             last = now
-        assert {(await rtde.read())["timestamp"] for _ in range(20)} == {last}
+        assert {(await rtde.read_package())["timestamp"] for _ in range(20)} == {last}
         robot.clear_faults()
         async with asyncio.timeout(DEADLINE_S):
-            while (await rtde.read())["timestamp"] == last:
+            while (await rtde.read_package())["timestamp"] == last:
                 pass
 
 
 async def test_a_hand_moves_the_arm_and_the_controller_knows() -> None:
     async with fake_ur() as robot:
         before = robot.true_state()["joints_rad"]
-        async with await watching(robot.server.address, ["actual_q"]) as rtde:
+        async with await start_client(robot.server.address, ["actual_q"]) as rtde:
             await robot.inject_fault("hand_moves", {"axis": "J6", "rad": -0.25})
             async with asyncio.timeout(DEADLINE_S):
-                while (after := (await rtde.read())["actual_q"]) == tuple(before):
+                while (after := (await rtde.read_package())["actual_q"]) == tuple(before):
                     pass
         assert np.subtract(after, before) == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, -0.25])
 
@@ -326,24 +330,24 @@ async def test_power_off_in_a_move_stops_the_arm_at_once() -> None:
     async with fake_ur() as robot:
         host, start = robot.server.address, robot.true_state()["joints_rad"]
         async with (
-            await watching(host, ["actual_q", "actual_qd", "robot_mode"]) as rtde,
-            connected(host, 30003) as (_, writer),
+            await start_client(host, ["actual_q", "actual_qd", "robot_mode"]) as rtde,
+            open_connection(host, 30003) as (_, writer),
         ):
             writer.write(f"def go():\n movej({[q + 2.0 for q in start]}, a=1.0, v=0.5)\nend\n".encode())
-            while (await rtde.read())["actual_qd"][0] < 0.05:
+            while (await rtde.read_package())["actual_qd"][0] < 0.05:
                 pass
-            assert await say(host, "power off") == ["Powering off"]
+            assert await send_lines(host, "power off") == ["Powering off"]
             values = await rtde.wait_for("robot_mode", 3)
             assert not any(values["actual_qd"])
-            assert (await rtde.read())["actual_q"] == values["actual_q"]
+            assert (await rtde.read_package())["actual_q"] == values["actual_q"]
 
 
 async def test_a_move_beyond_a_joint_limit_is_a_protective_stop() -> None:
     async with fake_ur(time_factor=50.0) as robot:
         host = robot.server.address
         async with (
-            await watching(host, ["actual_q", "safety_mode"]) as rtde,
-            connected(host, 30002) as (_, writer),
+            await start_client(host, ["actual_q", "safety_mode"]) as rtde,
+            open_connection(host, 30002) as (_, writer),
         ):
             writer.write(b"def go():\n movej([7.0,-1.5,-1.5,-1.5,1.5,0.0], a=1.4, v=1.0)\nend\n")
             stopped = await rtde.wait_for("safety_mode", 3)

@@ -18,7 +18,7 @@ from cellcal.fake_devices.control_server import ControlServer
 from cellcal.fake_devices.device import FaultRefusedError
 from cellcal.fake_devices.link_faults import LinkFaults
 from tests.machine_speed import stretched_s
-from tests.wire.fake_cells import GAUGE, ROBOT, behind_a_door, document, running, until
+from tests.wire.fake_cells import GAUGE, ROBOT, behind_control_server, cell_document, run_cell, wait_until
 
 CELL = """
 [cell]
@@ -46,15 +46,15 @@ control_port = 0
 """
 
 
-async def ask(door: ControlServer, **question: Any) -> dict[str, Any]:
-    return await door.answer_line(json.dumps(question).encode())
+async def ask_server(control_server: ControlServer, **question: Any) -> dict[str, Any]:
+    return await control_server.answer_line(json.dumps(question).encode())
 
 
 # the process
 
 
 @asynccontextmanager
-async def played(
+async def play_cell(
     folder: Path, *more: str, factor: float = 100.0, port: int = 0
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     path = folder / "cell.toml"
@@ -77,13 +77,13 @@ async def first_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
         return dict(json.loads(await process.stdout.readline()))
 
 
-async def ended(process: asyncio.subprocess.Process) -> int:
+async def wait_for_end(process: asyncio.subprocess.Process) -> int:
     async with asyncio.timeout(stretched_s(10.0)):
         return await process.wait()
 
 
 async def test_it_says_when_it_is_ready_and_ends_on_sigterm(tmp_path: Path):
-    async with played(tmp_path) as process:
+    async with play_cell(tmp_path) as process:
         ready = await first_line(process)
         assert ready["ready"] is True
         host, port = ready["control"]
@@ -92,25 +92,25 @@ async def test_it_says_when_it_is_ready_and_ends_on_sigterm(tmp_path: Path):
             writer.write(json.dumps({"do": verb}).encode() + b"\n")
             assert json.loads(await reader.readline())["ok"] is True
         process.send_signal(signal.SIGTERM)
-        assert await ended(process) == 0
+        assert await wait_for_end(process) == 0
         writer.close()
         await writer.wait_closed()
 
 
-async def test_it_does_not_outlive_who_started_it(tmp_path: Path):
-    async with played(tmp_path, "--watch-stdin") as process:
+async def test_it_does_not_outlive_its_parent_process(tmp_path: Path):
+    async with play_cell(tmp_path, "--watch-stdin") as process:
         await first_line(process)
         assert process.stdin is not None
         process.stdin.close()
-        assert await ended(process) == 0
+        assert await wait_for_end(process) == 0
 
 
 async def test_a_taken_port_is_a_sentence_and_exit_code_2(tmp_path: Path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        async with played(tmp_path, port=taken.getsockname()[1]) as process:
-            assert await ended(process) == 2
+        async with play_cell(tmp_path, port=taken.getsockname()[1]) as process:
+            assert await wait_for_end(process) == 2
             assert process.stderr is not None
             assert b"cannot start" in await process.stderr.read()
 
@@ -125,8 +125,8 @@ async def test_an_unknown_driver_is_a_sentence():
 
 
 async def test_the_truth_is_whole_and_finite():
-    async with behind_a_door() as door:
-        truth = await ask(door, do="truth")
+    async with behind_control_server() as service_client:
+        truth = await ask_server(service_client, do="truth")
         json.dumps(truth, allow_nan=False)
         robot, gauge = truth["robots"]["fanuc"], truth["gauges"]["wire"]
         assert truth["seed"] == 1
@@ -140,13 +140,15 @@ async def test_the_truth_is_whole_and_finite():
 
 
 async def test_a_healthy_robot_has_no_tcp_error_and_a_wrong_turn_has_one():
-    async with behind_a_door() as door:
-        healthy = await ask(door, do="tcp_error", robot="fanuc")
+    async with behind_control_server() as service_client:
+        healthy = await ask_server(service_client, do="tcp_error", robot="fanuc")
         assert healthy == {"ok": True, "mean": 0.0, "max": 0.0, "n": 50}
-        zero = (await ask(door, do="truth"))["robots"]["fanuc"]["counts_at_zero"]
+        zero = (await ask_server(service_client, do="truth"))["robots"]["fanuc"]["counts_at_zero"]
         zero[0] += 1 << 19
-        turned = await ask(door, do="tcp_error", robot="fanuc", counts_at_zero=zero, poses=[[0.0] * 6])
-        hook = (await ask(door, do="truth"))["gauges"]["wire"]["hook_in_flange_m"]
+        turned = await ask_server(
+            service_client, do="tcp_error", robot="fanuc", counts_at_zero=zero, poses=[[0.0] * 6]
+        )
+        hook = (await ask_server(service_client, do="truth"))["gauges"]["wire"]["hook_in_flange_m"]
         assert turned["max"] == pytest.approx(2 * np.pi / 121 * np.hypot(0.865 + hook[2], hook[1]), rel=0.02)
 
 
@@ -170,24 +172,24 @@ async def test_a_healthy_robot_has_no_tcp_error_and_a_wrong_turn_has_one():
     ],
 )
 async def test_nonsense_is_refused_in_words(line):
-    async with behind_a_door() as door:
-        answer = await door.answer_line(line)
+    async with behind_control_server() as service_client:
+        answer = await service_client.answer_line(line)
         assert set(answer) == {"error"}
         assert answer["error"]
 
 
 @pytest.mark.parametrize("start", [b"POST / HTTP/1.1\r\nhost: x\r\n\r\n", b"\x16\x03\x01\n", b"[1]\n", b"\n"])
-async def test_a_page_in_a_browser_cannot_drive_the_door(start):
-    async with behind_a_door() as door:
-        reader, writer = await asyncio.open_connection(door.host, door.port)
+async def test_a_browser_page_cannot_use_the_control_server(start):
+    async with behind_control_server() as service_client:
+        reader, writer = await asyncio.open_connection(service_client.host, service_client.port)
         writer.write(start + b'{"do": "fault", "name": "battery_loss"}\n')
         assert await reader.read() == b""
         writer.close()
 
 
-async def test_the_door_speaks_lines_over_tcp():
-    async with behind_a_door() as door:
-        reader, writer = await asyncio.open_connection(door.host, door.port)
+async def test_the_control_server_uses_lines_over_tcp():
+    async with behind_control_server() as service_client:
+        reader, writer = await asyncio.open_connection(service_client.host, service_client.port)
         writer.write(b'{"do": "faults"}\n{"do": "sing"}\n')
         faults = json.loads(await reader.readline())["faults"]
         assert {"battery_loss", "motor_exchange", "reference_loss", "crash", "silent"} <= set(faults["fanuc"])
@@ -197,49 +199,51 @@ async def test_the_door_speaks_lines_over_tcp():
         await writer.wait_closed()
 
 
-async def test_a_fault_goes_where_it_is_known_or_told():
-    async with behind_a_door() as door:
-        assert await ask(door, do="fault", name="wire_snap") == {"ok": True}
-        assert (await ask(door, do="truth"))["gauges"]["wire"]["snapped"] is True
-        assert await ask(door, do="fault", name="link", kind="slow", device="fanuc", delay_s=0.1) == {
-            "ok": True
-        }
-        assert await ask(door, do="clear") == {"ok": True}
+async def test_a_fault_goes_to_the_device_that_has_it_or_is_named():
+    async with behind_control_server() as service_client:
+        assert await ask_server(service_client, do="fault", name="wire_snap") == {"ok": True}
+        assert (await ask_server(service_client, do="truth"))["gauges"]["wire"]["snapped"] is True
+        assert await ask_server(
+            service_client, do="fault", name="link", kind="slow", device="fanuc", delay_s=0.1
+        ) == {"ok": True}
+        assert await ask_server(service_client, do="clear") == {"ok": True}
 
 
-async def test_time_leaps_when_told():
-    async with behind_a_door(time_factor=0.0) as door:
-        assert (await ask(door, do="advance", seconds=100.0))["time_s"] == pytest.approx(100.0)
-        assert (await ask(door, do="truth"))["time_s"] == pytest.approx(100.0)
+async def test_time_leaps_on_request():
+    async with behind_control_server(time_factor=0.0) as service_client:
+        assert (await ask_server(service_client, do="advance", seconds=100.0))["time_s"] == pytest.approx(
+            100.0
+        )
+        assert (await ask_server(service_client, do="truth"))["time_s"] == pytest.approx(100.0)
 
 
 async def test_a_power_cycle_ends_when_its_world_time_has_passed():
-    async with running(time_factor=0.0) as cell:
+    async with run_cell(time_factor=0.0) as cell:
         robot = cell.robots[0]
         await robot.inject_fault("power_cycle", {"off_s": 30.0})
         cell.world.clock.advance(29.0)
         await asyncio.sleep(0.12)
         assert robot.true_state()["powered"] is False
         cell.world.clock.advance(2.0)
-        await until(lambda: robot.true_state()["powered"])
+        await wait_until(lambda: robot.true_state()["powered"])
 
 
 async def test_the_wire_follows_the_robot():
-    async with running(time_factor=2000.0) as cell:
+    async with run_cell(time_factor=2000.0) as cell:
         before = cell.gauges[0].true_state()["length_m"]
         await cell.robots[0].inject_fault("jog_by_hand", {"axis": "J1", "rad": 0.3})
-        await until(lambda: not cell.robots[0].true_state()["moving"])
+        await wait_until(lambda: not cell.robots[0].true_state()["moving"])
         assert abs(cell.gauges[0].true_state()["length_m"] - before) > 0.05
 
 
 async def test_one_seed_is_one_world():
     truths = []
     for _ in range(2):
-        async with running(seed=11, time_factor=0.0) as cell:
+        async with run_cell(seed=11, time_factor=0.0) as cell:
             truths.append(
                 [cell.robots[0].true_state()["dh"], cell.gauges[0].true_state()["anchor_in_base_m"]]
             )
-    async with running(seed=12, time_factor=0.0) as cell:
+    async with run_cell(seed=12, time_factor=0.0) as cell:
         assert cell.robots[0].true_state()["dh"] != truths[0][0]
     assert truths[0] == truths[1]
 
@@ -248,7 +252,7 @@ async def test_devices_that_started_are_stopped_when_a_later_one_cannot():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        cell = FakeCell({**document(), "gauge": [{**GAUGE, "port": taken.getsockname()[1]}]})
+        cell = FakeCell({**cell_document(), "gauge": [{**GAUGE, "port": taken.getsockname()[1]}]})
         with pytest.raises(OSError, match="in use"):
             await cell.__aenter__()
         assert cell.robots[0].true_state()["connections"] == 0

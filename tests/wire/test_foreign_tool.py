@@ -11,7 +11,7 @@ from cellcal.procedures.steps.length import capture_length
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.cases import Fault, RobotCase
+from tests.wire.driver_cases import Fault, RobotCase
 
 ASIDE_RAD = 0.05
 BACK: dict[str, Fault] = {  # how a technician selects again what was active
@@ -24,29 +24,29 @@ SAYS = {
 }
 
 
-async def _refused(work: Any, name: str) -> None:
+async def _expect_refused(work: Any, name: str) -> None:
     with pytest.raises(FramesChangedError, match=SAYS[name][0]) as refused:
         await work
     assert refused.value.remedy.startswith(SAYS[name][1])
 
 
 async def test_a_foreign_tool_moves_nothing_until_the_old_one_is_selected_again(
-    robot: Any, robot_case: RobotCase, cell: CellConfig, door: FakeCellClient
+    robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
     await robot.close()
     aside = (robot_case.home_rad[0] + ASIDE_RAD, *robot_case.home_rad[1:])
-    async with open_cell(cell, ScriptedOperator({}), robot_case.name) as lent:
-        await move_along(lent, [robot_case.home_rad], 0.3)
-        await capture_length(lent, "before", 2)
-        await door.inject_fault("tool_switched", device=robot_case.name)
-        stood = (await door.read_truth())["robots"][robot_case.name]["joints_rad"]
-        await _refused(move_along(lent, [aside], 0.3), robot_case.name)
-        await _refused(capture_length(lent, "with a foreign tool", 2), robot_case.name)
-        assert (await door.read_truth())["robots"][robot_case.name]["joints_rad"] == pytest.approx(
+    async with open_cell(cell, ScriptedOperator({}), robot_case.name) as open_cell_devices:
+        await move_along(open_cell_devices, [robot_case.home_rad], 0.3)
+        await capture_length(open_cell_devices, "before", 2)
+        await fake_client.inject_fault("tool_switched", device=robot_case.name)
+        stood = (await fake_client.read_truth())["robots"][robot_case.name]["joints_rad"]
+        await _expect_refused(move_along(open_cell_devices, [aside], 0.3), robot_case.name)
+        await _expect_refused(capture_length(open_cell_devices, "with a foreign tool", 2), robot_case.name)
+        assert (await fake_client.read_truth())["robots"][robot_case.name]["joints_rad"] == pytest.approx(
             stood, abs=1e-9
         )
         name, parameters = BACK[robot_case.name]
-        await door.inject_fault(name, device=robot_case.name, **parameters)
-        await move_along(lent, [aside], 0.3)
-        await capture_length(lent, "after", 2)
-        assert (await lent.robot.read_joints()).joints_rad == pytest.approx(aside, abs=2e-3)
+        await fake_client.inject_fault(name, device=robot_case.name, **parameters)
+        await move_along(open_cell_devices, [aside], 0.3)
+        await capture_length(open_cell_devices, "after", 2)
+        assert (await open_cell_devices.robot.read_joints()).joints_rad == pytest.approx(aside, abs=2e-3)

@@ -10,25 +10,25 @@ from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError,
 from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.cases import GAUGES, PROBES, Fault, opened, until_open
+from tests.wire.driver_cases import GAUGES, PROBES, Fault, open_retrying, until_open
 
 
 @pytest.fixture
-async def dial(cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
-    await GAUGES["dial_gauge"].heal(door)
-    async with opened(_config(cell, "dial")) as dial:
+async def dial_gauge(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    await GAUGES["dial_gauge"].heal(fake_client)
+    async with open_retrying(_device_config(cell, "dial")) as dial:
         yield dial
 
 
 @pytest.fixture
-async def wire(cell: CellConfig, door: FakeCellClient) -> AsyncIterator[Any]:
-    await GAUGES["draw_wire_modbus"].heal(door)
-    async with opened(_config(cell, "wire_tcp")) as wire:
+async def draw_wire(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    await GAUGES["draw_wire_modbus"].heal(fake_client)
+    async with open_retrying(_device_config(cell, "wire_tcp")) as wire:
         yield wire
-    await door.inject_fault("preset", device="wire_tcp", m=0.0)
+    await fake_client.inject_fault("preset", device="wire_tcp", m=0.0)
 
 
-def _config(cell: CellConfig, name: str) -> Any:
+def _device_config(cell: CellConfig, name: str) -> Any:
     return next(entry.device for entry in (*cell.gauges, *cell.probes) if entry.device.name == name)
 
 
@@ -48,25 +48,25 @@ def _config(cell: CellConfig, name: str) -> Any:
     ],
 )
 async def test_a_dial_gauge_that_cannot_measure_says_why(
-    dial: Any, door: FakeCellClient, fault: str, parameters: dict[str, Any], words: str
+    dial_gauge: Any, fake_client: FakeCellClient, fault: str, parameters: dict[str, Any], words: str
 ) -> None:
-    await door.inject_fault(fault, device="dial", **parameters)
+    await fake_client.inject_fault(fault, device="dial", **parameters)
     with pytest.raises(DeviceError, match=words) as refused:
-        await dial.distance()
+        await dial_gauge.distance()
     assert refused.value.remedy
-    await GAUGES["dial_gauge"].heal(door)
-    assert (await dial.distance()).value_m == pytest.approx(0.004, abs=5e-5)
+    await GAUGES["dial_gauge"].heal(fake_client)
+    assert (await dial_gauge.distance()).value_m == pytest.approx(0.004, abs=5e-5)
 
 
 async def test_terminals_that_were_added_are_noticed_at_the_next_connect(
-    cell: CellConfig, door: FakeCellClient
+    cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
     """Four more analogue words push the digital inputs away; the coupler says so, and nobody has to count."""
-    await PROBES["touch_probe"].heal(door)
-    await door.inject_fault("terminal_added", device="probe")
-    async with opened(_config(cell, "probe")) as probe:
+    await PROBES["touch_probe"].heal(fake_client)
+    await fake_client.inject_fault("terminal_added", device="probe")
+    async with open_retrying(_device_config(cell, "probe")) as probe:
         await until_open(probe)
-        await door.inject_fault("stuck_closed", device="probe")
+        await fake_client.inject_fault("stuck_closed", device="probe")
         assert (await probe.read_contact()).closed
 
 
@@ -75,23 +75,25 @@ async def test_terminals_that_were_added_are_noticed_at_the_next_connect(
     [({"contact_input": 9}, "8 digital inputs"), ({"echo_output": 9}, "8 digital outputs")],
 )
 async def test_a_channel_that_is_not_on_the_rail_is_refused(
-    cell: CellConfig, door: FakeCellClient, change: dict[str, int], words: str
+    cell: CellConfig, fake_client: FakeCellClient, change: dict[str, int], words: str
 ) -> None:
-    async with _config(cell, "probe").model_copy(update=change).open() as probe:
+    async with _device_config(cell, "probe").model_copy(update=change).open() as probe:
         with pytest.raises(RefusedError, match=words) as refused:
             await probe.read_contact()
         assert "cell.toml" in refused.value.remedy
 
 
-async def test_an_echo_that_is_not_wired_is_a_dead_image(cell: CellConfig, door: FakeCellClient) -> None:
-    async with _config(cell, "probe").model_copy(update={"echo_input": 5}).open() as probe:
+async def test_an_echo_that_is_not_wired_is_a_dead_image(
+    cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    async with _device_config(cell, "probe").model_copy(update={"echo_input": 5}).open() as probe:
         with pytest.raises(DeviceError, match="stands still") as dead:
             await probe.read_contact()
         assert "wire" in dead.value.remedy
 
 
-async def test_the_echo_leaves_other_outputs_alone(cell: CellConfig, door: FakeCellClient) -> None:
-    config = _config(cell, "probe")
+async def test_the_echo_leaves_other_outputs_alone(cell: CellConfig, fake_client: FakeCellClient) -> None:
+    config = _device_config(cell, "probe")
     client = AsyncModbusTcpClient(config.address, port=config.port)
     assert await client.connect()
     await client.write_coil(0x0200 + 6, True)  # somebody's gripper
@@ -104,22 +106,22 @@ async def test_the_echo_leaves_other_outputs_alone(cell: CellConfig, door: FakeC
 
 
 async def test_an_exception_of_the_coupler_without_a_reason_stays_what_it_is(
-    cell: CellConfig, door: FakeCellClient
+    cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
-    async with _config(cell, "probe").open() as probe:
+    async with _device_config(cell, "probe").open() as probe:
         await probe.read_contact()
-        await door.inject_fault("exception", device="probe", code=4, function=3, count=1)
+        await fake_client.inject_fault("exception", device="probe", code=4, function=3, count=1)
         with pytest.raises(RefusedError, match="exception 4"):
             await probe.read_contact()
 
 
 @pytest.mark.parametrize("fault", ["wrong_tid", "wrong_function", "short_list"])
 async def test_a_foreign_answer_never_becomes_a_contact(
-    cell: CellConfig, door: FakeCellClient, fault: str
+    cell: CellConfig, fake_client: FakeCellClient, fault: str
 ) -> None:
-    async with _config(cell, "probe").open() as probe:
+    async with _device_config(cell, "probe").open() as probe:
         await probe.read_contact()
-        await door.inject_fault(fault, device="probe", count=1)
+        await fake_client.inject_fault(fault, device="probe", count=1)
         with pytest.raises((WireProtocolError, DeviceError)):
             await probe.read_contact()
         assert not (await probe.read_contact()).closed
@@ -140,28 +142,30 @@ async def test_a_foreign_answer_never_becomes_a_contact(
     ],
 )
 async def test_an_encoder_that_cannot_be_trusted_gives_no_length(
-    wire: Any, door: FakeCellClient, fault: Fault, error: type[DeviceError], words: str
+    draw_wire: Any, fake_client: FakeCellClient, fault: Fault, error: type[DeviceError], words: str
 ) -> None:
-    await wire.read_distance()
+    await draw_wire.read_distance()
     name, parameters = fault
-    await door.inject_fault(name, device="wire_tcp", **parameters)
+    await fake_client.inject_fault(name, device="wire_tcp", **parameters)
     with pytest.raises(error, match=words) as refused:
-        await wire.read_distance()
+        await draw_wire.read_distance()
     assert refused.value.remedy
     if name in ("encoder_alarm", "preset"):
-        assert (await wire.read_condition()).readiness is Readiness.NOT_READY
-    await GAUGES["draw_wire_modbus"].heal(door)
+        assert (await draw_wire.read_condition()).readiness is Readiness.NOT_READY
+    await GAUGES["draw_wire_modbus"].heal(fake_client)
     if name == "preset":
-        await door.inject_fault("preset", device="wire_tcp", m=-parameters["m"])
-    assert (await wire.read_distance()).value_m > 0
+        await fake_client.inject_fault("preset", device="wire_tcp", m=-parameters["m"])
+    assert (await draw_wire.read_distance()).value_m > 0
 
 
 # the fakes, seen by an unmodified client
 
 
-async def test_the_fake_coupler_answers_as_its_manual_says(cell: CellConfig, door: FakeCellClient) -> None:
-    await GAUGES["dial_gauge"].heal(door)
-    config = _config(cell, "probe")
+async def test_the_fake_coupler_answers_as_its_manual_says(
+    cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    await GAUGES["dial_gauge"].heal(fake_client)
+    config = _device_config(cell, "probe")
     client = AsyncModbusTcpClient(config.address, port=config.port)
     assert await client.connect()
     assert (await client.read_holding_registers(0x2000, count=9)).registers == [
@@ -185,15 +189,17 @@ async def test_the_fake_coupler_answers_as_its_manual_says(cell: CellConfig, doo
     client.close()
 
 
-async def test_the_fake_encoder_answers_as_its_manual_says(cell: CellConfig, door: FakeCellClient) -> None:
-    await GAUGES["draw_wire_modbus"].heal(door)
-    config = _config(cell, "wire_tcp")
+async def test_the_fake_encoder_answers_as_its_manual_says(
+    cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    await GAUGES["draw_wire_modbus"].heal(fake_client)
+    config = _device_config(cell, "wire_tcp")
     client = AsyncModbusTcpClient(config.host, port=config.port)
     assert await client.connect()
     high, low = (await client.read_input_registers(0, count=2)).registers
     again = (await client.read_holding_registers(94, count=2)).registers
     assert high << 16 | low == pytest.approx(again[0] << 16 | again[1], abs=20)
-    true_m = (await door.read_truth())["gauges"]["wire_tcp"]["reading_m"]
+    true_m = (await fake_client.read_truth())["gauges"]["wire_tcp"]["reading_m"]
     assert (high << 16 | low) * config.step_um * 1e-6 == pytest.approx(true_m, abs=1e-3)
     assert (await client.read_holding_registers(0, count=1)).exception_code == 2
     assert (await client.write_register(94, 0)).exception_code == 2

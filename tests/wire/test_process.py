@@ -26,10 +26,10 @@ async def running_child(module: str = _MODULE) -> AsyncIterator[ChildProcess]:
         yield child
     finally:
         await child.close()
-        assert not _exists(child.pid)
+        assert not _process_exists(child.pid)
 
 
-def _exists(pid: int) -> bool:
+def _process_exists(pid: int) -> bool:
     with contextlib.suppress(ProcessLookupError, FileNotFoundError):
         os.kill(pid, 0)
         state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
@@ -37,9 +37,9 @@ def _exists(pid: int) -> bool:
     return False
 
 
-async def _gone(pid: int) -> None:
+async def _wait_until_gone(pid: int) -> None:
     async with asyncio.timeout(stretched_s(10.0)):
-        while _exists(pid):
+        while _process_exists(pid):
             await asyncio.sleep(0.02)
 
 
@@ -72,7 +72,7 @@ async def test_a_child_that_hangs_is_ended_at_its_deadline(verb: str) -> None:
             async with asyncio.timeout(stretched_s(10.0)):
                 await child.call_verb(verb, deadline_s=0.3)
         assert caught.value.device == "arm"
-        await _gone(child.pid)
+        await _wait_until_gone(child.pid)
         assert not child.is_alive
 
 
@@ -94,7 +94,7 @@ async def test_a_crash_fails_every_call_under_way_at_once() -> None:
         assert [type(result) for result in results] == [UnreachableError] * 3
 
 
-async def test_a_crash_while_nobody_asks_is_told_to_the_next_caller() -> None:
+async def test_a_crash_between_requests_is_reported_to_the_next_caller() -> None:
     async with running_child() as child:
         os.kill(child.pid, signal.SIGKILL)
         with pytest.raises(UnreachableError, match=r"the child ended: signal 9 \(Killed\).*new process"):
@@ -158,4 +158,4 @@ async def test_no_child_outlives_a_killed_parent(verb: str) -> None:
     finally:
         parent.kill()
         await parent.wait()
-    await _gone(pid)
+    await _wait_until_gone(pid)

@@ -40,52 +40,52 @@ from tests.wire.probe_cell import (
     TIP_RADIUS_MM,
     approach_from,
     drawn_ball_m,
-    probing,
+    play_probe_cell,
 )
 
 MODELS = {"fanuc": "fanuc_m6ib", "ur": "ur10e"}
 REACH_M = (BALL_MM + TIP_RADIUS_MM - PRETRAVEL_MM) * 1e-3
 
 
-class Scene:
+class RobotAboveBall:
     """A robot at home above a ball."""
 
-    def __init__(self, robot: str, cell: Cell, door: FakeCellClient, model: RobotModel) -> None:
-        self.robot, self.cell, self.door, self.model = robot, cell, door, model
+    def __init__(self, robot: str, cell: Cell, fake_client: FakeCellClient, model: RobotModel) -> None:
+        self.robot, self.cell, self.fake_client, self.model = robot, cell, fake_client, model
         self.ball_m = drawn_ball_m(robot, model)
 
     async def back_off(self, approach: ProbeApproach) -> None:
         await self.cell.robot.move_joints(approach.start_rad, speed_rad_s=0.1)
 
-    async def home(self) -> None:
+    async def move_home(self) -> None:
         await self.cell.robot.move_joints(HOME_RAD[self.robot], speed_rad_s=0.3)
 
-    def approach(self, side: tuple[float, float, float] = SIDES[0], **how: Any) -> ProbeApproach:
+    def plan_approach(self, side: tuple[float, float, float] = SIDES[0], **how: Any) -> ProbeApproach:
         return approach_from(self.cell, HOME_RAD[self.robot], self.ball_m, side, **how)
 
-    async def truth(self) -> dict[str, Any]:
-        return dict((await self.door.read_truth())["probes"]["probe"])
+    async def read_truth(self) -> dict[str, Any]:
+        return dict((await self.fake_client.read_truth())["probes"]["probe"])
 
-    async def stands(self) -> bool:
+    async def is_standing(self) -> bool:
         before, after = await self.cell.robot.read_joints(), await self.cell.robot.read_joints()
         return before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6) and not after.moving
 
 
 @asynccontextmanager
-async def scene(folder: Path, robot: str, **how: Any) -> AsyncIterator[Scene]:
+async def open_scene(folder: Path, robot: str, **how: Any) -> AsyncIterator[RobotAboveBall]:
     model = load_model(MODELS[robot])
-    with probing(folder, robot, drawn_ball_m(robot, model), **how) as played:
-        async with opened(robot, played) as made:
+    with play_probe_cell(folder, robot, drawn_ball_m(robot, model), **how) as played:
+        async with open_played_scene(robot, played) as made:
             yield made
 
 
 @asynccontextmanager
-async def opened(robot: str, played: tuple[Path, FakeCellClient]) -> AsyncIterator[Scene]:
-    path, door = played
+async def open_played_scene(robot: str, played: tuple[Path, FakeCellClient]) -> AsyncIterator[RobotAboveBall]:
+    path, fake_client = played
     async with open_cell(read_cell_file(path), ScriptedOperator({"approve_move": "yes"})) as cell:
-        await door.send_command("clear")
-        made = Scene(robot, cell, door, load_model(MODELS[robot]))
-        await made.home()
+        await fake_client.send_command("clear")
+        made = RobotAboveBall(robot, cell, fake_client, load_model(MODELS[robot]))
+        await made.move_home()
         yield made
 
 
@@ -93,24 +93,26 @@ async def opened(robot: str, played: tuple[Path, FakeCellClient]) -> AsyncIterat
 def as_drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
     """A cell without hidden effects, for tests that leave it as it was."""
     place_m = drawn_ball_m("fanuc", load_model(MODELS["fanuc"]))
-    with probing(tmp_path_factory.mktemp("drawn"), "fanuc", place_m, hidden=False) as played:
+    with play_probe_cell(tmp_path_factory.mktemp("drawn"), "fanuc", place_m, hidden=False) as played:
         yield played
 
 
 @pytest.mark.parametrize("robot", sorted(MODELS))
 async def test_touches_from_several_sides_find_the_ball(tmp_path: Path, robot: str) -> None:
     """The world is as drawn: what is found wrong comes from the latch, within what is stated about it."""
-    async with scene(tmp_path, robot, hidden=False) as made:
+    async with open_scene(tmp_path, robot, hidden=False) as made:
         tip_m = np.array(TIP_MM) * 1e-3
         points = []
         for number, side in enumerate(SIDES):
-            approach = made.approach(side, clear_m=0.0008, measure_m_s=0.0015, repeats=1, retreat_m=0.0004)
+            approach = made.plan_approach(
+                side, clear_m=0.0008, measure_m_s=0.0015, repeats=1, retreat_m=0.0004
+            )
             points.append(await touch_surface(made.cell, f"side {number}", approach))
             latched = points[-1].touches[-1]
-            true_joints = (await made.truth())["contact_joints_rad"]
+            true_joints = (await made.read_truth())["contact_joints_rad"]
             both = made.model.tip_positions(np.array([latched.joints_rad, true_joints]), tip_m)
             assert np.linalg.norm(both[0] - both[1]) <= 3 * latched.sigma_m
-            await made.home()
+            await made.move_home()
         sigma_m = max(point.sigma_m for point in points)
         fit = trilaterate_point(
             [point.tip_in_base_m for point in points],
@@ -121,13 +123,15 @@ async def test_touches_from_several_sides_find_the_ball(tmp_path: Path, robot: s
         error_m = np.abs(np.array(fit.point_m) - made.ball_m)
         assert (error_m <= 3 * np.array(fit.point_sigma_m)).all()
         assert sigma_m < 1e-3  # stated, and not so large that anything would do
-        assert (await made.truth())["deepest_m"] < made.cell.probe.capabilities.overtravel_m  # type: ignore[union-attr]
+        assert (await made.read_truth())["deepest_m"] < made.cell.probe.capabilities.overtravel_m  # type: ignore[union-attr]
 
 
-async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(tmp_path: Path) -> None:
+async def test_one_scene_after_the_other_each_fault_is_reported_and_the_arm_stands(tmp_path: Path) -> None:
     """One robot in a world with every hidden effect on; a touch goes well between the faults."""
-    async with scene(tmp_path, "fanuc", tip_sigma_mm=0.2) as made:
-        wide = made.approach(clear_m=0.003, beyond_m=0.006, measure_m_s=0.002, repeats=1, retreat_m=0.0005)
+    async with open_scene(tmp_path, "fanuc", tip_sigma_mm=0.2) as made:
+        wide = made.plan_approach(
+            clear_m=0.003, beyond_m=0.006, measure_m_s=0.002, repeats=1, retreat_m=0.0005
+        )
         found = await touch_surface(made.cell, "well", wide)
         setup = made.cell.probe_setup
         assert setup is not None
@@ -136,116 +140,119 @@ async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(t
         short = replace(wide, start_rad=line.joints_at(near - 0.0015), end_rad=line.joints_at(near + 0.0015))
         await _never_touches(made, short)
         await _loses_contact(made, short)
-        await _sticks(made, short)
+        await _check_stuck_probe(made, short)
         await _begins_in_contact(made, short)
         await _springs_once(made, short)
         await _springs_for_ever(made, short)
-        await _stale(made, short)
-        await _cancelled(made, short)
+        await _check_stale_probe(made, short)
+        await _check_cancelled_touch(made, short)
         again = await touch_surface(made.cell, "well again", short)
         tips = line.tips_m(np.array([found.joints_rad, again.joints_rad]))
         assert np.linalg.norm(tips[0] - tips[1]) < 2e-4  # the arm's own scatter
 
 
-async def _fails(
-    made: Scene, approach: ProbeApproach, error: type[Exception] | tuple[type[Exception], ...], words: str
+async def _expect_failure(
+    made: RobotAboveBall,
+    approach: ProbeApproach,
+    error: type[Exception] | tuple[type[Exception], ...],
+    words: str,
 ) -> None:
     with pytest.raises(error, match=words) as failure:
         await touch_surface(made.cell, "faulty", approach)
     assert getattr(failure.value, "remedy", "")
-    assert await made.stands()
-    await made.door.send_command("clear")
+    assert await made.is_standing()
+    await made.fake_client.send_command("clear")
     await made.back_off(approach)
 
 
-async def _never_touches(made: Scene, approach: ProbeApproach) -> None:
-    await made.door.inject_fault("stuck_open", device="probe")
+async def _never_touches(made: RobotAboveBall, approach: ProbeApproach) -> None:
+    await made.fake_client.inject_fault("stuck_open", device="probe")
     with pytest.raises(NoContactError, match="no contact within"):
         await touch_surface(made.cell, "faulty", approach)
-    assert await made.stands()
+    assert await made.is_standing()
     there = (await made.cell.robot.read_joints()).joints_rad
     assert there == pytest.approx(approach.end_rad, abs=2e-3)  # and no farther
-    await made.door.send_command("clear")
+    await made.fake_client.send_command("clear")
     await made.back_off(approach)
 
 
-async def _loses_contact(made: Scene, approach: ProbeApproach) -> None:
-    await made.door.inject_fault("contact_lost", device="probe", after_s=0.05)
+async def _loses_contact(made: RobotAboveBall, approach: ProbeApproach) -> None:
+    await made.fake_client.inject_fault("contact_lost", device="probe", after_s=0.05)
     # seen before the contact counts as closed, it is a bounce that is too long
     both = (ContactLostError, BouncingContactError)
-    await _fails(made, approach, both, "is open although|did not settle")
+    await _expect_failure(made, approach, both, "is open although|did not settle")
 
 
-async def _sticks(made: Scene, approach: ProbeApproach) -> None:
+async def _check_stuck_probe(made: RobotAboveBall, approach: ProbeApproach) -> None:
     async def stick_when_touched() -> None:
-        while not (await made.truth())["signal"]:
+        while not (await made.read_truth())["signal"]:
             await asyncio.sleep(0.01)
-        await made.door.inject_fault("stuck_closed", device="probe")
+        await made.fake_client.inject_fault("stuck_closed", device="probe")
 
     sticking = asyncio.create_task(stick_when_touched())
-    await _fails(made, approach, StuckContactError, "stays closed")
+    await _expect_failure(made, approach, StuckContactError, "stays closed")
     await sticking
 
 
-async def _begins_in_contact(made: Scene, approach: ProbeApproach) -> None:
-    await made.door.inject_fault("stuck_closed", device="probe")
+async def _begins_in_contact(made: RobotAboveBall, approach: ProbeApproach) -> None:
+    await made.fake_client.inject_fault("stuck_closed", device="probe")
     before = (await made.cell.robot.read_joints()).joints_rad
     with pytest.raises(AlreadyInContactError):
         await touch_surface(made.cell, "faulty", approach)
     assert (await made.cell.robot.read_joints()).joints_rad == pytest.approx(before, abs=1e-4)
-    await made.door.send_command("clear")
+    await made.fake_client.send_command("clear")
 
 
-async def _springs_once(made: Scene, approach: ProbeApproach) -> None:
+async def _springs_once(made: RobotAboveBall, approach: ProbeApproach) -> None:
     """The contact opens again, as where an arm comes to rest just at the surface: it is felt for once more."""
 
-    before_s = (await made.truth())["touched_at_s"]
+    before_s = (await made.read_truth())["touched_at_s"]
 
     async def mend_when_it_has_let_go() -> None:
-        while (await made.truth())["touched_at_s"] == before_s:
+        while (await made.read_truth())["touched_at_s"] == before_s:
             await asyncio.sleep(0.01)
-        while (await made.truth())["clearance_m"] < 0:
+        while (await made.read_truth())["clearance_m"] < 0:
             await asyncio.sleep(0.01)
-        await made.door.send_command("clear")
+        await made.fake_client.send_command("clear")
 
-    await made.door.inject_fault("bounce", device="probe", s=60.0, half_s=0.011)
+    await made.fake_client.inject_fault("bounce", device="probe", s=60.0, half_s=0.011)
     mending = asyncio.create_task(mend_when_it_has_let_go())
     await touch_surface(made.cell, "swung", approach)
     await mending
 
 
-async def _springs_for_ever(made: Scene, approach: ProbeApproach) -> None:
-    await made.door.inject_fault(
+async def _springs_for_ever(made: RobotAboveBall, approach: ProbeApproach) -> None:
+    await made.fake_client.inject_fault(
         "bounce", device="probe", s=60.0, half_s=0.011
     )  # no multiple of a look's pause
-    await _fails(made, approach, BouncingContactError, "did not settle")
+    await _expect_failure(made, approach, BouncingContactError, "did not settle")
 
 
-async def _stale(made: Scene, approach: ProbeApproach) -> None:
+async def _check_stale_probe(made: RobotAboveBall, approach: ProbeApproach) -> None:
     async def freeze_on_the_way() -> None:
         while not (await made.cell.robot.read_joints()).moving:
             await asyncio.sleep(0.01)
-        await made.door.inject_fault("image_frozen", device="probe")
+        await made.fake_client.inject_fault("image_frozen", device="probe")
 
     freezing = asyncio.create_task(freeze_on_the_way())
-    await _fails(made, approach, DeviceError, "stands still")
+    await _expect_failure(made, approach, DeviceError, "stands still")
     await freezing
 
 
-async def _cancelled(made: Scene, approach: ProbeApproach) -> None:
+async def _check_cancelled_touch(made: RobotAboveBall, approach: ProbeApproach) -> None:
     touching = asyncio.create_task(touch_surface(made.cell, "cancelled", approach))
     while not (await made.cell.robot.read_joints()).moving:
         await asyncio.sleep(0.01)
     touching.cancel()
     with pytest.raises(asyncio.CancelledError):
         await touching
-    assert await made.stands()
+    assert await made.is_standing()
     await made.back_off(approach)
 
 
 async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, FakeCellClient]) -> None:
-    async with opened("fanuc", as_drawn) as made:
-        good = made.approach(repeats=1)
+    async with open_played_scene("fanuc", as_drawn) as made:
+        good = made.plan_approach(repeats=1)
         before = (await made.cell.robot.read_joints()).joints_rad
         can = made.cell.probe.capabilities  # type: ignore[union-attr]
         for approach, error in (
@@ -261,14 +268,14 @@ async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, Fake
             with pytest.raises(error):
                 await touch_surface(made.cell, "impossible", approach)
         assert can.overtravel_m > 0
-        fragile = replace(made.cell, probe=_Fragile(made.cell.probe))  # type: ignore[arg-type]
+        fragile = replace(made.cell, probe=_FragileProbe(made.cell.probe))  # type: ignore[arg-type]
         with pytest.raises(OvertravelError, match="or slower") as refused:
             await touch_surface(fragile, "fragile", good)
         assert "mm/s" in refused.value.remedy
         assert (await made.cell.robot.read_joints()).joints_rad == pytest.approx(before, abs=1e-5)
 
 
-class _Fragile:
+class _FragileProbe:
     """The same probe with a stylus that bears little."""
 
     def __init__(self, probe: Any) -> None:
@@ -280,11 +287,11 @@ class _Fragile:
 
 
 async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, FakeCellClient]) -> None:
-    path, door = as_drawn
-    await door.send_command("clear")
-    await door.inject_fault("bus_break", device="dial", terminal=2)
+    path, fake_client = as_drawn
+    await fake_client.send_command("clear")
+    await fake_client.inject_fault("bus_break", device="dial", terminal=2)
     broken = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
-    await door.send_command("clear")
+    await fake_client.send_command("clear")
     well = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
     assert "terminal 2" in broken["dial"].message + broken["probe"].message
     assert not broken["probe"].is_ready
@@ -295,14 +302,14 @@ async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, FakeCe
 
 async def test_a_plunger_follows_the_arm_onto_a_surface(as_drawn: tuple[Path, FakeCellClient]) -> None:
     """The dial gauge in the world: what it shows is how far the arm has pushed it in."""
-    async with opened("fanuc", as_drawn) as made:
+    async with open_played_scene("fanuc", as_drawn) as made:
         dial = made.cell.dial
         assert dial is not None
         with pytest.raises(DeviceError, match="plunger is free"):
             await dial.read_distance()
-        approach = made.approach(clear_m=0.0005, beyond_m=0.004)
+        approach = made.plan_approach(clear_m=0.0005, beyond_m=0.004)
         await made.cell.robot.move_joints(approach.end_rad, speed_rad_s=0.1)
         reading = await dial.read_distance()
-        true_m = (await made.door.read_truth())["probes"]["dial"]["reading_m"]
+        true_m = (await made.fake_client.read_truth())["probes"]["dial"]["reading_m"]
         assert reading.value_m == pytest.approx(true_m, abs=3 * reading.sigma_m)
         assert reading.value_m == pytest.approx(0.004, abs=1e-4)

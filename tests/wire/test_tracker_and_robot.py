@@ -14,7 +14,7 @@ from cellcal.procedures.steps.measure_point import PointCapture, check_station, 
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.runs.cell_check import check_cell
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.fakes import running
+from tests.wire.fake_devices_process import run_fakes
 
 CELL = """\
 [cell]
@@ -59,7 +59,7 @@ HOME = np.array([-1.2, -1.5, 1.6, -1.6, -1.5, 0.2])
 POSES = 12
 
 
-def poses() -> np.ndarray:
+def draw_joints() -> np.ndarray:
     """Return joints around home, every axis well turned."""
     return HOME + np.random.default_rng(4).uniform(-0.5, 0.5, (POSES, 6))
 
@@ -68,38 +68,38 @@ def fit_frames(
     flanges: np.ndarray, captures: list[PointCapture], target_m: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fit where the tracker stands and where the target sits; return target [m] and weighted residuals (n, 3)."""
-    seen = np.array([capture.position_m for capture in captures])
+    measured_m = np.array([capture.position_m for capture in captures])
     weights = [np.linalg.inv(np.linalg.cholesky(np.array(capture.covariance_m2))) for capture in captures]
-    start = best_fit_transform((flanges @ [*target_m, 1.0])[:, :3], seen).target_source
+    start = best_fit_transform((flanges @ [*target_m, 1.0])[:, :3], measured_m).target_source
 
-    def residuals(x: np.ndarray) -> np.ndarray:
+    def pose_residuals(x: np.ndarray) -> np.ndarray:
         in_base = (flanges @ [*x[6:], 1.0])[:, :3]
-        off = Rotation.from_rotvec(x[:3]).apply(in_base) + x[3:6] - seen
+        off = Rotation.from_rotvec(x[:3]).apply(in_base) + x[3:6] - measured_m
         return np.concatenate([w @ r for w, r in zip(weights, off, strict=True)])
 
     guess = [*Rotation.from_matrix(start.rotation_matrix()).as_rotvec(), *start.position_m, *target_m]
-    found = least_squares(residuals, guess, x_scale="jac")
+    found = least_squares(pose_residuals, guess, x_scale="jac")
     return found.x[6:], found.fun.reshape(-1, 3)
 
 
 async def test_twelve_poses_measured_from_one_station_agree_within_the_trackers_noise(tmp_path: Path) -> None:
-    with running(tmp_path, CELL) as (path, door):
+    with run_fakes(tmp_path, CELL) as (path, fake_client):
         config = read_cell_file(path)
         report = await check_cell(config)
         assert [device.state for device in report.devices] == ["ready", "ready"]
         async with open_cell(config, ScriptedOperator({})) as cell:
             assert cell.tracker_setup is not None
             captures, true_flanges, believed_flanges = [], [], []
-            for k, joints in enumerate(poses()):
+            for k, joints in enumerate(draw_joints()):
                 await cell.robot.move_joints(tuple(joints), speed_rad_s=1.0)
                 captures.append(await measure_point(cell, f"pose {k + 1}", station=2))
-                true_flanges.append((await door.read_truth())["robots"]["ur"]["base_flange"])
+                true_flanges.append((await fake_client.read_truth())["robots"]["ur"]["base_flange"])
                 believed_flanges.append((await cell.robot.flange_pose()).to_matrix())
             pose = await measure_pose(cell, "the last pose again")
-            await cell.robot.move_joints(tuple(poses()[0]), speed_rad_s=1.0)
+            await cell.robot.move_joints(tuple(draw_joints()[0]), speed_rad_s=1.0)
             again = await measure_point(cell, "pose 1 again", station=2)
             assert check_station(captures[0], again, arm_sigma_m=5e-5) < 3e-4
-        truth = (await door.read_truth())["trackers"]["at"]
+        truth = (await fake_client.read_truth())["trackers"]["at"]
     start = cell.tracker_setup.target_in_flange_m
     target, off = fit_frames(np.array(true_flanges), captures, start)
     freedom = 3 * POSES - 9

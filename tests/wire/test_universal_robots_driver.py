@@ -25,7 +25,7 @@ from cellcal.drivers.universal_robots.robot import UniversalRobot
 from cellcal.drivers.universal_robots.state import StateClient
 from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot as FakeRobot
 from tests.machine_speed import stretched_s
-from tests.wire.cases import until_ready
+from tests.wire.driver_cases import until_ready
 from tests.wire.fake_ur import fake_ur
 
 pytestmark = pytest.mark.timeout(stretched_s(180.0))
@@ -59,30 +59,30 @@ def config_of(fake: FakeRobot, **changes: Any) -> UniversalRobotConfig:
 
 
 @pytest.fixture
-async def fake() -> AsyncIterator[FakeRobot]:
+async def fake_robot() -> AsyncIterator[FakeRobot]:
     async with fake_ur() as fake:
         yield fake
 
 
 @pytest.fixture
-async def robot(fake: FakeRobot) -> AsyncIterator[UniversalRobot]:
-    async with config_of(fake).open() as robot:
+async def robot(fake_robot: FakeRobot) -> AsyncIterator[UniversalRobot]:
+    async with config_of(fake_robot).open() as robot:
         yield robot
 
 
 @asynccontextmanager
-async def moving(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asyncio.Task[None]]:
+async def long_move(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asyncio.Task[None]]:
     """A long move that is under way; it is over when the block is."""
     move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
     try:
-        await until(lambda: fake.true_state()["moving"])
+        await wait_until(lambda: fake.true_state()["moving"])
         yield move
     finally:
         move.cancel()
         await asyncio.wait({move})
 
 
-async def until(holds: Callable[[], bool]) -> None:
+async def wait_until(holds: Callable[[], bool]) -> None:
     async with asyncio.timeout(stretched_s(30.0)):
         while not holds():
             await asyncio.sleep(0.005)
@@ -104,7 +104,7 @@ def child_of(robot: UniversalRobot) -> int:
 
 
 async def works_again(robot: UniversalRobot, fake: FakeRobot) -> None:
-    await until(lambda: not fake.true_state()["moving"])
+    await wait_until(lambda: not fake.true_state()["moving"])
     target = (
         fake.true_state()["controller_joints_rad"][0] + 0.05,
         *fake.true_state()["controller_joints_rad"][1:],
@@ -116,19 +116,23 @@ async def works_again(robot: UniversalRobot, fake: FakeRobot) -> None:
 # reading
 
 
-async def test_reading_sends_no_program_to_the_controller(robot: UniversalRobot, fake: FakeRobot) -> None:
+async def test_reading_sends_no_program_to_the_controller(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
     await robot.identify()
     await robot.read_condition()
     await robot.read_joints()
     await robot.flange_pose()
-    truth = fake.true_state()
+    truth = fake_robot.true_state()
     assert truth["program"] is None
     assert truth["connections"]["30003"] == 0
 
 
-async def test_the_active_tool_is_taken_off_the_flange_pose(robot: UniversalRobot, fake: FakeRobot) -> None:
+async def test_the_active_tool_is_taken_off_the_flange_pose(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
     bare = await robot.flange_pose()
-    fake.server.controller.set_tcp((0.1, -0.05, 0.2, 0.3, -0.8, 1.1))
+    fake_robot.server.controller.set_tcp((0.1, -0.05, 0.2, 0.3, -0.8, 1.1))
     await robot.read_joints()  # a state from before the change may still be on its way
     tooled = await robot.flange_pose()
     assert tooled.position_m == pytest.approx(bare.position_m, abs=1e-12)
@@ -145,15 +149,17 @@ async def test_the_factory_kinematics_give_the_pose_that_the_controller_reports(
     assert pose.to_matrix() == pytest.approx(base_flange, abs=1e-9)
 
 
-async def test_another_model_at_the_address_is_refused(fake: FakeRobot) -> None:
+async def test_another_model_at_the_address_is_refused(fake_robot: FakeRobot) -> None:
     with pytest.raises(WrongDeviceError, match=r"ur10e.*ur5e"):
-        async with config_of(fake, model="ur5e").open():
+        async with config_of(fake_robot, model="ur5e").open():
             pytest.fail("a stranger was let in")
 
 
-async def test_a_robot_exchanged_at_its_address_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
-    object.__setattr__(fake.server.controller.identity, "serial", "20990000001")
-    await fake.inject_fault("link_loss_rtde", {})
+async def test_a_robot_exchanged_at_its_address_is_noticed(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
+    object.__setattr__(fake_robot.server.controller.identity, "serial", "20990000001")
+    await fake_robot.inject_fault("link_loss_rtde", {})
     assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
     failure = await failure_of(robot.read_joints())
     assert isinstance(failure, WrongDeviceError)
@@ -173,43 +179,43 @@ async def _read_on(robot: UniversalRobot) -> None:
     [("local_mode", "Local"), ("program_pause", "somebody else"), ("slider", "speed slider")],
 )
 async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
-    robot: UniversalRobot, fake: FakeRobot, fault: str, says: str
+    robot: UniversalRobot, fake_robot: FakeRobot, fault: str, says: str
 ) -> None:
     if fault == "slider":
-        fake.server.controller.speed_fraction = 0.0
+        fake_robot.server.controller.speed_fraction = 0.0
     elif fault == "program_pause":
-        await fake.inject_fault("other_client_moves", {"axis": "J1", "rad": 0.5})
-        await fake.inject_fault("program_pause", {})
+        await fake_robot.inject_fault("other_client_moves", {"axis": "J1", "rad": 0.5})
+        await fake_robot.inject_fault("program_pause", {})
     else:
-        await fake.inject_fault(fault, {})
+        await fake_robot.inject_fault(fault, {})
     condition = await until_ready(robot, Readiness.NOT_READY)  # the slider comes with the next state
-    before = fake.true_state()
+    before = fake_robot.true_state()
     assert says in condition.message
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, RefusedError)
     assert says in str(failure)
-    assert fake.true_state()["program"] == before["program"]
-    assert fake.true_state()["controller_joints_rad"] == pytest.approx(before["controller_joints_rad"])
+    assert fake_robot.true_state()["program"] == before["program"]
+    assert fake_robot.true_state()["controller_joints_rad"] == pytest.approx(before["controller_joints_rad"])
 
 
-async def test_a_running_program_of_others_is_not_ended(robot: UniversalRobot, fake: FakeRobot) -> None:
-    await fake.inject_fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
+async def test_a_running_program_of_others_is_not_ended(robot: UniversalRobot, fake_robot: FakeRobot) -> None:
+    await fake_robot.inject_fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert "somebody else" in str(failure)
-    assert fake.true_state()["program"] == "other_client"
-    assert fake.true_state()["moving"]
+    assert fake_robot.true_state()["program"] == "other_client"
+    assert fake_robot.true_state()["moving"]
 
 
-async def test_registers_in_use_by_another_client_are_said_in_our_words(
-    robot: UniversalRobot, fake: FakeRobot
+async def test_registers_in_use_by_another_client_are_written_in_our_words(
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    await fake.inject_fault("in_use", {})
+    await fake_robot.inject_fault("in_use", {})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, RefusedError)
     assert "another program already commands this robot" in str(failure)
     assert failure.vendor_text
-    fake.clear_faults()
-    await works_again(robot, fake)
+    fake_robot.clear_faults()
+    await works_again(robot, fake_robot)
 
 
 @pytest.mark.parametrize(
@@ -221,23 +227,23 @@ async def test_registers_in_use_by_another_client_are_said_in_our_words(
     ],
 )
 async def test_a_port_that_accepts_and_is_silent_costs_a_child_at_most(
-    robot: UniversalRobot, fake: FakeRobot, port: int, error: type[DeviceError], says: str
+    robot: UniversalRobot, fake_robot: FakeRobot, port: int, error: type[DeviceError], says: str
 ) -> None:
-    await fake.inject_fault("silent_accept", {"port": port})
+    await fake_robot.inject_fault("silent_accept", {"port": port})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, error)
     assert says in str(failure)
-    fake.clear_faults()
+    fake_robot.clear_faults()
     assert (await robot.read_joints()).joints_rad
-    await works_again(robot, fake)
+    await works_again(robot, fake_robot)
 
 
 # speed
 
 
-async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> None:
-    watcher = StateClient("watcher", fake.server.address, rate_hz=500.0, stale_s=stretched_s(10.0))
-    async with config_of(fake, speed_limit_rad_s=0.3).open() as robot:
+async def test_no_move_is_faster_than_the_cell_file_allows(fake_robot: FakeRobot) -> None:
+    watcher = StateClient("watcher", fake_robot.server.address, rate_hz=500.0, stale_s=stretched_s(10.0))
+    async with config_of(fake_robot, speed_limit_rad_s=0.3).open() as robot:
         here = (await robot.read_joints()).joints_rad
         await watcher.connect(deadline_s=stretched_s(10.0))
         await robot.move_joints((here[0] + 0.2, *here[1:]), speed_rad_s=FAST)
@@ -247,28 +253,28 @@ async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> N
 
 
 async def test_a_stop_asked_for_before_the_arm_moves_keeps_it_from_moving(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    before = fake.true_state()["controller_joints_rad"]
+    before = fake_robot.true_state()["controller_joints_rad"]
     move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
     await asyncio.sleep(0)
     await robot.stop()
     failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
-    assert fake.true_state()["controller_joints_rad"] == pytest.approx(before, abs=1e-9)
-    await works_again(robot, fake)
+    assert fake_robot.true_state()["controller_joints_rad"] == pytest.approx(before, abs=1e-9)
+    await works_again(robot, fake_robot)
 
 
 async def test_a_program_that_starts_too_late_is_not_left_running(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    await fake.inject_fault("late_script", {"delay_s": 0.8 * DEADLINE_S})
+    await fake_robot.inject_fault("late_script", {"delay_s": 0.8 * DEADLINE_S})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, DeviceTimeoutError)
-    fake.clear_faults()
+    fake_robot.clear_faults()
     await robot.stop()
     await until_ready(robot, Readiness.READY)
-    await works_again(robot, fake)
+    await works_again(robot, fake_robot)
 
 
 # a child that is killed, hangs or crashes
@@ -276,71 +282,77 @@ async def test_a_program_that_starts_too_late_is_not_left_running(
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
 async def test_a_dead_or_hung_child_during_a_move_is_an_error_and_the_service_goes_on(
-    robot: UniversalRobot, fake: FakeRobot, number: signal.Signals
+    robot: UniversalRobot, fake_robot: FakeRobot, number: signal.Signals
 ) -> None:
-    async with moving(robot, fake) as move:
+    async with long_move(robot, fake_robot) as move:
         os.kill(child_of(robot), number)
         failure = await failure_of(move)
         if number != signal.SIGSTOP:
             assert f"signal {number.value}" in str(failure)
-        await until(lambda: not fake.true_state()["moving"])
-        assert fake.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05, "the arm went on without us"
-        assert fake.true_state()["runtime"] == "STOPPED"
-    await works_again(robot, fake)
+        await wait_until(lambda: not fake_robot.true_state()["moving"])
+        assert fake_robot.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05, (
+            "the arm went on without us"
+        )
+        assert fake_robot.true_state()["runtime"] == "STOPPED"
+    await works_again(robot, fake_robot)
 
 
-async def test_a_child_that_dies_between_moves_is_replaced(robot: UniversalRobot, fake: FakeRobot) -> None:
-    await works_again(robot, fake)
+async def test_a_child_that_dies_between_moves_is_replaced(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
+    await works_again(robot, fake_robot)
     first = child_of(robot)
     os.kill(first, signal.SIGSEGV)
-    await until(lambda: robot._session is not None and not robot._session.is_usable)
-    await until(lambda: fake.true_state()["runtime"] == "STOPPED")  # by the robot's own watchdog
-    await works_again(robot, fake)
+    await wait_until(lambda: robot._session is not None and not robot._session.is_usable)
+    await wait_until(lambda: fake_robot.true_state()["runtime"] == "STOPPED")  # by the robot's own watchdog
+    await works_again(robot, fake_robot)
     assert child_of(robot) != first
 
 
-async def test_stop_reaches_the_arm_while_the_child_hangs(robot: UniversalRobot, fake: FakeRobot) -> None:
-    async with moving(robot, fake) as move:
+async def test_stop_reaches_the_arm_while_the_child_hangs(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
+    async with long_move(robot, fake_robot) as move:
         os.kill(child_of(robot), signal.SIGSTOP)
         async with asyncio.timeout(PROMISE_S):
             await robot.stop()
-        assert not fake.true_state()["moving"]
-        assert fake.true_state()["runtime"] == "STOPPED"
+        assert not fake_robot.true_state()["moving"]
+        assert fake_robot.true_state()["runtime"] == "STOPPED"
         await failure_of(move)
 
 
 async def test_a_cancelled_move_with_a_hung_child_stops_the_arm_all_the_same(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    async with moving(robot, fake) as move:
+    async with long_move(robot, fake_robot) as move:
         os.kill(child_of(robot), signal.SIGSTOP)
         move.cancel()
         async with asyncio.timeout(PROMISE_S):
             with pytest.raises(asyncio.CancelledError):
                 await move
-        assert not fake.true_state()["moving"]
+        assert not fake_robot.true_state()["moving"]
 
 
 async def test_a_cancelled_move_says_so_when_standstill_cannot_be_confirmed(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    async with moving(robot, fake) as move:
-        await fake.inject_fault("link_loss_all", {})
+    async with long_move(robot, fake_robot) as move:
+        await fake_robot.inject_fault("link_loss_all", {})
         move.cancel()
         async with asyncio.timeout(PROMISE_S):
             with pytest.raises(asyncio.CancelledError) as caught:
                 await move
         assert any("Look at the robot" in note for note in caught.value.__notes__)
-        await until(lambda: not fake.true_state()["moving"])  # the robot's own watchdog
+        await wait_until(lambda: not fake_robot.true_state()["moving"])  # the robot's own watchdog
 
 
 async def test_the_robot_stops_by_itself_when_everything_of_ours_falls_silent(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    async with moving(robot, fake):
+    async with long_move(robot, fake_robot):
         os.kill(child_of(robot), signal.SIGSTOP)
-        await until(lambda: not fake.true_state()["moving"])
-        assert fake.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05
+        await wait_until(lambda: not fake_robot.true_state()["moving"])
+        assert fake_robot.true_state()["controller_joints_rad"][0] < AWAY[0] - 0.05
 
 
 # the link
@@ -348,34 +360,34 @@ async def test_the_robot_stops_by_itself_when_everything_of_ours_falls_silent(
 
 @pytest.mark.parametrize("fault", ["link_loss_rtde", "link_loss_all", "link_stall"])
 async def test_a_cut_link_during_a_move_tells_where_to_look_and_is_found_again(
-    robot: UniversalRobot, fake: FakeRobot, fault: str
+    robot: UniversalRobot, fake_robot: FakeRobot, fault: str
 ) -> None:
-    async with moving(robot, fake) as move:
-        await fake.inject_fault(fault, {})
+    async with long_move(robot, fake_robot) as move:
+        await fake_robot.inject_fault(fault, {})
         failure = await failure_of(move)
         assert isinstance(failure, UnreachableError)
         assert failure.remedy.startswith("Look at the robot first")
-    fake.clear_faults()
-    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
+    fake_robot.clear_faults()
+    await wait_until(lambda: fake_robot.true_state()["runtime"] == "STOPPED")
     await until_ready(robot, Readiness.READY)
-    await works_again(robot, fake)
+    await works_again(robot, fake_robot)
 
 
 @pytest.mark.parametrize("fault", ["link_loss_rtde", "link_loss_all", "link_stall"])
 async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
-    robot: UniversalRobot, fake: FakeRobot, fault: str
+    robot: UniversalRobot, fake_robot: FakeRobot, fault: str
 ) -> None:
-    await works_again(robot, fake)
+    await works_again(robot, fake_robot)
     child = child_of(robot)
-    await fake.inject_fault(fault, {})
+    await fake_robot.inject_fault(fault, {})
     assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
     session = robot._session
     assert session is not None
-    await until(lambda: not session.is_usable)
-    fake.clear_faults()
-    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
+    await wait_until(lambda: not session.is_usable)
+    fake_robot.clear_faults()
+    await wait_until(lambda: fake_robot.true_state()["runtime"] == "STOPPED")
     await until_ready(robot, Readiness.READY)
-    await works_again(robot, fake)
+    await works_again(robot, fake_robot)
     assert child_of(robot) != child
 
 
@@ -391,54 +403,56 @@ async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
         ("program_pause", "stopped or paused"),
     ],
 )
-async def test_whoever_stops_the_arm_the_move_ends_and_cannot_be_resumed(
-    robot: UniversalRobot, fake: FakeRobot, fault: str, says: str
+async def test_any_stop_ends_the_move_for_good(
+    robot: UniversalRobot, fake_robot: FakeRobot, fault: str, says: str
 ) -> None:
-    async with moving(robot, fake) as move:
-        await fake.inject_fault(fault, {})
+    async with long_move(robot, fake_robot) as move:
+        await fake_robot.inject_fault(fault, {})
         failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
     assert says in str(failure)
-    stood_at = fake.true_state()["controller_joints_rad"]
-    await fake.inject_fault("unlock_protective_stop", {})
-    await fake.inject_fault("release_emergency_stop", {})
-    fake.server.controller.resume_program()  # somebody presses play
+    stood_at = fake_robot.true_state()["controller_joints_rad"]
+    await fake_robot.inject_fault("unlock_protective_stop", {})
+    await fake_robot.inject_fault("release_emergency_stop", {})
+    fake_robot.server.controller.resume_program()  # somebody presses play
     await until_ready(robot, Readiness.READY)
-    assert fake.true_state()["program"] is None
-    assert fake.true_state()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
-    await works_again(robot, fake)
+    assert fake_robot.true_state()["program"] is None
+    assert fake_robot.true_state()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
+    await works_again(robot, fake_robot)
 
 
-async def test_a_client_that_takes_the_arm_over_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
-    async with moving(robot, fake) as move:
-        await fake.inject_fault("other_client_moves", {"axis": "J3", "rad": 0.6, "speed": 1.0})
+async def test_a_client_that_takes_the_arm_over_is_noticed(
+    robot: UniversalRobot, fake_robot: FakeRobot
+) -> None:
+    async with long_move(robot, fake_robot) as move:
+        await fake_robot.inject_fault("other_client_moves", {"axis": "J3", "rad": 0.6, "speed": 1.0})
         failure = await failure_of(move)
     assert isinstance(failure, MotionStoppedError)
     assert "another client" in str(failure)
 
 
-async def test_the_robot_is_given_back_after_a_while_and_taken_again(fake: FakeRobot) -> None:
-    async with config_of(fake, release_after_s=0.1).open() as robot:
-        await works_again(robot, fake)
-        await until(lambda: fake.true_state()["runtime"] == "STOPPED")
+async def test_the_robot_is_given_back_after_a_while_and_taken_again(fake_robot: FakeRobot) -> None:
+    async with config_of(fake_robot, release_after_s=0.1).open() as robot:
+        await works_again(robot, fake_robot)
+        await wait_until(lambda: fake_robot.true_state()["runtime"] == "STOPPED")
         assert (await robot.read_condition()).readiness is Readiness.READY
-        await works_again(robot, fake)
+        await works_again(robot, fake_robot)
 
 
-async def test_closing_ends_our_program_and_our_process(fake: FakeRobot) -> None:
-    async with config_of(fake).open() as robot:
-        await works_again(robot, fake)
+async def test_closing_ends_our_program_and_our_process(fake_robot: FakeRobot) -> None:
+    async with config_of(fake_robot).open() as robot:
+        await works_again(robot, fake_robot)
         child = child_of(robot)
-    await until(lambda: fake.true_state()["runtime"] == "STOPPED")
+    await wait_until(lambda: fake_robot.true_state()["runtime"] == "STOPPED")
     with pytest.raises(ProcessLookupError):
         os.kill(child, 0)
 
 
 async def test_an_arm_that_is_blocked_short_of_its_target_is_an_error(
-    robot: UniversalRobot, fake: FakeRobot
+    robot: UniversalRobot, fake_robot: FakeRobot
 ) -> None:
-    async with moving(robot, fake) as move:
-        controller: Any = fake.server.controller
+    async with long_move(robot, fake_robot) as move:
+        controller: Any = fake_robot.server.controller
         controller.program.background = None  # the program forgets the move, and plays on
         controller.point.move_to(controller.point.joints_rad)
         failure = await failure_of(move)

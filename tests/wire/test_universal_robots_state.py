@@ -10,7 +10,15 @@ import pytest
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import StateClient
 from tests.machine_speed import stretched_s
-from tests.wire.rtde_controller import NAMES, RECIPE, TYPES, Controller, message, running_controller, state
+from tests.wire.rtde_controller import (
+    NAMES,
+    RECIPE,
+    TYPES,
+    RtdeController,
+    rtde_message,
+    running_controller,
+    state_message,
+)
 
 pytestmark = pytest.mark.timeout(stretched_s(180.0))
 LONG_S = stretched_s(10.0)
@@ -18,13 +26,13 @@ SHORT_S = 0.2
 
 
 @pytest.fixture
-async def controller() -> AsyncIterator[Controller]:
+async def controller() -> AsyncIterator[RtdeController]:
     async with running_controller() as controller:
         yield controller
 
 
 @pytest.fixture
-async def client(controller: Controller) -> AsyncIterator[StateClient]:
+async def client(controller: RtdeController) -> AsyncIterator[StateClient]:
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=LONG_S)
     yield client
     client.close()
@@ -35,18 +43,20 @@ async def until_newest(client: StateClient, timestamp_s: float) -> None:
         await client.read_fresh()
 
 
-async def test_the_handshake_is_the_one_of_the_document(controller: Controller, client: StateClient) -> None:
+async def test_the_handshake_is_the_one_of_the_document(
+    controller: RtdeController, client: StateClient
+) -> None:
     version = await client.connect(deadline_s=LONG_S)
     assert str(version) == "5.11.1.108318"
-    assert [kind for kind, _ in controller.asked] == ["V", "v", "O", "S"]
-    assert controller.asked[0][1] == b"\x00\x02"
-    assert controller.asked[2][1] == struct.pack(">d", 125.0) + NAMES.encode()
+    assert [kind for kind, _ in controller.requests] == ["V", "v", "O", "S"]
+    assert controller.requests[0][1] == b"\x00\x02"
+    assert controller.requests[2][1] == struct.pack(">d", 125.0) + NAMES.encode()
 
 
-async def test_each_field_comes_from_its_place(controller: Controller, client: StateClient) -> None:
+async def test_each_field_comes_from_its_place(controller: RtdeController, client: StateClient) -> None:
     numbers = [float(k) for k in range(1, 28)]
     data = struct.pack(">Bd24dddiIIId", RECIPE, *numbers[:25], 0.5, 0.25, -1, 2, 3, 1 << 2, 1.25)
-    controller.on_start = lambda: message("U", data)
+    controller.on_start = lambda: rtde_message("U", data)
     await client.connect(deadline_s=LONG_S)
     sample = client.samples[-1]
     assert sample.timestamp_s == 1.0
@@ -63,12 +73,14 @@ async def test_each_field_comes_from_its_place(controller: Controller, client: S
 
 @pytest.mark.parametrize("cut", [1, 2, 3, 5, 233, 1000])
 async def test_no_packet_is_lost_however_the_stream_is_cut(
-    controller: Controller, client: StateClient, cut: int
+    controller: RtdeController, client: StateClient, cut: int
 ) -> None:
     await client.connect(deadline_s=LONG_S)
-    stream = b"".join(state(2.0 + k, 0.001 * k) for k in range(100)) + message("M", b"\x02hi\x00\x03")
+    stream = b"".join(state_message(2.0 + k, 0.001 * k) for k in range(100)) + rtde_message(
+        "M", b"\x02hi\x00\x03"
+    )
     for start in range(0, len(stream), cut):
-        controller.send(stream[start : start + cut])
+        controller.send_data(stream[start : start + cut])
         await asyncio.sleep(0)
     await until_newest(client, 101.0)
     assert [sample.timestamp_s for sample in client.samples] == [float(k) for k in range(1, 102)]
@@ -76,17 +88,17 @@ async def test_no_packet_is_lost_however_the_stream_is_cut(
 
 
 async def test_fresh_waits_for_a_state_that_is_sent_after_the_call(
-    controller: Controller, client: StateClient
+    controller: RtdeController, client: StateClient
 ) -> None:
     await client.connect(deadline_s=LONG_S)
     reading = asyncio.create_task(client.read_fresh())
     await asyncio.sleep(0)
     assert not reading.done()
-    controller.send(state(2.0))
+    controller.send_data(state_message(2.0))
     assert (await reading).timestamp_s == 2.0
 
 
-async def test_a_silent_controller_is_unreachable_and_says_what_to_check(controller: Controller) -> None:
+async def test_a_silent_controller_is_unreachable_and_says_what_to_check(controller: RtdeController) -> None:
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=SHORT_S)
     await client.connect(deadline_s=LONG_S)
     with pytest.raises(UnreachableError, match=r"arm: .*no new state for 0\.2 s.*cable"):
@@ -94,51 +106,51 @@ async def test_a_silent_controller_is_unreachable_and_says_what_to_check(control
     assert not client.is_alive
 
 
-async def test_a_clock_that_stands_still_brings_no_news(controller: Controller) -> None:
+async def test_a_clock_that_stands_still_brings_no_news(controller: RtdeController) -> None:
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=SHORT_S)
     await client.connect(deadline_s=LONG_S)
 
-    async def repeat() -> None:
+    async def repeat_state() -> None:
         while True:
-            controller.send(state(1.0))
+            controller.send_data(state_message(1.0))
             await asyncio.sleep(0.01)
 
-    repeating = asyncio.create_task(repeat())
+    repeating = asyncio.create_task(repeat_state())
     with pytest.raises(UnreachableError, match="no new state"):
         await client.read_fresh()
     repeating.cancel()
     await asyncio.wait({repeating})
 
 
-async def test_a_busy_event_loop_is_not_a_silent_robot(controller: Controller) -> None:
+async def test_a_busy_event_loop_is_not_a_silent_robot(controller: RtdeController) -> None:
     import time
 
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=SHORT_S)
     await client.connect(deadline_s=LONG_S)
     reading = asyncio.create_task(client.read_fresh())
     await asyncio.sleep(0)
-    controller.send(state(2.0))
+    controller.send_data(state_message(2.0))
     time.sleep(2 * SHORT_S)  # noqa: ASYNC251 - somebody blocks the loop
     assert (await reading).timestamp_s == 2.0
     client.close()
 
 
-async def test_a_lost_link_is_told_to_everybody_who_waits(
-    controller: Controller, client: StateClient
+async def test_a_lost_link_is_reported_to_every_waiting_caller(
+    controller: RtdeController, client: StateClient
 ) -> None:
     await client.connect(deadline_s=LONG_S)
     readings = [asyncio.create_task(client.read_fresh()) for _ in range(3)]
     await asyncio.sleep(0)
-    controller.drop()
+    controller.drop_connections()
     results = await asyncio.gather(*readings, return_exceptions=True)
     assert [type(result) for result in results] == [UnreachableError] * 3
 
 
-async def test_a_lost_link_that_nobody_noticed_is_told_once(
-    controller: Controller, client: StateClient
+async def test_an_unnoticed_lost_link_is_reported_once(
+    controller: RtdeController, client: StateClient
 ) -> None:
     await client.connect(deadline_s=LONG_S)
-    controller.drop()
+    controller.drop_connections()
     async with asyncio.timeout(LONG_S):
         while client.is_alive:
             await asyncio.sleep(0.001)
@@ -150,19 +162,19 @@ async def test_a_lost_link_that_nobody_noticed_is_told_once(
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (message("U", b"\x07" + bytes(10)), "a state of 11 bytes"),
-        (message("U", bytes([RECIPE + 1]) + bytes(244)), "a state of 245 bytes"),
+        (rtde_message("U", b"\x07" + bytes(10)), "a state of 11 bytes"),
+        (rtde_message("U", bytes([RECIPE + 1]) + bytes(244)), "a state of 245 bytes"),
         (struct.pack(">HB", 2, ord("U")), "a message of 2 bytes"),
-        (state(2.0, math.nan), "not a number"),
-        (state(2.0, math.inf), "not a number"),
+        (state_message(2.0, math.nan), "not a number"),
+        (state_message(2.0, math.inf), "not a number"),
     ],
     ids=["short", "foreign recipe", "impossible size", "nan", "inf"],
 )
 async def test_a_malformed_state_never_becomes_a_reading(
-    controller: Controller, client: StateClient, data: bytes, says: str
+    controller: RtdeController, client: StateClient, data: bytes, says: str
 ) -> None:
     await client.connect(deadline_s=LONG_S)
-    controller.send(data)
+    controller.send_data(data)
     with pytest.raises((WireProtocolError, UnreachableError), match=says):
         await client.read_fresh()
     assert [sample.timestamp_s for sample in client.samples] == [1.0]
@@ -181,7 +193,7 @@ async def test_a_malformed_state_never_becomes_a_reading(
     ],
 )
 async def test_a_handshake_that_goes_wrong_says_how(
-    controller: Controller, kind: str, answer: bytes | None, error: type[DeviceError], says: str
+    controller: RtdeController, kind: str, answer: bytes | None, error: type[DeviceError], says: str
 ) -> None:
     controller.answers[kind] = answer
     client = StateClient("arm", controller.address, rate_hz=125.0, stale_s=LONG_S)
@@ -191,7 +203,7 @@ async def test_a_handshake_that_goes_wrong_says_how(
     assert not client.is_alive
 
 
-async def test_an_address_where_nobody_listens_is_unreachable() -> None:
+async def test_an_address_without_a_listener_is_unreachable() -> None:
     async with running_controller() as controller:
         address = controller.address
     client = StateClient("arm", address, rate_hz=125.0, stale_s=LONG_S)

@@ -18,14 +18,14 @@ DRIFT, RECOVERY = "drift_check", "mastering_recovery"
 
 
 @pytest.fixture
-async def spoilt(door: FakeCellClient) -> AsyncIterator[FakeCellClient]:
+async def restoring_client(fake_client: FakeCellClient) -> AsyncIterator[FakeCellClient]:
     """The control door; the controller is switched off and on after the test, which ends every alarm raised here."""
-    yield door
-    await door.inject_fault("power_off", device="fanuc")
-    await door.inject_fault("power_on", device="fanuc")
+    yield fake_client
+    await fake_client.inject_fault("power_off", device="fanuc")
+    await fake_client.inject_fault("power_on", device="fanuc")
 
 
-async def seen_of(
+async def loss_after_alarm(
     fanuc: Any, config: CellConfig, folder: Path
 ) -> tuple[PositionLoss | None, PreparedAnswer | None, list[str]]:
     """Return what a watch that knew the robot healthy sees, what is prepared for it, and what it warns of."""
@@ -56,7 +56,7 @@ async def seen_of(
 )
 async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
     fanuc: Any,
-    spoilt: FakeCellClient,
+    restoring_client: FakeCellClient,
     cell: CellConfig,
     tmp_path: Path,
     alarm: tuple[str, AlarmKind],
@@ -64,9 +64,9 @@ async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
 ) -> None:
     code, kind = alarm
     await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
-    await spoilt.inject_fault("alarm", device="fanuc", code=code, axis="J3")
+    await restoring_client.inject_fault("alarm", device="fanuc", code=code, axis="J3")
     assert [(one.code, one.kind) for one in (await fanuc.condition()).alarms] == [alarm]
-    loss, answer, warned = await seen_of(fanuc, cell, tmp_path)
+    loss, answer, warned = await loss_after_alarm(fanuc, cell, tmp_path)
     assert bool(warned) == (kind is AlarmKind.BATTERY_LOW)
     if offered is None:
         assert loss is None
@@ -80,37 +80,37 @@ async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
     assert bool(judged) == (loss.suspicion.mode != "M1")
 
 
-async def test_a_loss_after_a_failing_encoder_is_told_too_and_asks_for_the_exchanged_one(
-    fanuc: Any, spoilt: FakeCellClient, cell: CellConfig, tmp_path: Path
+async def test_a_loss_after_a_failing_encoder_is_reported_too_and_asks_for_the_exchanged_one(
+    fanuc: Any, restoring_client: FakeCellClient, cell: CellConfig, tmp_path: Path
 ) -> None:
-    told: list[PositionLoss] = []
+    losses: list[PositionLoss] = []
 
     async def on_loss(loss: PositionLoss) -> None:
-        told.append(loss)
+        losses.append(loss)
 
     memory = LastHealthyCounts(tmp_path)
     await remember_healthy("fanuc", fanuc, memory)
     watch = RobotWatch(fanuc, memory, on_loss, period_s=0.01)
-    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-074", axis="J5")
+    await restoring_client.inject_fault("alarm", device="fanuc", code="SRVO-074", axis="J5")
     await watch.look_once()
-    await spoilt.inject_fault("power_off", device="fanuc")
-    await spoilt.inject_fault("power_on", device="fanuc")
-    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-038", axis="J5")
+    await restoring_client.inject_fault("power_off", device="fanuc")
+    await restoring_client.inject_fault("power_on", device="fanuc")
+    await restoring_client.inject_fault("alarm", device="fanuc", code="SRVO-038", axis="J5")
     await watch.look_once()
-    failing, lost = (prepare_answer(cell, loss) for loss in told)
+    failing, lost = (prepare_answer(cell, loss) for loss in losses)
     assert (failing.procedure, failing.settings) == (DRIFT, {})
     assert (lost.procedure, lost.settings) == (RECOVERY, {"exchanged_axes": (5,)})
     assert not lost.starts_unattended
 
 
 async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alone(
-    fanuc: Any, spoilt: FakeCellClient, cell: CellConfig, tmp_path: Path
+    fanuc: Any, restoring_client: FakeCellClient, cell: CellConfig, tmp_path: Path
 ) -> None:
     await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
-    await spoilt.inject_fault("alarm", device="fanuc", code="SRVO-062", axis="J3")
-    _, known, _ = await seen_of(fanuc, cell, tmp_path)
-    await spoilt.inject_fault("alarm", device="fanuc", code="MOTN-017", axis="J1")
-    _, strange, _ = await seen_of(fanuc, cell, tmp_path)
-    assert known is not None
+    await restoring_client.inject_fault("alarm", device="fanuc", code="SRVO-062", axis="J3")
+    _, known_loss, _ = await loss_after_alarm(fanuc, cell, tmp_path)
+    await restoring_client.inject_fault("alarm", device="fanuc", code="MOTN-017", axis="J1")
+    _, strange, _ = await loss_after_alarm(fanuc, cell, tmp_path)
+    assert known_loss is not None
     assert strange is not None
-    assert set(strange.reasons) - set(known.reasons) == {"nobody here knows the alarm MOTN-017"}
+    assert set(strange.reasons) - set(known_loss.reasons) == {"nobody here knows the alarm MOTN-017"}

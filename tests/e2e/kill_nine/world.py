@@ -13,19 +13,19 @@ from cellcal.procedures.cell import Cell, MotionCaps, MotionLevel
 from cellcal.procedures.progress import StepProgress
 from cellcal.service.record.journal import Journal
 from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
-from tests.procedures.cells import Scene
+from tests.procedures.procedure_scenes import ProcedureScene
 
 Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]
 ACK = "acknowledged"
 
 
-class Remote:
+class RemoteDevice:
     """A device on the other side of a pipe: every call of a method travels there and back."""
 
     def __init__(self, pipe: Connection, device: str, capabilities: Any) -> None:
         self._pipe, self.name, self.capabilities = pipe, device, capabilities
 
-    async def _call(self, method: str, *args: Any, **kwargs: Any) -> Any:
+    async def _call_remote(self, method: str, *args: Any, **kwargs: Any) -> Any:
         self._pipe.send((self.name, method, args, kwargs))
         kind, value = self._pipe.recv()
         if kind == "error":
@@ -33,102 +33,104 @@ class Remote:
         return value
 
     async def identify(self) -> Any:
-        return await self._call("identify")
+        return await self._call_remote("identify")
 
     async def read_condition(self) -> Any:
-        return await self._call("condition")
+        return await self._call_remote("condition")
 
 
-class RemoteArm(Remote):
+class RemoteArm(RemoteDevice):
     """The arm."""
 
     async def read_joints(self) -> Any:
-        return await self._call("joints")
+        return await self._call_remote("joints")
 
     async def flange_pose(self) -> Any:
-        return await self._call("flange_pose")
+        return await self._call_remote("flange_pose")
 
     async def move_joints(self, target_rad: Any, *, speed_rad_s: float) -> None:
-        await self._call("move_joints", target_rad, speed_rad_s=speed_rad_s)
+        await self._call_remote("move_joints", target_rad, speed_rad_s=speed_rad_s)
 
     async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
-        await self._call("jog_axis", axis, delta_rad, speed_rad_s=speed_rad_s)
+        await self._call_remote("jog_axis", axis, delta_rad, speed_rad_s=speed_rad_s)
 
     async def stop(self) -> None:
-        await self._call("stop")
+        await self._call_remote("stop")
 
     async def encoder_counts(self) -> Any:
-        return await self._call("encoder_counts")
+        return await self._call_remote("encoder_counts")
 
     async def read_mastering(self) -> Any:
-        return await self._call("mastering")
+        return await self._call_remote("mastering")
 
     async def drive_train(self) -> Any:
-        return await self._call("drive_train")
+        return await self._call_remote("drive_train")
 
     async def encoder_epoch(self) -> Any:
-        return await self._call("encoder_epoch")
+        return await self._call_remote("encoder_epoch")
 
     async def write_mastering(self, counts_at_zero: Any) -> Any:
-        return await self._call("write_mastering", counts_at_zero)
+        return await self._call_remote("write_mastering", counts_at_zero)
 
     async def restore_mastering(self, data: Any) -> Any:
-        return await self._call("restore_mastering", data)
+        return await self._call_remote("restore_mastering", data)
 
     async def reset_position_alarms(self) -> None:
-        await self._call("reset_position_alarms")
+        await self._call_remote("reset_position_alarms")
 
 
-class RemoteWire(Remote):
+class RemoteWire(RemoteDevice):
     """The gauge."""
 
     async def read_distance(self) -> Any:
-        return await self._call("distance")
+        return await self._call_remote("distance")
 
 
-class RemoteHands(Remote):
+class RemoteTechnician(RemoteDevice):
     """The technician."""
 
     async def confirm(self, instruction: Any) -> Any:
-        return await self._call("confirm", instruction)
+        return await self._call_remote("confirm", instruction)
 
     async def ask_question(self, question: Any) -> Any:
-        return await self._call("enter", question)
+        return await self._call_remote("enter", question)
 
 
-def child(pipe: Connection, journal_path: Path, name: str, parts: dict[str, Any], run_id: str | None) -> None:
+def run_child(
+    pipe: Connection, journal_path: Path, name: str, parts: dict[str, Any], run_id: str | None
+) -> None:
     """Run or resume a procedure in this process; tell each finding after it was stored."""
     arm = RemoteArm(pipe, "arm", parts["arm_capabilities"])
     wire = RemoteWire(pipe, "wire", parts["wire_capabilities"])
-    hands = RemoteHands(pipe, "hands", None)
+    technician = RemoteTechnician(pipe, "hands", None)
     cell: Cell = replace(
-        parts["cell"](arm, wire, hands), record=parts["record"], gauge_setup=parts["gauge_setup"]
+        parts["cell"](arm, wire, technician), record=parts["record"], gauge_setup=parts["gauge_setup"]
     )
 
-    def told(progress: StepProgress) -> None:
+    def report_finding(progress: StepProgress) -> None:
         if progress.kind == "finding":
             pipe.send((ACK, progress.step, (progress.value,), {}))
 
-    async def main() -> None:
-        how = RunConditions(told, free_bytes=0)
+    async def run_procedure_in_child() -> None:
+        how = RunConditions(report_finding, free_bytes=0)
         with Journal.open_file(journal_path) as journal:
             if run_id is None:
                 await run_procedure(cell, name, parts["spec"], journal, how=how)
             else:
                 await resume_procedure(cell, run_id, journal, how=how)
 
-    asyncio.run(main())
+    asyncio.run(run_procedure_in_child())
     pipe.close()
 
 
-def remote_cell(arm: RemoteArm, wire: RemoteWire, hands: RemoteHands) -> Cell:
+def remote_cell(arm: RemoteArm, wire: RemoteWire, technician: RemoteTechnician) -> Cell:
     """Return a cell of remote devices."""
     limits = MotionCaps(settle_s=0.0)
     model = load_model("fanuc_m6ib")
     return Cell(
         "test",
         arm,
-        hands,
+        technician,
         jogs=arm,
         mastering=arm,
         gauge=wire,
@@ -139,7 +141,7 @@ def remote_cell(arm: RemoteArm, wire: RemoteWire, hands: RemoteHands) -> Cell:
     )
 
 
-def parts_of(made: Scene) -> dict[str, Any]:
+def parts_of(made: ProcedureScene) -> dict[str, Any]:
     """Return what a child needs to build its cell."""
     return {
         "cell": remote_cell,
@@ -151,11 +153,11 @@ def parts_of(made: Scene) -> dict[str, Any]:
     }
 
 
-class Served:
+class SceneServer:
     """Answers a child's calls from a scene; calls ``kill`` at the n-th call, some time later."""
 
-    def __init__(self, made: Scene, pipe: Connection) -> None:
-        self._devices: dict[str, Any] = {"arm": made.arm, "wire": made.wire, "hands": made.hands}
+    def __init__(self, made: ProcedureScene, pipe: Connection) -> None:
+        self._devices: dict[str, Any] = {"arm": made.arm, "wire": made.wire, "hands": made.technician}
         self._pipe = pipe
         self.acknowledged: list[tuple[str, Any]] = []
         self.calls = 0
@@ -175,7 +177,7 @@ class Served:
                     self.acknowledged.append((call[1], call[2][0]))
                     continue
                 self.calls += 1
-                answer = runner.run(self._answer(call))
+                answer = runner.run(self._answer_call(call))
                 if at_call == self.calls and after_s <= 0:
                     kill()
                 try:
@@ -186,7 +188,7 @@ class Served:
                     time.sleep(after_s)
                     kill()
 
-    async def _answer(self, call: Call) -> tuple[str, Any]:
+    async def _answer_call(self, call: Call) -> tuple[str, Any]:
         device, method, args, kwargs = call
         try:
             return "ok", await getattr(self._devices[device], method)(*args, **kwargs)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.programs.motion.geometry import Array, Tip, pose
+from tests.programs.motion.geometry import Array, TipTarget, pose_from
 
 _E = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _FRAME = "[[0,0,0],[1,0,0,0]]"
@@ -16,25 +16,29 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 def generate(seed: int) -> dict[str, str]:
     """Return a module."""
     rng = np.random.default_rng([seed, 11])
-    held = ["CONST num N_STANDS:=2;", "CONST num nUp:=60;"]
-    held.append(f'PERS wobjdata wTab:=[FALSE,TRUE,"",[[{_mm(rng, 20)}],[{_turn(rng, 0.2)}]],{_FRAME}];')
-    held.append(f'PERS wobjdata wHeld:=[TRUE,TRUE,"",{_FRAME},{_FRAME}];')
-    held.append(f'PERS wobjdata wBelt:=[FALSE,FALSE,"CNV1",{_FRAME},{_FRAME}];')
-    held.append("PERS tooldata tGrip:=[TRUE,[[0,0,60],[1,0,0,0]],[1,[0,0,20],[1,0,0,0],0,0,0]];")
-    held.append("PERS tooldata tStand:=[FALSE,[[500,0,300],[1,0,0,0]],[1,[0,0,20],[1,0,0,0],0,0,0]];")
-    held.append("CONST jointtarget jHome:=[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];")
-    held += [f"PERS robtarget p{k}:={_target(rng)};" for k in range(1, 5)]
-    held.append(f"PERS robtarget pHeld:={_target(rng)};")
-    held.append(f"PERS robtarget pBelt:={_target(rng)};")
+    declarations = ["CONST num N_STANDS:=2;", "CONST num nUp:=60;"]
+    declarations.append(
+        f'PERS wobjdata wTab:=[FALSE,TRUE,"",[[{_millimetres_text(rng, 20)}],[{_quaternion_text(rng, 0.2)}]],{_FRAME}];'
+    )
+    declarations.append(f'PERS wobjdata wHeld:=[TRUE,TRUE,"",{_FRAME},{_FRAME}];')
+    declarations.append(f'PERS wobjdata wBelt:=[FALSE,FALSE,"CNV1",{_FRAME},{_FRAME}];')
+    declarations.append("PERS tooldata tGrip:=[TRUE,[[0,0,60],[1,0,0,0]],[1,[0,0,20],[1,0,0,0],0,0,0]];")
+    declarations.append("PERS tooldata tStand:=[FALSE,[[500,0,300],[1,0,0,0]],[1,[0,0,20],[1,0,0,0],0,0,0]];")
+    declarations.append("CONST jointtarget jHome:=[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];")
+    declarations += [f"PERS robtarget p{k}:={_robtarget_text(rng)};" for k in range(1, 5)]
+    declarations.append(f"PERS robtarget pHeld:={_robtarget_text(rng)};")
+    declarations.append(f"PERS robtarget pBelt:={_robtarget_text(rng)};")
     size = rng.choice(["N_STANDS", "2", "N_STANDS+0"])
-    held.append(f"PERS robtarget pArr{{{size}}}:=[{_target(rng)},{_target(rng)}];")
-    held.append(f'PERS station st{{2}}:=[["one",{_target(rng)}],["two",{_target(rng)}]];')
-    held.append("VAR robtarget pTmp;")
-    body = [line for _ in range(int(rng.integers(3, 10))) for line in _statements(rng)]
-    sub = [line for _ in range(2) for line in _move(rng, "p4")]
+    declarations.append(f"PERS robtarget pArr{{{size}}}:=[{_robtarget_text(rng)},{_robtarget_text(rng)}];")
+    declarations.append(
+        f'PERS station st{{2}}:=[["one",{_robtarget_text(rng)}],["two",{_robtarget_text(rng)}]];'
+    )
+    declarations.append("VAR robtarget pTmp;")
+    body = [line for _ in range(int(rng.integers(3, 10))) for line in _statement_lines(rng)]
+    sub = [line for _ in range(2) for line in _move_instruction(rng, "p4")]
     lines = [
         "MODULE GEN",
-        *held,
+        *declarations,
         "PROC main()",
         *body,
         "ENDPROC",
@@ -47,75 +51,81 @@ def generate(seed: int) -> dict[str, str]:
     return {"gen.mod": "\n".join(lines)}
 
 
-def _mm(rng: np.random.Generator, size: float) -> str:
+def _millimetres_text(rng: np.random.Generator, size: float) -> str:
     return ",".join(f"{value:.2f}" for value in rng.uniform(-size, size, 3))
 
 
-def _turn(rng: np.random.Generator, size: float, like: tuple[float, ...] = (0, 0, 0, 1)) -> str:
+def _quaternion_text(rng: np.random.Generator, size: float, like: tuple[float, ...] = (0, 0, 0, 1)) -> str:
     turn = Rotation.from_quat(like) * Rotation.from_rotvec(rng.uniform(-size, size, 3))
     x, y, z, w = turn.as_quat()
     return ",".join(f"{value:.7f}" for value in (w, x, y, z))
 
 
-def _target(rng: np.random.Generator) -> str:
+def _robtarget_text(rng: np.random.Generator) -> str:
     """Return a robtarget of an IRB 120 that holds tGrip, from joints well inside their quadrants."""
     signs = rng.choice([-1, 1], 3)
     q1, q4, q6 = signs * rng.uniform((12, 20, 20), (35, 60, 60))
     q2, q3, q5 = rng.uniform(-10, 20), rng.uniform(-15, 15), rng.uniform(35, 75)
-    tip = _flange(np.radians([q1, q2, q3, q4, q5, q6])) @ pose(Rotation.identity(), (0, 0, 0.06))
+    tip = _flange_of_irb120(np.radians([q1, q2, q3, q4, q5, q6])) @ pose_from(
+        Rotation.identity(), (0, 0, 0.06)
+    )
     x, y, z = tip[:3, 3] * 1e3
     a, b, c, d = Rotation.from_matrix(tip[:3, :3]).as_quat()
     quadrants = ",".join(str(int(np.floor(q / 90))) for q in (q1, q4, q6))
     return f"[[{x:.3f},{y:.3f},{z:.3f}],[{d:.7f},{a:.7f},{b:.7f},{c:.7f}],[{quadrants},0],{_E}]"
 
 
-def _flange(joints: Array) -> Array:
+def _flange_of_irb120(joints: Array) -> Array:
     """Return the flange of an IRB 120, from its data sheet."""
     tip = np.eye(4)
     links = ((0, 0, 0.29), (0, 0, 0.27), (0, 0, 0.07), (0.302, 0, 0), (0.072, 0, 0), (0, 0, 0))
     for axis, angle, link in zip("zyyxyx", joints, links, strict=True):
-        tip = tip @ pose(Rotation.from_euler(axis, angle), (0, 0, 0)) @ pose(Rotation.identity(), link)
-    return tip @ pose(Rotation.from_euler("y", np.pi / 2), (0, 0, 0))
+        tip = (
+            tip
+            @ pose_from(Rotation.from_euler(axis, angle), (0, 0, 0))
+            @ pose_from(Rotation.identity(), link)
+        )
+    return tip @ pose_from(Rotation.from_euler("y", np.pi / 2), (0, 0, 0))
 
 
-def _case(rng: np.random.Generator, name: str) -> str:
+def _case_lines(rng: np.random.Generator, name: str) -> str:
     return str(rng.choice([name, name.upper(), name.lower()]))
 
 
-def _move(rng: np.random.Generator, target: str) -> list[str]:
+def _move_instruction(rng: np.random.Generator, target: str) -> list[str]:
     frame = {"p1": "", "p2": "\\WObj:=wTab", "p3": "\\WObj:=wobj0"}.get(target.lower(), "")
-    frame = _case(rng, frame) if frame else ""
-    return [f"MoveL {_case(rng, target)},v100,z1,{_case(rng, 'tGrip')}{frame};"]
+    frame = _case_lines(rng, frame) if frame else ""
+    return [f"MoveL {_case_lines(rng, target)},v100,z1,{_case_lines(rng, 'tGrip')}{frame};"]
 
 
-def _shift(rng: np.random.Generator) -> str:
+def _shift_text(rng: np.random.Generator) -> str:
     x, y, z = (int(value) for value in rng.integers(-40, 40, 3))
     return str(rng.choice([f"{x},{y},{z}", f"0,0,{abs(z)}", f"{x},0,0", "0,0,nUp"]))
 
 
-def _statements(rng: np.random.Generator) -> list[str]:  # noqa: PLR0911, PLR0912
+def _statement_lines(rng: np.random.Generator) -> list[str]:  # noqa: PLR0911, PLR0912
     name = str(rng.choice(["p1", "p2", "p3", "p4"]))
     frame = "\\WObj:=wTab" if name == "p2" else ""
     kind = int(rng.integers(17))
     if kind == 0:
-        return [f"MoveL Offs({_case(rng, name)},{_shift(rng)}),v100,z1,tGrip{frame};"]
+        return [f"MoveL Offs({_case_lines(rng, name)},{_shift_text(rng)}),v100,z1,tGrip{frame};"]
     if kind == 1:
-        return [f"MoveL RelTool({name},{_shift(rng)}),v100,z1,tGrip{frame};"]
+        return [f"MoveL RelTool({name},{_shift_text(rng)}),v100,z1,tGrip{frame};"]
     if kind == 2:
-        turn = _turn(rng, 0.2) if rng.random() < 0.5 else "1,0,0,0"
-        moves = [*_move(rng, name), *(["rSub;"] if rng.random() < 0.4 else [])]
+        turn = _quaternion_text(rng, 0.2) if rng.random() < 0.5 else "1,0,0,0"
+        moves = [*_move_instruction(rng, name), *(["rSub;"] if rng.random() < 0.4 else [])]
         end = ["PDispOff;"] if rng.random() < 0.8 else []
-        return [f"PDispSet [[{_mm(rng, 30)}],[{turn}]];", *moves, *end]
+        return [f"PDispSet [[{_millimetres_text(rng, 30)}],[{turn}]];", *moves, *end]
     if kind == 3:
         axis = rng.choice(["x", "y", "z"])
         add = f"{name}.trans.{axis}{rng.choice(['+', '-'])}{int(rng.integers(5, 30))}"
-        return [f"{_case(rng, name)}.trans.{axis} := {add};", *_move(rng, name)]
+        return [f"{_case_lines(rng, name)}.trans.{axis} := {add};", *_move_instruction(rng, name)]
     if kind == 4:
-        return [f"{name}.trans.z := {int(rng.integers(300, 360))};", *_move(rng, name)]
+        return [f"{name}.trans.z := {int(rng.integers(300, 360))};", *_move_instruction(rng, name)]
     if kind == 5:
         return [f"pTmp := {name};", f"MoveL pTmp,v100,z1,tGrip{frame};"]
     if kind == 6:
-        return [f"pTmp := Offs({name},{_shift(rng)});", f"MoveL pTmp,v100,z1,tGrip{frame};"]
+        return [f"pTmp := Offs({name},{_shift_text(rng)});", f"MoveL pTmp,v100,z1,tGrip{frame};"]
     if kind == 7:
         return ["MoveAbsJ jHome,v100,z1,tGrip;"]
     if kind == 8:
@@ -129,16 +139,16 @@ def _statements(rng: np.random.Generator) -> list[str]:  # noqa: PLR0911, PLR091
     if kind == 12:
         return ["MoveL pBelt,v100,z1,tGrip\\WObj:=wBelt;"]
     if kind == 13:
-        return ["pTmp := CRobT(\\Tool:=tGrip);", f"MoveL Offs(pTmp,{_shift(rng)}),v100,z1,tGrip;"]
+        return ["pTmp := CRobT(\\Tool:=tGrip);", f"MoveL Offs(pTmp,{_shift_text(rng)}),v100,z1,tGrip;"]
     if kind == 14:
-        return [f"MoveJ {_target(rng)},v100,z1,Tool0;"]
+        return [f"MoveJ {_robtarget_text(rng)},v100,z1,Tool0;"]
     if kind == 15:
-        return [f"MoveL Offs({_target(rng)},{_shift(rng)}),v100,z1,tGrip;"]
-    return _move(rng, name)
+        return [f"MoveL Offs({_robtarget_text(rng)},{_shift_text(rng)}),v100,z1,tGrip;"]
+    return _move_instruction(rng, name)
 
 
 @dataclass
-class _Robot:
+class _RapidInterpreter:
     """A controller that goes through a module line by line."""
 
     lines: list[str]
@@ -147,18 +157,18 @@ class _Robot:
     numbers: dict[str, float] = field(default_factory=dict)
     displaced: Array = field(default_factory=lambda: np.eye(4))
     tip: Array = field(default_factory=lambda: np.full((4, 4), np.nan))
-    tips: list[Tip] = field(default_factory=list)
+    tips: list[TipTarget] = field(default_factory=list)
     origins: dict[str, set[str]] = field(default_factory=dict)  # names that a value comes from
 
-    def run(self) -> list[Tip]:
+    def run(self) -> list[TipTarget]:
         at = 0
         while not self.lines[at].startswith("PROC"):
-            self._declare(at, self.lines[at])
+            self._declare_name(at, self.lines[at])
             at += 1
-        self._call("main")
+        self._call_routine("main")
         return self.tips
 
-    def _declare(self, at: int, line: str) -> None:
+    def _declare_name(self, at: int, line: str) -> None:
         found = re.match(r"(?:CONST|PERS|VAR) (\w+) (\w+)(?:\{[^}]*\})?(?::=(.*);)?$", line)
         if found is None or found[3] is None:
             return
@@ -168,73 +178,77 @@ class _Robot:
             self.numbers[name] = float(value)
         elif kind == "wobjdata":
             fixed = value.startswith("[FALSE,TRUE")
-            numbers = _numbers(re.sub(r'"[^"]*"', "", value))
-            self.frames[name] = _pose(numbers[:7]) @ _pose(numbers[7:14]) if fixed else None
+            numbers = _numbers_in(re.sub(r'"[^"]*"', "", value))
+            self.frames[name] = (
+                _pose_from_seven(numbers[:7]) @ _pose_from_seven(numbers[7:14]) if fixed else None
+            )
         elif kind in ("robtarget", "station"):
-            self._targets(name, value, element=kind == "station" or value.startswith("[[["))
+            self._declare_targets(name, value, element=kind == "station" or value.startswith("[[["))
 
-    def _targets(self, name: str, value: str, *, element: bool) -> None:
-        numbers = _numbers(re.sub(r'"[^"]*"', "", value))
+    def _declare_targets(self, name: str, value: str, *, element: bool) -> None:
+        numbers = _numbers_in(re.sub(r'"[^"]*"', "", value))
         for k in range(len(numbers) // 17):
-            self.targets[f"{name}{{{k + 1}}}" if element else name] = _pose(numbers[17 * k : 17 * k + 7])
+            self.targets[f"{name}{{{k + 1}}}" if element else name] = _pose_from_seven(
+                numbers[17 * k : 17 * k + 7]
+            )
 
-    def _call(self, name: str) -> None:
+    def _call_routine(self, name: str) -> None:
         begin = next(
             k for k, line in enumerate(self.lines) if line.lower().startswith(f"proc {name.lower()}(")
         )
         end = self.lines.index("ENDPROC", begin)
         at = begin + 1
         while at < end:
-            at = self._step(at)
+            at = self._execute_line(at)
 
-    def _step(self, at: int) -> int:
+    def _execute_line(self, at: int) -> int:
         line = self.lines[at]
         if line.startswith("FOR "):
             end = self.lines.index("ENDFOR", at)
             for number in (1, 2):
                 for inner in range(at + 1, end):
-                    self._statement(inner, self.lines[inner].replace("{i}", f"{{{number}}}"))
+                    self._execute_statement(inner, self.lines[inner].replace("{i}", f"{{{number}}}"))
             return end + 1
-        self._statement(at, line)
+        self._execute_statement(at, line)
         return at + 1
 
-    def _statement(self, at: int, line: str) -> None:
+    def _execute_statement(self, at: int, line: str) -> None:
         moved = re.match(r"Move([LJ]|AbsJ) (.*),v100,z1,(\w+)(?:\\WObj:=(\w+))?;", line, re.IGNORECASE)
         if moved is not None:
-            self._move(at, moved)
+            self._execute_move(at, moved)
         elif line.startswith("PDispSet"):
-            self.displaced = _pose(_numbers(line))
+            self.displaced = _pose_from_seven(_numbers_in(line))
         elif line.startswith("PDispOff"):
             self.displaced = np.eye(4)
         elif line == "rSub;":
-            self._call("rSub")
+            self._call_routine("rSub")
         else:
-            self._assign(line)
+            self._assign_value(line)
 
-    def _move(self, at: int, moved: re.Match[str]) -> None:
+    def _execute_move(self, at: int, moved: re.Match[str]) -> None:
         text, frame = moved[2], (moved[4] or "wobj0").lower()
-        names = frozenset({*self._names(text), f"move{moved[1].lower()}@{at + 1}"})
+        names = frozenset({*self._names_in(text), f"move{moved[1].lower()}@{at + 1}"})
         if moved[1].lower() == "absj":
-            self.tips.append(Tip(at + 1, names, None, f"joints {text}"))
+            self.tips.append(TipTarget(at + 1, names, None, f"joints {text}"))
             self.tip = np.full((4, 4), np.nan)
             return
         base = self.frames[frame]
         if base is None:
-            told = np.array2string(self._value(text), precision=5, suppress_small=True)
-            self.tips.append(Tip(at + 1, names, None, f"led {text} {told}"))
+            pose_text = np.array2string(self._evaluate(text), precision=5, suppress_small=True)
+            self.tips.append(TipTarget(at + 1, names, None, f"led {text} {pose_text}"))
             self.tip = np.full((4, 4), np.nan)
             return
-        self.tip = base @ self.displaced @ self._value(text)
+        self.tip = base @ self.displaced @ self._evaluate(text)
         if np.isnan(self.tip).any():
-            self.tips.append(Tip(at + 1, names, None, f"on from joints {text}"))
+            self.tips.append(TipTarget(at + 1, names, None, f"on from joints {text}"))
         else:
-            self.tips.append(Tip(at + 1, names, self.tip))
+            self.tips.append(TipTarget(at + 1, names, self.tip))
 
-    def _names(self, text: str) -> set[str]:
+    def _names_in(self, text: str) -> set[str]:
         words = re.findall(r"[a-z]\w*(?:\{\d\})?", text.lower())
         return {one for word in words for one in (word, *self.origins.get(word.partition("{")[0], ()))}
 
-    def _assign(self, line: str) -> None:
+    def _assign_value(self, line: str) -> None:
         component = re.match(
             r"(\w+)\.trans\.([xyz]) := (?:\w+\.trans\.[xyz]([+-]))?(\d+);", line, re.IGNORECASE
         )
@@ -247,41 +261,41 @@ class _Robot:
             return
         whole = re.match(r"(\w+) := (.*);", line)
         assert whole is not None, line
-        self.targets[whole[1].lower()] = self._value(whole[2])
-        self.origins[whole[1].lower()] = self._names(whole[2])
+        self.targets[whole[1].lower()] = self._evaluate(whole[2])
+        self.origins[whole[1].lower()] = self._names_in(whole[2])
         if whole[2].startswith("CRobT") and self.tips:
             self.origins[whole[1].lower()] = {*self.tips[-1].names, f"#{self.tips[-1].line}"}
 
-    def _value(self, text: str) -> Array:
+    def _evaluate(self, text: str) -> Array:
         called = re.match(r"(Offs|RelTool)\((.*),([^,]+),([^,]+),([^,]+)\)$", text)
         if called is not None:
             shift = np.eye(4)
-            shift[:3, 3] = [self._number(word) * 1e-3 for word in called.groups()[2:]]
-            inner = self._value(called[2])
+            shift[:3, 3] = [self._read_number(word) * 1e-3 for word in called.groups()[2:]]
+            inner = self._evaluate(called[2])
             if called[1] == "Offs":
                 return shift @ inner
             return inner @ shift
         if text.startswith("["):
-            return _pose(_numbers(text)[:7])
+            return _pose_from_seven(_numbers_in(text)[:7])
         if text.startswith("CRobT"):
             return (
                 np.linalg.inv(self.displaced) @ self.tip
             )  # NaN behind joints, whose place is not the work's
         return self.targets[text.lower().removesuffix(".p")]
 
-    def _number(self, word: str) -> float:
+    def _read_number(self, word: str) -> float:
         return self.numbers[word.lower()] if word.isidentifier() else float(word)
 
 
-def _numbers(text: str) -> list[float]:
+def _numbers_in(text: str) -> list[float]:
     return [float(found) for found in _NUMBER.findall(text)]
 
 
-def _pose(seven: list[float]) -> Array:
+def _pose_from_seven(seven: list[float]) -> Array:
     w, x, y, z = seven[3:7]
-    return pose(Rotation.from_quat([x, y, z, w]), np.array(seven[:3]) * 1e-3)
+    return pose_from(Rotation.from_quat([x, y, z, w]), np.array(seven[:3]) * 1e-3)
 
 
-def interpret(texts: dict[str, str]) -> list[Tip]:
+def interpret(texts: dict[str, str]) -> list[TipTarget]:
     """Return where the motions of a module go."""
-    return _Robot(texts["gen.mod"].split("\n")).run()
+    return _RapidInterpreter(texts["gen.mod"].split("\n")).run()

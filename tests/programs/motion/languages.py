@@ -1,11 +1,11 @@
 """The languages of the campaign."""
 
 from tests.programs.motion import abb, kuka, universal_robots
-from tests.programs.motion.campaign import Language
+from tests.programs.motion.campaign import MotionLanguage
 
 LANGUAGES = {
-    "abb": Language("abb", "abb_irb120", abb.generate, abb.interpret),
-    "kuka": Language(
+    "abb": MotionLanguage("abb", "abb_irb120", abb.generate, abb.interpret),
+    "kuka": MotionLanguage(
         "kuka",
         "kuka_kr6_r900",
         kuka.generate,
@@ -13,7 +13,7 @@ LANGUAGES = {
         (("1", (0, 0, 0.08)),),
         tuple(kuka.BASES.items()),
     ),
-    "universal_robots": Language(
+    "universal_robots": MotionLanguage(
         "universal_robots", "ur5", universal_robots.generate, universal_robots.interpret
     ),
 }

@@ -39,7 +39,7 @@ _APPROACH_RAD = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class CalibratedArm:
     """One arm as its calibration found it."""
 
     values: tuple
@@ -50,7 +50,7 @@ class Found:
 
 
 @dataclass(eq=False)
-class FakeCell:
+class DrawnCell:
     """One arm with a tool before a fixture: the truth, and what can be measured of it."""
 
     name: str
@@ -63,15 +63,15 @@ class FakeCell:
         self.arm = SimulatedArm.from_model(MODEL.name, self.seed, name=self.name)
         self.rng = np.random.default_rng([self.seed, len(self.name)])
         turned = exp_twist(np.array([0.0, 0.0, 0.0, 0.0, 0.0, self.around]))
-        self.base_fixture = turned @ FIXTURE @ self._strayed(self.shift_m, self.turn_rad)
-        self.flange_tool = ENTERED_TOOL @ self._strayed(1e-3, 5e-3)
+        self.base_fixture = turned @ FIXTURE @ self._stray_pose(self.shift_m, self.turn_rad)
+        self.flange_tool = ENTERED_TOOL @ self._stray_pose(1e-3, 5e-3)
         self.base_frame = turned @ ENTERED_FRAME  # as entered: nobody measured it well
 
-    def _strayed(self, shift_m: float, turn_rad: float) -> np.ndarray:
+    def _stray_pose(self, shift_m: float, turn_rad: float) -> np.ndarray:
         scale = np.repeat([shift_m, turn_rad], 3)
         return exp_twist(scale * self.rng.uniform(-1.0, 1.0, 6))
 
-    def flanges(self, joints_rad: np.ndarray) -> np.ndarray:
+    def true_flanges(self, joints_rad: np.ndarray) -> np.ndarray:
         """Return where the flange really is (N, 4, 4), each posture reached from below; with backlash."""
         found = []
         for joints in joints_rad:
@@ -83,15 +83,15 @@ class FakeCell:
 
     def tips_at_fixture(self, joints_rad: np.ndarray) -> np.ndarray:
         """Return where the real tip is at the fixture (N, 4, 4)."""
-        return inverse_transform(self.base_fixture) @ self.flanges(joints_rad) @ self.flange_tool
+        return inverse_transform(self.base_fixture) @ self.true_flanges(joints_rad) @ self.flange_tool
 
-    def taught(self, joints_rad: np.ndarray) -> np.ndarray:
+    def recorded_tips(self, joints_rad: np.ndarray) -> np.ndarray:
         """Return what the controller records at these joints: its tip in its user frame (N, 4, 4)."""
         return inverse_transform(self.base_frame) @ self.arm.believed_flange(joints_rad) @ ENTERED_TOOL
 
-    def commanded(self, frame_tip: np.ndarray, near_rad: np.ndarray) -> np.ndarray:
+    def commanded_joints(self, frame_tip: np.ndarray, near_rad: np.ndarray) -> np.ndarray:
         """Return the joints that the controller computes for programmed points, by the fake's own kinematics."""
-        wanted = self.base_frame @ frame_tip @ inverse_transform(ENTERED_TOOL)
+        target_flanges = self.base_frame @ frame_tip @ inverse_transform(ENTERED_TOOL)
         joints = near_rad.copy()
         for _ in range(30):
             here = self.arm.believed_flange(joints)
@@ -99,26 +99,26 @@ class FakeCell:
             for k in range(6):
                 step = joints.copy()
                 step[:, k] += 1e-6
-                columns.append(_gap(here, self.arm.believed_flange(step)) / 1e-6)
+                columns.append(_pose_gap(here, self.arm.believed_flange(step)) / 1e-6)
             jacobian = np.stack(columns, axis=2)
-            joints = joints + np.linalg.solve(jacobian, _gap(here, wanted)[:, :, None])[:, :, 0]
-        assert np.abs(_gap(self.arm.believed_flange(joints), wanted)).max() < 1e-7
+            joints = joints + np.linalg.solve(jacobian, _pose_gap(here, target_flanges)[:, :, None])[:, :, 0]
+        assert np.abs(_pose_gap(self.arm.believed_flange(joints), target_flanges)).max() < 1e-7
         return joints
 
-    def seen(self, joints_rad: np.ndarray, tracker: np.ndarray, reflector: int) -> np.ndarray:
+    def tracker_readings(self, joints_rad: np.ndarray, tracker: np.ndarray, reflector: int) -> np.ndarray:
         """Return what the tracker says of a reflector on the tool."""
         at = self.flange_tool[:3, :3] @ REFLECTORS[reflector] + self.flange_tool[:3, 3]
-        flanges = tracker @ self.flanges(joints_rad)
+        flanges = tracker @ self.true_flanges(joints_rad)
         places = flanges[:, :3, :3] @ at + flanges[:, :3, 3]
         return places + TRACKER_M * self.rng.standard_normal(places.shape)
 
-    def calibrate(self, poses: int) -> Found:
+    def calibrate_cell(self, poses: int) -> CalibratedArm:
         """Identify arm and tool, and find the fixture, all with one tracker."""
         tracker = exp_twist(np.array([2.0, -1.0, 0.5, 0.1, -0.2, 2.0]))  # base seen from the tracker
-        joints = _spread(self.rng, poses)
-        seen = self.seen(joints, tracker, 0)
+        joints = _draw_spread(self.rng, poses)
+        readings = self.tracker_readings(joints, tracker, 0)
         once = np.zeros(poses, dtype=np.intp)
-        rows = PointObservations(joints, seen, np.full(poses, TRACKER_M), once)
+        rows = PointObservations(joints, readings, np.full(poses, TRACKER_M), once)
         result = identify_arm(
             MODEL, rows, options=IdentificationOptions(level=GRAVITY, judge=False, find_breaks=False)
         )
@@ -126,7 +126,7 @@ class FakeCell:
         state = fit.state
         base_tracker = inverse_transform(state.devices[0].device_base)
         values = [
-            _Identified(p.name, p.unit, float(v), float(s), p.prior)
+            _IdentifiedArm(p.name, p.unit, float(v), float(s), p.prior)
             for p, v, s in zip(
                 fit.layout.parameters,
                 parameter_values(fit.layout, state),
@@ -135,38 +135,40 @@ class FakeCell:
             )
         ]
         arm_only = [value for value in values if value.name.startswith("J")]
-        fixture = self._fixture(tracker, base_tracker)
-        return Found(
+        fixture = self._find_fixture(tracker, base_tracker)
+        return CalibratedArm(
             values_of_identification(arm_only, fit),
-            self._tool(state, tracker, base_tracker, joints[:20]),
+            self._find_tool(state, tracker, base_tracker, joints[:20]),
             *fixture,
             float(np.sqrt(np.mean(result.fit_m**2) / 3.0)),
         )
 
-    def _tool(self, state, tracker, base_tracker, joints) -> np.ndarray:
+    def _find_tool(self, state, tracker, base_tracker, joints) -> np.ndarray:
         flanges = state.arm_model.base_flange(state.moved_joints(joints, _term_values(state, joints)))
         found = [state.flange_tool[:3, 3]]
         for reflector in (1, 2):
-            seen = self.seen(joints, tracker, reflector)
-            in_base = seen @ base_tracker[:3, :3].T + base_tracker[:3, 3]
+            readings = self.tracker_readings(joints, tracker, reflector)
+            in_base = readings @ base_tracker[:3, :3].T + base_tracker[:3, 3]
             local = np.einsum("nji,nj->ni", flanges[:, :3, :3], in_base - flanges[:, :3, 3])
             found.append(local.mean(axis=0))
         placed = place_points(REFLECTORS, found, 1e-9 * np.eye(9), sigma_point_m=1e-5)
         return placed.outer_inner.to_matrix()
 
-    def _fixture(self, tracker, base_tracker) -> tuple[Pose, tuple]:
+    def _find_fixture(self, tracker, base_tracker) -> tuple[Pose, tuple]:
         points = np.array(FIXTURE_POINTS)
         true = points @ self.base_fixture[:3, :3].T + self.base_fixture[:3, 3]
-        seen = true @ tracker[:3, :3].T + tracker[:3, 3] + TRACKER_M * self.rng.standard_normal(points.shape)
-        found = seen @ base_tracker[:3, :3].T + base_tracker[:3, 3]
+        readings = (
+            true @ tracker[:3, :3].T + tracker[:3, 3] + TRACKER_M * self.rng.standard_normal(points.shape)
+        )
+        found = readings @ base_tracker[:3, :3].T + base_tracker[:3, 3]
         placed = place_points(FIXTURE_POINTS, found, TRACKER_M**2 * np.eye(12), sigma_point_m=1e-5)
         return placed.outer_inner, placed.covariance
 
-    def project(self, folder: Path, poses: int = 100, master: str = "") -> Project:
+    def write_project(self, folder: Path, poses: int = 100, master: str = "") -> Project:
         """Calibrate, write the cell as a project with all its files, and read it."""
-        found = self.calibrate(poses)
+        found = self.calibrate_cell(poses)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "parameters.toml").write_text(self._set(folder, found.values))
+        (folder / "parameters.toml").write_text(self._write_parameter_set(folder, found.values))
         alignment = Alignment(
             "table", self.name, MODEL.name, FIXTURE_POINTS, found.base_fixture, found.covariance
         )
@@ -177,13 +179,13 @@ class FakeCell:
             + (f'[master]\nproject = "{master}"\n' if master else "")
             + f'[robot]\nserial = "{self.name}"\nmodel = "{MODEL.name}"\nparameters = "parameters.toml"\n'
             f"held_out_rms_mm = {found.held_out_m * 1e3}\n"
-            f"[tools.1.entered]\n{_pose(ENTERED_TOOL)}[tools.1.real]\n{_pose(found.flange_tool)}sigma_mm = 0.03\n"
-            f"[frames.1]\n{_pose(self.base_frame)}"
+            f"[tools.1.entered]\n{_pose_text(ENTERED_TOOL)}[tools.1.real]\n{_pose_text(found.flange_tool)}sigma_mm = 0.03\n"
+            f"[frames.1]\n{_pose_text(self.base_frame)}"
             '[fixture]\nalignment = "fixture.json"\n'
         )
         return read_project(path)
 
-    def _set(self, folder: Path, values: tuple) -> str:
+    def _write_parameter_set(self, folder: Path, values: tuple) -> str:
         draft = ParameterSet(
             self.name, MODEL.name, nominal_sha256(MODEL), "2026-01-01T00:00:00Z", "test", "tracker", values
         )
@@ -191,7 +193,7 @@ class FakeCell:
 
 
 @dataclass(frozen=True)
-class _Identified:
+class _IdentifiedArm:
     name: str
     unit: str
     value: float
@@ -199,7 +201,7 @@ class _Identified:
     prior: float
 
 
-def work_postures(cell: FakeCell, count: int, seed: int) -> np.ndarray:
+def work_postures(cell: DrawnCell, count: int, seed: int) -> np.ndarray:
     """Return postures with the tip over the fixture, the tool pointing down at it, the wrist well bent."""
     rng, found = np.random.default_rng(seed), []
     low, high = MODEL.lower_rad * 0.9, MODEL.upper_rad * 0.9
@@ -215,7 +217,7 @@ def work_postures(cell: FakeCell, count: int, seed: int) -> np.ndarray:
     return np.concatenate(found)[:count]
 
 
-def listing(name: str, frame_tip: np.ndarray, joints_rad: np.ndarray) -> bytes:
+def fanuc_listing(name: str, frame_tip: np.ndarray, joints_rad: np.ndarray) -> bytes:
     """Write taught points as a FANUC listing, in this file's own words."""
     texts = BRAND.configurations.write_configurations(MODEL, joints_rad, ["N U T, 0, 0, 0"] * len(joints_rad))
     lines = [f"/PROG  {name}", "/ATTR", "OWNER\t\t= MNEDITOR;", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
@@ -230,7 +232,7 @@ def listing(name: str, frame_tip: np.ndarray, joints_rad: np.ndarray) -> bytes:
     return ("\r\n".join([*lines, "/END"]) + "\r\n").encode("ascii")
 
 
-def _spread(rng: np.random.Generator, count: int) -> np.ndarray:
+def _draw_spread(rng: np.random.Generator, count: int) -> np.ndarray:
     low, high = np.maximum(MODEL.lower_rad, -1.6) * 0.9, np.minimum(MODEL.upper_rad, 1.6) * 0.9
     return rng.uniform(low, high, (count, 6))
 
@@ -239,7 +241,7 @@ def _term_values(state, joints):
     return term_values(state.nominal, joints, state.terms)
 
 
-def _gap(here: np.ndarray, there: np.ndarray) -> np.ndarray:
+def _pose_gap(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     turn = there[:, :3, :3] @ here[:, :3, :3].swapaxes(1, 2)
     axis = 0.5 * np.stack(
         [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
@@ -247,7 +249,7 @@ def _gap(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     return np.concatenate([there[:, :3, 3] - here[:, :3, 3], axis], axis=1)
 
 
-def _pose(pose: np.ndarray) -> str:
+def _pose_text(pose: np.ndarray) -> str:
     x, y, z = pose[:3, 3] * 1e3
     angles = np.rad2deg(values_from("fanuc_wpr", pose[:3, :3]))
     return (

@@ -10,35 +10,35 @@ from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.engineering.programs.clone import clone_programs
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
-from tests.unit.helpers.cloned_cells import FakeCell, listing, work_postures
+from tests.unit.helpers.cloned_cells import DrawnCell, fanuc_listing, work_postures
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class ClonedCells:
     """A master and its clone, calibrated, and a program taught in the master's cell."""
 
-    master: FakeCell
-    clone: FakeCell
+    master: DrawnCell
+    clone: DrawnCell
     master_project: Project
     clone_project: Project
     joints: np.ndarray
     program: LsProgram
 
     @classmethod
-    def made(
+    def make(
         cls, seed: int, folder: Path, *, points: int = 40, poses: int = 100, around: float = 0.0
-    ) -> "Cells":
+    ) -> "ClonedCells":
         """Draw two cells; ``around`` turns the clone's cell about its robot."""
-        master, clone = FakeCell("master", seed), FakeCell("clone", seed + 1000, around=around)
+        master, clone = DrawnCell("master", seed), DrawnCell("clone", seed + 1000, around=around)
         projects = (
-            master.project(folder / "master", poses),
-            clone.project(folder / "clone", poses, "../master/project.toml"),
+            master.write_project(folder / "master", poses),
+            clone.write_project(folder / "clone", poses, "../master/project.toml"),
         )
         joints = work_postures(master, points, seed)
-        program = read_ls("WELD.LS", listing("WELD", master.taught(joints), joints))
+        program = read_ls("WELD.LS", fanuc_listing("WELD", master.recorded_tips(joints), joints))
         return cls(master, clone, *projects, joints, program)
 
-    def cloned(self) -> ProgramResult:
+    def clone_program(self) -> ProgramResult:
         """Clone the program."""
         rule = BRAND.configurations
         return clone_programs([self.program], self.master_project, self.clone_project, rule)[0]
@@ -47,7 +47,7 @@ class Cells:
         """Return what programmed points miss at the clone's fixture when the clone's controller runs them."""
         near = self.joints[rows].copy()
         near[:, 0] += self.clone.around
-        there = self.clone.tips_at_fixture(self.clone.commanded(frame_tip[rows], near))
+        there = self.clone.tips_at_fixture(self.clone.commanded_joints(frame_tip[rows], near))
         here = self.master.tips_at_fixture(self.joints[rows])
         return np.linalg.norm(there[:, :3, 3] - here[:, :3, 3], axis=1)
 

@@ -54,7 +54,7 @@ class FixtureWorld:
         self.arm = self.world.add_arm("fanuc", MODEL.name)
         self.gauge = WireGauge(self.world, {"name": "wire", "robot": "fanuc"})
 
-    def lengths(self, joints_rad: np.ndarray) -> np.ndarray:
+    def measure_lengths(self, joints_rad: np.ndarray) -> np.ndarray:
         """Measure at these joints, each reached from below, as the mean of several readings."""
         lengths = []
         for joints in joints_rad:
@@ -64,16 +64,16 @@ class FixtureWorld:
             lengths.append(np.mean([self.gauge.read_m()[0] for _ in range(SAMPLES)]))
         return np.array(lengths)
 
-    def fixture(self) -> np.ndarray:
+    def true_fixture(self) -> np.ndarray:
         """Return the true pose of the fixture in the robot's own base."""
         return self.gauge.fixture_in_base()
 
-    def tool(self) -> np.ndarray:
+    def true_tool(self) -> np.ndarray:
         """Return the true pose of the tool in the robot's own flange."""
         return self.gauge.tool_in_flange()
 
 
-def mounting(
+def wire_mounting(
     exit_: int, hook: int, joints: np.ndarray, lengths: np.ndarray, mouth=None, **more: Any
 ) -> WireMounting:
     """Put captures into the form of the mathematics."""
@@ -83,7 +83,7 @@ def mounting(
 
 
 @cache
-def kit() -> np.ndarray:
+def record_poses() -> np.ndarray:
     """Return thirty poses of a mastering record."""
     limits = MotionLimits(
         joint_margin_rad=0.2,
@@ -94,7 +94,7 @@ def kit() -> np.ndarray:
     return kit_poses(MODEL, DRIVE, PRIOR, limits, 30)
 
 
-def candidates(
+def candidate_poses(
     exit_m: tuple[float, float, float], hook_m: tuple[float, float, float], count: int, seed: int
 ) -> np.ndarray:
     """Return poses within the wire's reach and in front of its mouth."""
@@ -113,17 +113,23 @@ def candidates(
 
 def fixture_belief() -> WireBelief:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
-    exits = (WirePlace(ANCHOR, 0.010), *(WirePlace(_at(ROUGH, point), 0.020) for point in POINTS))
+    exits = (
+        WirePlace(ANCHOR, 0.010),
+        *(WirePlace(_transform_point(ROUGH, point), 0.020) for point in POINTS),
+    )
     return WireBelief.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), 1e-4)
 
 
 def tool_belief() -> WireBelief:
     """Return what a technician knows before the targets are measured; the record's hook comes first."""
-    hooks = (WirePlace(HOOK, 0.002), *(WirePlace(_at(ROUGH_TOOL, target), 0.010) for target in TARGETS))
+    hooks = (
+        WirePlace(HOOK, 0.002),
+        *(WirePlace(_transform_point(ROUGH_TOOL, target), 0.010) for target in TARGETS),
+    )
     return WireBelief.with_certified_scale(PRIOR, (WirePlace(ANCHOR, 0.010),), hooks, 1e-4)
 
 
-def _at(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
+def _transform_point(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = pose.rotation_matrix() @ np.array(point) + np.array(pose.position_m)
     return (float(x), float(y), float(z))
 
@@ -139,7 +145,7 @@ def stated_u(covariance: Any) -> np.ndarray:
 
 
 @dataclass
-class Aligned:
+class AlignmentOutcome:
     """One alignment, the truth, and the error with the stated U of every axis (x, y, z, rx, ry, rz)."""
 
     placed: PlacedPoints
@@ -147,53 +153,53 @@ class Aligned:
     truth: np.ndarray
 
     @property
-    def error(self) -> np.ndarray:
+    def pose_error(self) -> np.ndarray:
         return error_of(self.placed.outer_inner, self.truth)
 
     @property
-    def u(self) -> np.ndarray:
+    def stated_u_of_axes(self) -> np.ndarray:
         return stated_u(self.placed.covariance)
 
 
 @cache
-def designed(hooks: bool, per_spot: int = 20) -> tuple[np.ndarray, ...]:
+def designed_poses(hooks: bool, per_spot: int = 20) -> tuple[np.ndarray, ...]:
     """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
     belief = tool_belief() if hooks else fixture_belief()
-    known = [mounting(0, 0, kit(), np.ones(30), another_day=True)]
-    chosen = [kit()]
+    record_mountings = [wire_mounting(0, 0, record_poses(), np.ones(30), another_day=True)]
+    chosen = [record_poses()]
     for spot in range(1, len(TARGETS if hooks else POINTS) + 1):
         exit_, hook = (0, spot) if hooks else (spot, 0)
-        drawn = candidates(belief.exits[exit_].at_m, belief.hooks[hook].at_m, 90, spot)
-        pool = mounting(exit_, hook, drawn, np.ones(len(drawn)), None if hooks else MOUTH)
-        chosen.append(drawn[list(best_order(MODEL, belief, known, pool, per_spot))])
-        known.append(with_poses(pool, chosen[-1], CAPTURE_SIGMA_M))
+        drawn = candidate_poses(belief.exits[exit_].at_m, belief.hooks[hook].at_m, 90, spot)
+        pool = wire_mounting(exit_, hook, drawn, np.ones(len(drawn)), None if hooks else MOUTH)
+        chosen.append(drawn[list(best_order(MODEL, belief, record_mountings, pool, per_spot))])
+        record_mountings.append(with_poses(pool, chosen[-1], CAPTURE_SIGMA_M))
     return tuple(chosen)
 
 
-def align(world: FixtureWorld, per_spot: int = 20) -> Aligned:
+def align_world(world: FixtureWorld, per_spot: int = 20) -> AlignmentOutcome:
     """Take a record, then measure every alignment point at the poses that tell most."""
-    record, *spots = designed(False, per_spot)
-    mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
+    record, *spots = designed_poses(False, per_spot)
+    mountings = [wire_mounting(0, 0, record, world.measure_lengths(record), another_day=True)]
     for point, poses in enumerate(spots, 1):
         world.gauge.mount_exit(point, MOUTH)
-        mountings.append(mounting(point, 0, poses, world.lengths(poses), MOUTH))
+        mountings.append(wire_mounting(point, 0, poses, world.measure_lengths(poses), MOUTH))
     network = fit_network(MODEL, fixture_belief(), mountings)
     points = list(range(1, len(POINTS) + 1))
     found = [network.exits_m[k] for k in points]
     placed = place_points(POINTS, found, network.exit_covariance(points), sigma_point_m=2e-5)
-    return Aligned(placed, network, world.fixture())
+    return AlignmentOutcome(placed, network, world.true_fixture())
 
 
 def find_tool(world: FixtureWorld) -> tuple[np.ndarray, np.ndarray]:
     """Take a record, then measure every target of the end-effector; return error and U of every axis."""
-    record, *spots = designed(True, 12)
-    mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
+    record, *spots = designed_poses(True, 12)
+    mountings = [wire_mounting(0, 0, record, world.measure_lengths(record), another_day=True)]
     for target, poses in enumerate(spots, 1):
         world.gauge.hook_to(target)
-        mountings.append(mounting(0, target, poses, world.lengths(poses)))
+        mountings.append(wire_mounting(0, target, poses, world.measure_lengths(poses)))
     network = fit_network(MODEL, tool_belief(), mountings)
     targets = list(range(1, len(TARGETS) + 1))
     found = [network.hooks_m[k] for k in targets]
     placed = place_points(TARGETS, found, network.hook_covariance(targets), sigma_point_m=2e-5)
-    one = Aligned(placed, network, world.tool())
-    return one.error, one.u
+    one = AlignmentOutcome(placed, network, world.true_tool())
+    return one.pose_error, one.stated_u_of_axes

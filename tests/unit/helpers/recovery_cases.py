@@ -12,11 +12,11 @@ from cellcal.calibration.mastering.turn_recovery import recover_turns
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.wires.model import WirePrior
 from cellcal.calibration.wires.reference import fit_wire_reference
-from tests.unit.helpers.wire_world import ANCHOR, COUNTS_PER_TURN, HOOK, WireWorld, interaction
+from tests.unit.helpers.wire_world import ANCHOR, COUNTS_PER_TURN, HOOK, WireWorld, interaction_matrix
 
 SIGMA_M = 0.0002
 MODEL = load_model("fanuc_m6ib")
-DRIVE = DriveTrain(tuple(tuple(row) for row in interaction().tolist()), (COUNTS_PER_TURN,) * 6)
+DRIVE = DriveTrain(tuple(tuple(row) for row in interaction_matrix().tolist()), (COUNTS_PER_TURN,) * 6)
 PRIOR = WirePrior(tuple(ANCHOR.tolist()), tuple(HOOK.tolist()))
 LIMITS = MotionLimits(
     joint_margin_rad=0.2,
@@ -27,12 +27,12 @@ LIMITS = MotionLimits(
 
 
 @cache
-def kit():
+def record_poses():
     return kit_poses(MODEL, DRIVE, PRIOR, LIMITS, 30)
 
 
 def healthy_record(world):
-    counts, lengths = world.counts(kit()), world.lengths(kit())
+    counts, lengths = world.encoder_counts(record_poses()), world.measure_lengths(record_poses())
     wire = fit_wire_reference(MODEL, DRIVE.to_joints(counts, world.zero_counts), lengths, SIGMA_M, PRIOR)
     captures = tuple(
         WireCapture(tuple(c), float(y), SIGMA_M) for c, y in zip(counts.tolist(), lengths, strict=True)
@@ -43,7 +43,7 @@ def healthy_record(world):
         epoch=1,
         drive=DRIVE,
         counts_at_zero=tuple(world.zero_counts.tolist()),
-        reference_joints_rad=tuple(kit()[0].tolist()),
+        reference_joints_rad=tuple(record_poses()[0].tolist()),
         reference_counts=captures[0].counts,
         captures=captures,
         wire=wire,
@@ -54,7 +54,7 @@ def healthy_record(world):
 
 
 @dataclass
-class Loss:
+class SimulatedLoss:
     """A robot after its loss: what the test knows, and what the controller and the gauge show."""
 
     world: WireWorld
@@ -63,14 +63,14 @@ class Loss:
     provisional: tuple[int, ...]
     captures: list
 
-    def recover(self, **options):
+    def recover_turns(self, **options):
         return recover_turns(MODEL, self.record, self.captures, provisional_turns=self.provisional, **options)
 
-    def capture(self, poses, *, either_flank=False):
+    def capture_poses(self, poses, *, either_flank=False):
         """Measure at about these poses: the controller believes the provisional turns."""
         real = poses + (self.true_turns - np.array(self.provisional)) @ DRIVE.radians_per_turn().T
-        lengths = self.world.lengths(real, either_flank=either_flank)
-        read = np.rint(self.world.counts(real) - COUNTS_PER_TURN * self.true_turns).astype(int)
+        lengths = self.world.measure_lengths(real, either_flank=either_flank)
+        read = np.rint(self.world.encoder_counts(real) - COUNTS_PER_TURN * self.true_turns).astype(int)
         side = "either" if either_flank else "record"
         pairs = zip(read.tolist(), lengths, strict=True)
         return [WireCapture(tuple(c), float(y), SIGMA_M, side) for c, y in pairs]
@@ -79,7 +79,7 @@ class Loss:
         return DRIVE.radians_per_turn() @ (np.array(recovery.offset_turns) - self.true_turns)
 
 
-def lose(
+def lose_turns(
     seed, captures=16, *, fractions=None, crash=None, poses=None, either_flank=False, coupling_error=0.0
 ):
     """Take a healthy record, lose tens of turns per motor, and capture at some poses of the kit."""
@@ -90,7 +90,7 @@ def lose(
     whole = rng.integers(-40, 41, 6)
     provisional = tuple((whole + rng.integers(-2, 3, 6)).tolist())
     turns = whole + (np.zeros(6) if fractions is None else np.asarray(fractions))
-    loss = Loss(world, record, turns, provisional, [])
-    at = kit()[rng.permutation(30)[:captures]] if poses is None else poses
-    loss.captures = loss.capture(at, either_flank=either_flank)
+    loss = SimulatedLoss(world, record, turns, provisional, [])
+    at = record_poses()[rng.permutation(30)[:captures]] if poses is None else poses
+    loss.captures = loss.capture_poses(at, either_flank=either_flank)
     return loss

@@ -20,7 +20,7 @@ ANCHOR = np.array([0.9, -0.7, -0.4])
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
+class SimulatedMeasurements:
     """Observations and the truth behind them."""
 
     model: RobotModel
@@ -50,9 +50,11 @@ def tracker_points(robot="ur10", count=100, *, seed=1, sigma_m=5e-5, joints=None
     truth = true_state(model, rng, (DevicePlacement(TRACKER, np.zeros(3)),))
     joints = random_joints(model, rng, count) if joints is None else joints
     tips = truth.seen_from(0).base_flange(joints)[:, :3, 3]
-    seen = tips + sigma_m * rng.standard_normal(tips.shape)
+    measured_m = tips + sigma_m * rng.standard_normal(tips.shape)
     once = np.zeros(len(joints), dtype=np.intp)
-    return Simulated(model, PointObservations(joints, seen, np.full(len(joints), sigma_m), once), truth, tips)
+    return SimulatedMeasurements(
+        model, PointObservations(joints, measured_m, np.full(len(joints), sigma_m), once), truth, tips
+    )
 
 
 def tracker_poses(robot="ur10", count=60, *, seed=1, sigma_m=5e-5, sigma_rad=1e-4):
@@ -62,7 +64,7 @@ def tracker_poses(robot="ur10", count=60, *, seed=1, sigma_m=5e-5, sigma_rad=1e-
     twists = np.concatenate([np.zeros((count, 3)), sigma_rad * rng.standard_normal((count, 3))], axis=1)
     rotations = frames[:, :3, :3] @ exp_twist(twists)[:, :3, :3]
     observations = pose_from_points(points.observations, rotations, np.full(count, sigma_rad))
-    return Simulated(points.model, observations, points.truth, points.tips_m)
+    return SimulatedMeasurements(points.model, observations, points.truth, points.tips_m)
 
 
 def wire_lengths(robot="fanuc_m6ib", count=120, *, seed=1, sigma_m=5e-5, anchors=(ANCHOR,), breaks=()):
@@ -75,4 +77,6 @@ def wire_lengths(robot="fanuc_m6ib", count=120, *, seed=1, sigma_m=5e-5, anchors
     places = np.array([device.anchor_in_base_m for device in devices])[mounting]
     lengths = np.linalg.norm(places - tips, axis=1) + sigma_m * rng.standard_normal(count)
     once = np.zeros(count, dtype=np.intp)
-    return Simulated(model, LengthObservations(joints, lengths, np.full(count, sigma_m), once), truth, tips)
+    return SimulatedMeasurements(
+        model, LengthObservations(joints, lengths, np.full(count, sigma_m), once), truth, tips
+    )

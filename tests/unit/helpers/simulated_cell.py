@@ -26,7 +26,7 @@ REFLECTORS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.02], [0.0, 0.12, 0.0]])
 
 
 @dataclass(eq=False)
-class World:
+class SimulatedWorld:
     """One arm at its place in the world; rows are drawn from its own dice."""
 
     robot: str = "ur10"
@@ -38,102 +38,117 @@ class World:
     perfect: bool = False  # no errors of the arm
 
     def __post_init__(self):
-        self.dice = np.random.default_rng(self.seed)
+        self.rng = np.random.default_rng(self.seed)
         self.model: RobotModel = load_model(self.robot)
-        errors = dh_errors(self.model, self.dice)
+        errors = dh_errors(self.model, self.rng)
         self.real = self.model if self.perfect else self.model.with_dh_errors(errors)
         self.errors = np.zeros_like(errors) if self.perfect else errors
 
-    def joints(self, count, reach=2.0):
-        return random_joints(self.model, self.dice, count, reach=reach)
+    def draw_joints(self, count, reach=2.0):
+        return random_joints(self.model, self.rng, count, reach=reach)
 
-    def frames(self, joints, offset=(0.0, 0.0, 0.0)):
+    def flange_frames(self, joints, offset=(0.0, 0.0, 0.0)):
         there = self.base @ self.real.base_flange(joints) @ self.tool
         return there @ homogeneous_matrix(np.eye(3), np.asarray(offset, dtype=float))
 
-    def tips(self, joints, offset=(0.0, 0.0, 0.0)):
-        return self.frames(joints, offset)[:, :3, 3]
+    def tip_positions(self, joints, offset=(0.0, 0.0, 0.0)):
+        return self.flange_frames(joints, offset)[:, :3, 3]
 
-    def noise(self, *shape):
-        return np.zeros(shape) if self.exact else self.sigma_m * self.dice.standard_normal(shape)
+    def draw_noise(self, *shape):
+        return np.zeros(shape) if self.exact else self.sigma_m * self.rng.standard_normal(shape)
 
-    def sigmas(self, joints):
+    def stated_sigmas(self, joints):
         return np.full(len(joints), self.sigma_m), np.zeros(len(joints), dtype=np.intp)
 
-    def points(self, count=60, device=TRACKER, offset=(0.0, 0.0, 0.0), joints=None):
-        joints = self.joints(count) if joints is None else joints
-        seen = inverse_transform(device) @ self.frames(joints, offset)
-        return PointObservations(joints, seen[:, :3, 3] + self.noise(len(joints), 3), *self.sigmas(joints))
-
-    def poses(self, count=40, device=TRACKER, sigma_rad=1e-4):
-        joints = self.joints(count)
-        seen = inverse_transform(device) @ self.frames(joints)
-        turns = np.zeros((count, 3)) if self.exact else sigma_rad * self.dice.standard_normal((count, 3))
-        rotations = exp_rotation(turns) @ seen[:, :3, :3]
-        sigma, once = self.sigmas(joints)
-        return PoseObservations(
-            joints, seen[:, :3, 3] + self.noise(count, 3), sigma, once, rotations, np.full(count, sigma_rad)
+    def point_rows(self, count=60, device=TRACKER, offset=(0.0, 0.0, 0.0), joints=None):
+        joints = self.draw_joints(count) if joints is None else joints
+        device_frames = inverse_transform(device) @ self.flange_frames(joints, offset)
+        return PointObservations(
+            joints, device_frames[:, :3, 3] + self.draw_noise(len(joints), 3), *self.stated_sigmas(joints)
         )
 
-    def lengths(self, anchor, count=60, zero=0.0, scale=1.0, offset=(0.0, 0.0, 0.0)):
-        joints = self.joints(count)
-        free = np.linalg.norm(self.tips(joints, offset) - anchor, axis=1)
-        return LengthObservations(joints, zero + scale * free + self.noise(count), *self.sigmas(joints))
+    def pose_rows(self, count=40, device=TRACKER, sigma_rad=1e-4):
+        joints = self.draw_joints(count)
+        device_frames = inverse_transform(device) @ self.flange_frames(joints)
+        turns = np.zeros((count, 3)) if self.exact else sigma_rad * self.rng.standard_normal((count, 3))
+        rotations = exp_rotation(turns) @ device_frames[:, :3, :3]
+        sigma, once = self.stated_sigmas(joints)
+        return PoseObservations(
+            joints,
+            device_frames[:, :3, 3] + self.draw_noise(count, 3),
+            sigma,
+            once,
+            rotations,
+            np.full(count, sigma_rad),
+        )
+
+    def length_rows(self, anchor, count=60, zero=0.0, scale=1.0, offset=(0.0, 0.0, 0.0)):
+        joints = self.draw_joints(count)
+        free = np.linalg.norm(self.tip_positions(joints, offset) - anchor, axis=1)
+        return LengthObservations(
+            joints, zero + scale * free + self.draw_noise(count), *self.stated_sigmas(joints)
+        )
 
     def guided_lengths(self, exit_frame, radius, count=60):
         """The wire is bent round the lip step by step: no formula of the fit."""
-        joints = self.joints(count)
-        tips = (inverse_transform(exit_frame) @ homogeneous_matrix(np.eye(3), self.tips(joints)))[:, :3, 3]
+        joints = self.draw_joints(count)
+        tips = (inverse_transform(exit_frame) @ homogeneous_matrix(np.eye(3), self.tip_positions(joints)))[
+            :, :3, 3
+        ]
         lengths = np.array([shortest_wire(np.hypot(x, y), z, radius) for x, y, z in tips])
-        return GuidedLengthObservations(joints, lengths + self.noise(count), *self.sigmas(joints))
+        return GuidedLengthObservations(joints, lengths + self.draw_noise(count), *self.stated_sigmas(joints))
 
-    def touching(self, wanted, steer, joints):
-        """Return joints near ``joints`` at which ``wanted(tips) == 0`` (N, c), by Newton along the real arm."""
+    def touch_joints(self, residuals_of, steer, joints):
+        """Return joints near ``draw_joints`` at which ``wanted(tips) == 0`` (N, c), by Newton along the real arm."""
         joints = joints.copy()
         for _ in range(40):
-            miss = wanted(self.tips(joints))
+            miss = residuals_of(self.tip_positions(joints))
             slopes = np.stack(
                 [
-                    (wanted(self.tips(joints + 1e-6 * axis)) - wanted(self.tips(joints - 1e-6 * axis))) / 2e-6
+                    (
+                        residuals_of(self.tip_positions(joints + 1e-6 * axis))
+                        - residuals_of(self.tip_positions(joints - 1e-6 * axis))
+                    )
+                    / 2e-6
                     for axis in np.eye(joints.shape[1])
                 ],
                 axis=2,
             )
             step = np.linalg.pinv(slopes, rcond=1e-3) @ miss[..., None]
             joints -= steer * np.clip(step[..., 0], -0.3, 0.3)
-        good = np.abs(wanted(self.tips(joints))).max(axis=1) < 1e-9
+        good = np.abs(residuals_of(self.tip_positions(joints))).max(axis=1) < 1e-9
         assert good.sum() > 0.5 * len(joints)
         return joints[good]
 
     def at_plane(self, frame, count=40, height=0.0):
-        def miss(tips):
+        def plane_misses(tips):
             return (tips - frame[:3, 3]) @ frame[:3, 2:3] - height
 
-        joints = self.touching(miss, 1.0, self.joints(2 * count))[:count]
-        sigma, once = self.sigmas(joints)
-        heights = np.full(len(joints), height) + self.noise(len(joints))
+        joints = self.touch_joints(plane_misses, 1.0, self.draw_joints(2 * count))[:count]
+        sigma, once = self.stated_sigmas(joints)
+        heights = np.full(len(joints), height) + self.draw_noise(len(joints))
         return PlaneContacts(joints, heights, sigma, once)
 
     def at_sphere(self, centre, radius, count=40):
-        def miss(tips):
+        def sphere_misses(tips):
             return np.linalg.norm(tips - centre, axis=1)[:, None] - radius
 
-        joints = self.touching(miss, 1.0, self.joints(2 * count))[:count]
-        sigma, once = self.sigmas(joints)
-        return SphereContacts(joints, radius + self.noise(len(joints)), sigma, once)
+        joints = self.touch_joints(sphere_misses, 1.0, self.draw_joints(2 * count))[:count]
+        sigma, once = self.stated_sigmas(joints)
+        return SphereContacts(joints, radius + self.draw_noise(len(joints)), sigma, once)
 
     def at_pin(self, pin, count=12):
-        joints = self.touching(lambda tips: tips - pin, 1.0, self.joints(4 * count))[:count]
-        sigma, once = self.sigmas(joints)
+        joints = self.touch_joints(lambda tips: tips - pin, 1.0, self.draw_joints(4 * count))[:count]
+        sigma, once = self.stated_sigmas(joints)
         # The tip misses the pin a little: the same as a pin that is off.
-        return PinTouches(joints, self.noise(len(joints), 3), sigma, once)
+        return PinTouches(joints, self.draw_noise(len(joints), 3), sigma, once)
 
-    def bar(self, length=None, count=60):
-        first, second = self.joints(count), self.joints(count)
-        apart = np.linalg.norm(self.tips(first) - self.tips(second), axis=1)
+    def bar_rows(self, length=None, count=60):
+        first, second = self.draw_joints(count), self.draw_joints(count)
+        apart = np.linalg.norm(self.tip_positions(first) - self.tip_positions(second), axis=1)
         if length is not None:
             apart = np.full(count, length)
-        return BarLengths(first, apart + self.noise(count), *self.sigmas(first), second)
+        return BarLengths(first, apart + self.draw_noise(count), *self.stated_sigmas(first), second)
 
 
 def shortest_wire(across, height, radius):

@@ -24,7 +24,7 @@ from tests.unit.helpers.fixture_world import (
     POINTS,
     PRIOR,
     READING_SIGMA_M,
-    candidates,
+    candidate_poses,
 )
 from tests.unit.helpers.recovery_cases import DRIVE
 
@@ -39,7 +39,7 @@ SEAT_SIGMA_M = 2e-5
 
 
 @dataclass(frozen=True)
-class Effort:
+class MeasuringEffort:
     """How much is measured: alignment points, captures at each, poses of the record, readings of a capture."""
 
     points: tuple[tuple[float, float, float], ...] = POINTS
@@ -53,37 +53,39 @@ class Effort:
         return READING_SIGMA_M / self.samples**0.5
 
 
-DEFAULT = Effort()
-FOR_FIXTURES = Effort(TEN_POINTS[:6])  # two points more than a plane and one beside it
-FOR_BASES = Effort(TEN_POINTS, per_spot=40, record=30, samples=20)  # points tell more than captures do
+DEFAULT = MeasuringEffort()
+FOR_FIXTURES = MeasuringEffort(TEN_POINTS[:6])  # two points more than a plane and one beside it
+FOR_BASES = MeasuringEffort(
+    TEN_POINTS, per_spot=40, record=30, samples=20
+)  # points tell more than captures do
 
 
 @dataclass
-class Robot:
+class AlignedRobot:
     """One of the two arms with the wire before it."""
 
     world: World
     name: str
-    effort: Effort
+    effort: MeasuringEffort
 
     def __post_init__(self) -> None:
         self.arm = self.world.arms[self.name]
         self.gauge = WireGauge(self.world, {"name": "wire", "robot": self.name})  # of one name: one wire
         self.gauge.scale_error *= self.effort.sigma_scale / 1e-4
 
-    def align(self) -> Alignment:
+    def align_robot(self) -> Alignment:
         """Take a record, then measure every alignment point at the poses that tell most."""
         belief, (record, *spots) = belief_of(self.name, self.effort), poses_of(self.name, self.effort)
-        mountings = [self._mounted(0, record, mouth_at_m=HOME_MOUTH, another_day=True)]
+        mountings = [self._measure_mounting(0, record, mouth_at_m=HOME_MOUTH, another_day=True)]
         for point, poses in enumerate(spots, 1):
             self.gauge.mount_exit(point, MOUTH)
-            mountings.append(self._mounted(point, poses, mouth_at_m=MOUTH))
+            mountings.append(self._measure_mounting(point, poses, mouth_at_m=MOUTH))
         network = fit_network(MODEL, belief, mountings)
         points = range(1, len(self.effort.points) + 1)
         found = tuple(network.exits_m[k] for k in points)
         covariance = network.exit_covariance(points)
         placed = place_points(self.effort.points, found, covariance, sigma_point_m=SEAT_SIGMA_M)
-        told = WirePoints(
+        wire_points = WirePoints(
             wire="wire",
             found_m=found,
             of_wire=(network.scale, network.exit_radius_m, *network.slow_m),
@@ -103,39 +105,42 @@ class Robot:
             placed.outer_inner,
             placed.covariance,
             (),
-            told,
+            wire_points,
         )
 
-    def truth(self) -> np.ndarray:
+    def true_fixture(self) -> np.ndarray:
         """Return the true fixture in the robot's own base."""
         fixture = self.gauge.fixture_in_base()
         assert fixture is not None
         return fixture
 
-    def _mounted(self, exit_: int, joints: np.ndarray, **more: Any) -> WireMounting:
+    def _measure_mounting(self, exit_: int, joints: np.ndarray, **more: Any) -> WireMounting:
         lengths = []
         for pose in joints:
             self.arm.put_joints(pose - 0.02)
             self.arm.put_joints(pose)
             self.world.clock.advance(1.0)  # it settles
             lengths.append(float(np.mean([self.gauge.read_m()[0] for _ in range(self.effort.samples)])))
-        return _mounting(exit_, joints, tuple(lengths), self.effort, **more)
+        return _make_mounting(exit_, joints, tuple(lengths), self.effort, **more)
 
 
-def two_robots(seed: int, effort: Effort = DEFAULT) -> tuple[Robot, Robot]:
+def two_robots(seed: int, effort: MeasuringEffort = DEFAULT) -> tuple[AlignedRobot, AlignedRobot]:
     """Return two robots of one world; everything hidden is drawn from the seed."""
     world = World(seed, 0.0)
-    seen = {"left": [850.0, 0.0, -200.0, 0.0, 0.0, 0.0], "right": [850.0, 0.0, -200.0, 0.0, 0.0, 180.0]}
+    fixture_poses = {
+        "left": [850.0, 0.0, -200.0, 0.0, 0.0, 0.0],
+        "right": [850.0, 0.0, -200.0, 0.0, 0.0, 180.0],
+    }
     world.add_fixtures(
-        {"fixture": {"points_mm": [[1e3 * v for v in p] for p in effort.points], "seen_from": seen}}
+        {"fixture": {"points_mm": [[1e3 * v for v in p] for p in effort.points], "seen_from": fixture_poses}}
     )
-    for name in seen:
+    for name in fixture_poses:
         world.add_arm(name, MODEL.name)
-    return Robot(world, "left", effort), Robot(world, "right", effort)
+    return AlignedRobot(world, "left", effort), AlignedRobot(world, "right", effort)
 
 
 @cache
-def belief_of(name: str, effort: Effort) -> WireBelief:
+def belief_of(name: str, effort: MeasuringEffort) -> WireBelief:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
     rough = ROUGH[name]
     at = [rough.rotation_matrix() @ np.array(p) + np.array(rough.position_m) for p in effort.points]
@@ -144,21 +149,23 @@ def belief_of(name: str, effort: Effort) -> WireBelief:
 
 
 @cache
-def poses_of(name: str, effort: Effort) -> tuple[np.ndarray, ...]:
+def poses_of(name: str, effort: MeasuringEffort) -> tuple[np.ndarray, ...]:
     """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
-    belief, record = belief_of(name, effort), _record(effort.record)
-    known = [_mounting(0, record, (1.0,) * len(record), effort, mouth_at_m=HOME_MOUTH, another_day=True)]
+    belief, record = belief_of(name, effort), _record_poses(effort.record)
+    record_mountings = [
+        _make_mounting(0, record, (1.0,) * len(record), effort, mouth_at_m=HOME_MOUTH, another_day=True)
+    ]
     chosen = [record]
     for spot in range(1, len(effort.points) + 1):
-        drawn = candidates(belief.exits[spot].at_m, HOOK, 90, spot)
-        pool = _mounting(spot, drawn, (1.0,) * len(drawn), effort, mouth_at_m=MOUTH)
-        chosen.append(drawn[list(best_order(MODEL, belief, known, pool, effort.per_spot))])
-        known.append(with_poses(pool, chosen[-1], effort.sigma_m))
+        drawn = candidate_poses(belief.exits[spot].at_m, HOOK, 90, spot)
+        pool = _make_mounting(spot, drawn, (1.0,) * len(drawn), effort, mouth_at_m=MOUTH)
+        chosen.append(drawn[list(best_order(MODEL, belief, record_mountings, pool, effort.per_spot))])
+        record_mountings.append(with_poses(pool, chosen[-1], effort.sigma_m))
     return tuple(chosen)
 
 
 @cache
-def _record(count: int) -> np.ndarray:
+def _record_poses(count: int) -> np.ndarray:
     limits = MotionLimits(
         joint_margin_rad=0.2,
         box_low_m=(-1.2, -1.2, -0.4),
@@ -168,8 +175,8 @@ def _record(count: int) -> np.ndarray:
     return kit_poses(MODEL, DRIVE, PRIOR, limits, count)
 
 
-def _mounting(
-    exit_: int, joints: np.ndarray, lengths: tuple[float, ...], effort: Effort, **more: Any
+def _make_mounting(
+    exit_: int, joints: np.ndarray, lengths: tuple[float, ...], effort: MeasuringEffort, **more: Any
 ) -> WireMounting:
     poses = tuple(tuple(float(q) for q in pose) for pose in joints)
     return WireMounting(exit_, 0, poses, lengths, (effort.sigma_m,) * len(poses), **more)

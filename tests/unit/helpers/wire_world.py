@@ -22,7 +22,7 @@ _ROWS = np.array(
 _UNIT = np.deg2rad([1.0, 0, 0, 1.0, 1.0]) + np.array([0, 1.0, 1.0, 0, 0])
 
 
-def interaction():
+def interaction_matrix():
     matrix = np.diag(np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0]) * (2 * np.pi / COUNTS_PER_TURN / RATIOS))
     per_count = 2 * np.pi / COUNTS_PER_TURN
     matrix[4, 3], matrix[5, 3], matrix[5, 4] = per_count / 160.0, -per_count / 100.0, per_count / 100.0
@@ -51,7 +51,7 @@ class WireWorld:
         self.zero_counts = rng.integers(-(2**22), 2**22, 6)
         self.crash = crash or {}
         wrong = 1.0 + coupling_error * rng.normal(size=(6, 6)) * (1.0 - np.eye(6))
-        self.per_radian = np.linalg.inv(interaction() * wrong)
+        self.per_radian = np.linalg.inv(interaction_matrix() * wrong)
 
     def next_day(self):
         self.hook = self.hook + self.rng.normal(0, 0.00005, 3)
@@ -59,33 +59,35 @@ class WireWorld:
         for row, errors in self.crash.items():
             self.rows[row] += errors
 
-    def frames(self, joints):
+    def link_frames(self, joints):
         angles = joints + np.array([0, 0, 1, 0, 0, 0]) * joints[:, 1:2] + self.rows[:, 0]
         frame = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
         for j in range(6):
-            frame = frame @ _turn(angles[:, j], 2) @ _link(self.rows[j])
+            frame = frame @ _axis_rotation(angles[:, j], 2) @ _link_matrix(self.rows[j])
             yield frame
 
-    def potential(self, joints):
-        _, upper, fore, _, _, flange = self.frames(joints)
+    def potential_energy(self, joints):
+        _, upper, fore, _, _, flange = self.link_frames(joints)
         return 9.81 * (60 * upper[:, 2, 3] + 40 * fore[:, 2, 3] + 12 * flange[:, 2, 3])
 
-    def sagged(self, joints):
+    def sagged_joints(self, joints):
         torque = np.zeros_like(joints)
         for j in range(6):
             step = np.eye(6)[j] * 1e-4
-            torque[:, j] = -(self.potential(joints + step) - self.potential(joints - step)) / 2e-4
+            torque[:, j] = (
+                -(self.potential_energy(joints + step) - self.potential_energy(joints - step)) / 2e-4
+            )
         motor = joints * RATIOS
         ripple = self.ripple[0] * np.sin(motor + self.phase[0]) + self.ripple[1] * np.sin(
             2 * joints + self.phase[1]
         )
         return joints + self.give * torque + ripple
 
-    def lengths(self, joints, *, either_flank=False):
+    def measure_lengths(self, joints, *, either_flank=False):
         joints = np.atleast_2d(joints)
         loose = 0.02 * self.rng.integers(0, 2, joints.shape) if either_flank else 0.0
-        real = self.sagged(joints) + np.deg2rad(self.rng.normal(0, 0.001, joints.shape) + loose)
-        *_, flange = self.frames(real)
+        real = self.sagged_joints(joints) + np.deg2rad(self.rng.normal(0, 0.001, joints.shape) + loose)
+        *_, flange = self.link_frames(real)
         away = flange[:, :3, :3] @ self.hook + flange[:, :3, 3] - self.anchor
         distance = np.linalg.norm(away, axis=1)
         bend = np.arccos(np.clip(away @ self.exit_axis / distance, -1, 1))
@@ -94,11 +96,11 @@ class WireWorld:
         wavy = path + height * np.sin(2 * np.pi * path / period + phase)
         return self.zero + self.scale * wavy + self.rng.normal(0, self.noise_m, len(joints))
 
-    def counts(self, joints):
+    def encoder_counts(self, joints):
         return np.rint(joints @ self.per_radian.T + self.zero_counts).astype(int)
 
 
-def _turn(angle, axis):
+def _axis_rotation(angle, axis):
     matrix = np.zeros((len(angle), 4, 4))
     matrix[:] = np.eye(4)
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
@@ -108,7 +110,7 @@ def _turn(angle, axis):
     return matrix
 
 
-def _link(row):
+def _link_matrix(row):
     shift = np.eye(4)
     shift[0, 3], shift[2, 3] = row[2], row[1]
-    return shift @ _turn(row[3:4], 0)[0] @ _turn(row[4:5], 1)[0]
+    return shift @ _axis_rotation(row[3:4], 0)[0] @ _axis_rotation(row[4:5], 1)[0]

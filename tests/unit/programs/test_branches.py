@@ -10,7 +10,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.programs.branches import AxesAtZero, all_branches
 
 
-def _postures(model: RobotModel, count: int = 300) -> np.ndarray:
+def _draw_postures(model: RobotModel, count: int = 300) -> np.ndarray:
     rng = np.random.default_rng(len(model.name))
     return rng.uniform(model.lower_rad, model.upper_rad, (count, 6))
 
@@ -18,14 +18,14 @@ def _postures(model: RobotModel, count: int = 300) -> np.ndarray:
 @pytest.mark.parametrize("name", model_names())
 def test_every_branch_reaches_and_the_first_posture_is_among_them(name: str) -> None:
     model = load_model(name)
-    joints = _postures(model)
-    wanted = model.base_flange(joints)
+    joints = _draw_postures(model)
+    target_flanges = model.base_flange(joints)
 
-    found = all_branches(AxesAtZero.from_model(model), wanted)
+    found = all_branches(AxesAtZero.from_model(model), target_flanges)
 
     reached = np.isfinite(found).all(axis=2)
     for branch, rows in zip(found, reached, strict=True):
-        assert np.abs(model.base_flange(branch[rows]) - wanted[rows]).max() < 1e-12
+        assert np.abs(model.base_flange(branch[rows]) - target_flanges[rows]).max() < 1e-12
     apart = np.abs(np.remainder(found - joints + np.pi, 2 * np.pi) - np.pi).max(axis=2)
     assert np.nanmin(apart, axis=0).max() < 1e-6
 
@@ -33,7 +33,7 @@ def test_every_branch_reaches_and_the_first_posture_is_among_them(name: str) -> 
 @pytest.mark.parametrize("name", ["fanuc_m6ib", "kuka_kr6_r900", "abb_irb120", "ur10e"])
 def test_branches_are_different_postures(name: str) -> None:
     model = load_model(name)
-    found = all_branches(AxesAtZero.from_model(model), model.base_flange(_postures(model)))
+    found = all_branches(AxesAtZero.from_model(model), model.base_flange(_draw_postures(model)))
 
     turned = np.remainder(found[:, None] - found[None, :] + np.pi, 2 * np.pi) - np.pi
     apart = np.abs(turned).max(axis=3)
@@ -53,17 +53,17 @@ def test_a_pose_beyond_reach_has_no_posture() -> None:
 @pytest.mark.parametrize("name", ["fanuc_m6ib", "abb_irb120", "ur5e"])
 def test_a_singular_wrist_still_gives_a_posture(name: str) -> None:
     model = load_model(name)
-    joints = _postures(model, 50) * 0.4
+    joints = _draw_postures(model, 50) * 0.4
     joints[:, 4] = -model.theta0_rad[4]
-    wanted = model.base_flange(joints)
+    target_flanges = model.base_flange(joints)
 
-    found = all_branches(AxesAtZero.from_model(model), wanted)
+    found = all_branches(AxesAtZero.from_model(model), target_flanges)
 
     reached = np.isfinite(found).all(axis=2)
     if name != "ur5e":  # there joint 4 is one of the free turns of the singular wrist, and may not reach
         assert reached.any(axis=0).all()
     for branch, rows in zip(found, reached, strict=True):
-        assert np.abs(model.base_flange(branch[rows]) - wanted[rows]).max() < 1e-7
+        assert np.abs(model.base_flange(branch[rows]) - target_flanges[rows]).max() < 1e-7
 
 
 def test_an_arm_of_neither_family_is_refused() -> None:

@@ -7,7 +7,7 @@ import pytest
 from cellcal.drivers.programs.call_graph import reached_settings
 
 
-def walked(begin, further):
+def walk_calls(begin, further):
     found, open_ = set(), list(begin)
     while open_:
         for new in further[open_.pop()]:
@@ -26,9 +26,9 @@ def test_what_is_set_below_and_around_a_routine_is_what_a_walk_finds(seed):
     callers = [{one for one in range(count) if routine in calls[one]} for routine in range(count)]
     below, above = reached_settings(calls, own)
     for routine in range(count):
-        under = {value for one in {routine, *walked([routine], calls)} for value in own[one]}
-        over = walked([routine], callers)
-        around = {value for one in over | walked(over, calls) for value in own[one]}
+        under = {value for one in {routine, *walk_calls([routine], calls)} for value in own[one]}
+        over = walk_calls([routine], callers)
+        around = {value for one in over | walk_calls(over, calls) for value in own[one]}
         for marks, values in ((below[routine], under), (above[routine], around)):
             assert [value for value, _ in marks] == sorted(values)[:2]
             assert all(value in own[who] for value, who in marks)

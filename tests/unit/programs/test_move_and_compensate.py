@@ -23,27 +23,27 @@ from cellcal.service.engineering.programs.move import change_of_frame, move_tran
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.reach import reach_of
-from tests.unit.helpers.cloned_cells import ENTERED_TOOL, listing
-from tests.unit.helpers.cloned_program import Cells
+from tests.unit.helpers.cloned_cells import ENTERED_TOOL, fanuc_listing
+from tests.unit.helpers.cloned_program import ClonedCells
 
 RULE = BRAND.configurations
 OFFSET = exp_twist(np.array([0.06, -0.04, 0.03, 0.02, -0.03, 0.15]))
 
 
 @pytest.fixture(scope="module")
-def cells(tmp_path_factory: pytest.TempPathFactory) -> Cells:
-    return Cells.made(8, tmp_path_factory.mktemp("cells"))
+def cloned_cells(tmp_path_factory: pytest.TempPathFactory) -> ClonedCells:
+    return ClonedCells.make(8, tmp_path_factory.mktemp("cells"))
 
 
-def test_moved_points_keep_their_place_at_the_moved_work(cells: Cells) -> None:
-    master, project = cells.master, cells.master_project
+def test_moved_points_keep_their_place_at_the_moved_work(cloned_cells: ClonedCells) -> None:
+    master, project = cloned_cells.master, cloned_cells.master_project
     change = change_of_frame(master.base_frame, OFFSET)
 
-    result = move_transfer(project, change, RULE).transfer_programs([cells.program])[0]
+    result = move_transfer(project, change, RULE).transfer_programs([cloned_cells.program])[0]
 
-    joints = master.commanded(result.after.positions.frame_tip, cells.joints)
-    before = master.flanges(cells.joints) @ master.flange_tool
-    after = master.flanges(joints) @ master.flange_tool
+    joints = master.commanded_joints(result.after.positions.frame_tip, cloned_cells.joints)
+    before = master.true_flanges(cloned_cells.joints) @ master.flange_tool
+    after = master.true_flanges(joints) @ master.flange_tool
     missed = np.linalg.norm((change @ before - after)[:, :3, 3], axis=1)
     assert result.is_complete
     assert missed.max() < 0.3e-3
@@ -51,12 +51,14 @@ def test_moved_points_keep_their_place_at_the_moved_work(cells: Cells) -> None:
     assert result.shift_m.min() > 0.02
 
 
-def test_without_parameters_a_move_is_eq_7(cells: Cells) -> None:
-    plain = replace(cells.master_project, identified=None)
+def test_without_parameters_a_move_is_eq_7(cloned_cells: ClonedCells) -> None:
+    plain = replace(cloned_cells.master_project, identified=None)
     tools = {"1": replace(plain.tools["1"], real=plain.tools["1"].entered, measured=False)}
-    change = change_of_frame(cells.master.base_frame, OFFSET)
+    change = change_of_frame(cloned_cells.master.base_frame, OFFSET)
 
-    result = move_transfer(replace(plain, tools=tools), change, RULE).transfer_programs([cells.program])[0]
+    result = move_transfer(replace(plain, tools=tools), change, RULE).transfer_programs(
+        [cloned_cells.program]
+    )[0]
 
     before, after = result.before.positions, result.after.positions
     assert np.abs(after.frame_tip - OFFSET @ before.frame_tip)[:, :3, 3].max() < 1e-6
@@ -64,12 +66,13 @@ def test_without_parameters_a_move_is_eq_7(cells: Cells) -> None:
     assert np.isnan(result.expected_error_m).all()
 
 
-def test_only_points_of_the_named_frame_move(cells: Cells) -> None:
-    text = cells.program.to_bytes().replace(b"UF : 1,", b"UF : 2,", 5)
+def test_only_points_of_the_named_frame_move(cloned_cells: ClonedCells) -> None:
+    text = cloned_cells.program.to_bytes().replace(b"UF : 1,", b"UF : 2,", 5)
     project = replace(
-        cells.master_project, frames={**cells.master_project.frames, "2": cells.master.base_frame}
+        cloned_cells.master_project,
+        frames={**cloned_cells.master_project.frames, "2": cloned_cells.master.base_frame},
     )
-    change = change_of_frame(cells.master.base_frame, OFFSET)
+    change = change_of_frame(cloned_cells.master.base_frame, OFFSET)
 
     result = move_transfer(project, change, RULE, frame="2").transfer_programs([read_ls("A.LS", text)])[0]
 
@@ -78,82 +81,88 @@ def test_only_points_of_the_named_frame_move(cells: Cells) -> None:
     assert result.after.to_bytes().splitlines()[-200:] == text.splitlines()[-200:]
 
 
-def test_a_frame_may_be_entered_anew_instead(cells: Cells) -> None:
-    change = change_of_frame(cells.master.base_frame, OFFSET)
+def test_a_frame_may_be_entered_anew_instead(cloned_cells: ClonedCells) -> None:
+    change = change_of_frame(cloned_cells.master.base_frame, OFFSET)
 
-    pose, words = redefined_frame(cells.master_project, "1", change)
+    pose, words = redefined_frame(cloned_cells.master_project, "1", change)
 
-    assert np.abs(pose - cells.master.base_frame @ OFFSET).max() < 1e-9
+    assert np.abs(pose - cloned_cells.master.base_frame @ OFFSET).max() < 1e-9
     x, y, z = pose[:3, 3] * 1e3
     w, p, r = np.degrees(values_from("fanuc_wpr", pose[:3, :3]))
     assert words == f"user frame 1 at X {x:.3f}, Y {y:.3f}, Z {z:.3f} mm, W {w:.4f}, P {p:.4f}, R {r:.4f} deg"
     with pytest.raises(ProjectError, match="no user frame 5"):
-        redefined_frame(cells.master_project, "5", change)
+        redefined_frame(cloned_cells.master_project, "5", change)
     with pytest.raises(CalibrationError, match="rigid"):
-        move_transfer(cells.master_project, 2.0 * np.eye(4), RULE)
+        move_transfer(cloned_cells.master_project, 2.0 * np.eye(4), RULE)
 
 
-def test_compensated_points_stand_where_the_program_says(cells: Cells) -> None:
-    master = cells.master
-    frame_tip = master.taught(cells.joints)
+def test_compensated_points_stand_where_the_program_says(cloned_cells: ClonedCells) -> None:
+    master = cloned_cells.master
+    frame_tip = master.recorded_tips(cloned_cells.joints)
 
-    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
-        [cells.program]
-    )[0]
+    result = compensation_transfer(
+        cloned_cells.master_project, ProgramDirection.UPLOAD, RULE
+    ).transfer_programs([cloned_cells.program])[0]
 
-    joints = master.commanded(result.after.positions.frame_tip, cells.joints)
+    joints = master.commanded_joints(result.after.positions.frame_tip, cloned_cells.joints)
     # The base of the world is the drawing's; that of the calibration differs by what its fit put into the base.
-    real = _fitted(master.flanges(joints) @ master.flange_tool, master.base_frame @ frame_tip)
-    plain = _fitted(master.flanges(cells.joints) @ master.flange_tool, master.base_frame @ frame_tip)
+    real = _fit_transform(master.true_flanges(joints) @ master.flange_tool, master.base_frame @ frame_tip)
+    plain = _fit_transform(
+        master.true_flanges(cloned_cells.joints) @ master.flange_tool, master.base_frame @ frame_tip
+    )
     assert result.is_complete
     assert real.mean() < 0.15e-3
     assert plain.mean() > 2 * real.mean()
 
 
-def test_upload_and_download_are_each_others_way_back(cells: Cells) -> None:
-    up = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
-        [cells.program]
+def test_upload_and_download_are_each_others_way_back(cloned_cells: ClonedCells) -> None:
+    up = compensation_transfer(cloned_cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
+        [cloned_cells.program]
     )[0]
-    down = compensation_transfer(cells.master_project, ProgramDirection.DOWNLOAD, RULE).transfer_programs(
-        [up.after]
-    )[0]
+    down = compensation_transfer(
+        cloned_cells.master_project, ProgramDirection.DOWNLOAD, RULE
+    ).transfer_programs([up.after])[0]
 
-    apart = down.after.positions.frame_tip[:, :3, 3] - cells.program.positions.frame_tip[:, :3, 3]
+    apart = down.after.positions.frame_tip[:, :3, 3] - cloned_cells.program.positions.frame_tip[:, :3, 3]
     assert np.abs(up.shift_m).min() > 1e-4
     assert np.abs(apart).max() < 3e-6
 
 
-def test_compensation_asks_for_parameters(cells: Cells) -> None:
+def test_compensation_asks_for_parameters(cloned_cells: ClonedCells) -> None:
     with pytest.raises(ProjectError, match="no parameters"):
-        compensation_transfer(replace(cells.master_project, identified=None), ProgramDirection.UPLOAD, RULE)
+        compensation_transfer(
+            replace(cloned_cells.master_project, identified=None), ProgramDirection.UPLOAD, RULE
+        )
 
 
-def test_points_of_the_wrong_configuration_are_named(cells: Cells) -> None:
-    frame_tip = cells.master.taught(cells.joints)
-    text = listing("A", frame_tip, cells.joints)
-    first = RULE.write_configurations(cells.master_project.controller, cells.joints[:1], ["N U T, 0, 0, 0"])[
-        0
-    ]
+def test_points_of_the_wrong_configuration_are_named(cloned_cells: ClonedCells) -> None:
+    frame_tip = cloned_cells.master.recorded_tips(cloned_cells.joints)
+    text = fanuc_listing("A", frame_tip, cloned_cells.joints)
+    first = RULE.write_configurations(
+        cloned_cells.master_project.controller, cloned_cells.joints[:1], ["N U T, 0, 0, 0"]
+    )[0]
     wrong = text.replace(first.encode(), first.replace("T", "B").encode(), 1)
 
-    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
-        [read_ls("A.LS", wrong)]
-    )[0]
+    result = compensation_transfer(
+        cloned_cells.master_project, ProgramDirection.UPLOAD, RULE
+    ).transfer_programs([read_ls("A.LS", wrong)])[0]
 
     assert result.reason[0].startswith("no posture of the arm reaches this pose with the configuration")
     assert set(result.status[1:]) == {"changed"}
 
 
 @pytest.mark.parametrize("way", ["cloned", "compensated", "moved"])
-def test_no_way_changes_an_increment(cells: Cells, way: str) -> None:
-    old = cells.program.to_bytes()
+def test_no_way_changes_an_increment(cloned_cells: ClonedCells, way: str) -> None:
+    old = cloned_cells.program.to_bytes()
     data = old.replace(b"L P[2] 250mm/sec FINE ", b"L P[2] 250mm/sec FINE INC ")
     assert data != old
     program = read_ls("A.LS", data)
     carriers = {
-        "cloned": lambda: clone_transfer(cells.master_project, cells.clone_project, RULE),
-        "compensated": lambda: compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE),
-        "moved": lambda: move_transfer(cells.master_project, OFFSET, RULE),
+        "cloned": lambda: clone_transfer(cloned_cells.master_project, cloned_cells.clone_project, RULE),
+        "compensated": lambda: compensation_transfer(
+            cloned_cells.master_project, ProgramDirection.UPLOAD, RULE
+        ),
+        "moved": lambda: move_transfer(cloned_cells.master_project, OFFSET, RULE),
     }
 
     result = carriers[way]().transfer_programs([program])[0]
@@ -164,21 +173,21 @@ def test_no_way_changes_an_increment(cells: Cells, way: str) -> None:
     assert "changed" in result.status
 
 
-def _fitted(poses: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    a, b = poses[:, :3, 3], wanted[:, :3, 3]
+def _fit_transform(poses: np.ndarray, target_poses: np.ndarray) -> np.ndarray:
+    a, b = poses[:, :3, 3], target_poses[:, :3, 3]
     u, _, vt = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
     turn = (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
     return np.linalg.norm((a - a.mean(axis=0)) @ turn.T - (b - b.mean(axis=0)), axis=1)
 
 
-def test_the_tool_as_entered_is_what_positions_are_written_in(cells: Cells) -> None:
-    result = compensation_transfer(cells.master_project, ProgramDirection.UPLOAD, RULE).transfer_programs(
-        [cells.program]
-    )[0]
+def test_the_tool_as_entered_is_what_positions_are_written_in(cloned_cells: ClonedCells) -> None:
+    result = compensation_transfer(
+        cloned_cells.master_project, ProgramDirection.UPLOAD, RULE
+    ).transfer_programs([cloned_cells.program])[0]
 
     flange = result.base_tip_after @ inverse_transform(ENTERED_TOOL)
-    joints = cells.master.commanded(result.after.positions.frame_tip, cells.joints)
-    assert np.abs(cells.master.arm.believed_flange(joints) - flange).max() < 5e-5
+    joints = cloned_cells.master.commanded_joints(result.after.positions.frame_tip, cloned_cells.joints)
+    assert np.abs(cloned_cells.master.arm.believed_flange(joints) - flange).max() < 5e-5
 
 
 ABB = """MODULE Teil
@@ -295,7 +304,7 @@ ENDMODULE
     ("joints", "status"),
     [(None, {"left", "changed"}), ("keep", {"unchanged", "changed"}), ("move", {"changed"})],
 )
-def test_joint_angles_without_a_frame_move_or_stay_as_somebody_says(
+def test_joint_angles_without_a_frame_move_or_stay_as_requested(
     tmp_path: Path, joints: JointPoints | None, status: set[str]
 ) -> None:
     file = tmp_path / "project.toml"

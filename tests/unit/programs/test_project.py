@@ -13,7 +13,7 @@ from cellcal.service.engineering.programs.cell_of_program import refuse_foreign
 from cellcal.service.engineering.programs.move import redefined_frame
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
-from tests.unit.helpers.fanuc_va import Controller
+from tests.unit.helpers.fanuc_va import VariablesController
 
 PLAIN = """\
 format = 1
@@ -33,7 +33,7 @@ tool = "1"
 """
 
 
-def _written(folder: Path, text: str) -> Path:
+def _write_project_file(folder: Path, text: str) -> Path:
     path = folder / "project.toml"
     path.write_text(text)
     return path
@@ -43,7 +43,7 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
     (tmp_path / "B.ls").touch()
     (tmp_path / "A.ls").touch()
 
-    project = read_project(_written(tmp_path, PLAIN))
+    project = read_project(_write_project_file(tmp_path, PLAIN))
 
     tool = project.tools["1"]
     assert tool.entered[:3, 3].tolist() == [0.001, 0.002, 0.15]
@@ -56,7 +56,9 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
 
 
 def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
-    project = read_project(_written(tmp_path, PLAIN.replace('"fanuc_m6ib"', '"fanuc_m6ib@ceiling"')))
+    project = read_project(
+        _write_project_file(tmp_path, PLAIN.replace('"fanuc_m6ib"', '"fanuc_m6ib@ceiling"'))
+    )
     assert project.nominal.gravity_in_base == (0.0, 0.0, 1.0)
     assert project.controller.gravity_in_base == (0.0, 0.0, 1.0)
 
@@ -81,21 +83,19 @@ def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
         ("[tools.1.entered]", "[tools.0.entered]", "that is the flange itself"),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_faults_of_a_project_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in PLAIN
 
     with pytest.raises(ProjectError, match=words):
-        read_project(_written(tmp_path, PLAIN.replace(old, new)))
+        read_project(_write_project_file(tmp_path, PLAIN.replace(old, new)))
 
 
 @pytest.mark.parametrize(
     ("model", "base"),
     [("fanuc_m6ib", "0"), ("kuka_kr6_r900", "0"), ("abb_irb120", "wobj0"), ("ur10e", "base")],
 )
-def test_the_base_needs_no_entry_and_nobody_can_enter_another_one(
-    tmp_path: Path, model: str, base: str
-) -> None:
-    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", model)))
+def test_the_base_needs_no_entry_and_accepts_no_other(tmp_path: Path, model: str, base: str) -> None:
+    project = read_project(_write_project_file(tmp_path, PLAIN.replace("fanuc_m6ib", model)))
     change = np.eye(4)
     change[0, 3] = 0.1
 
@@ -104,17 +104,17 @@ def test_the_base_needs_no_entry_and_nobody_can_enter_another_one(
     assert "user frame 2 at X 1000.000" in redefined_frame(project, "2", change)[1]
 
 
-def test_a_turn_is_told_as_the_make_writes_it(tmp_path: Path) -> None:
-    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
+def test_a_rotation_is_written_in_the_convention_of_the_make(tmp_path: Path) -> None:
+    project = read_project(_write_project_file(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
     turned = homogeneous_matrix(rotation_from("yaskawa_rpy", np.deg2rad([0.0, 0.0, 1.5])), np.zeros(3))
 
-    told = redefined_frame(project, "2", turned)[1]
+    described_frame = redefined_frame(project, "2", turned)[1]
 
-    assert told.endswith("Rx 0.0000, Ry 0.0000, Rz 1.5000 deg")
+    assert described_frame.endswith("Rx 0.0000, Ry 0.0000, Rz 1.5000 deg")
 
 
 def test_a_program_of_another_make_is_refused(tmp_path: Path) -> None:
-    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
+    project = read_project(_write_project_file(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
     script = brand_named("universal_robots").read("a.script", b"def a():\n  movej([0,0,0,0,0,0])\nend\n")
 
     with pytest.raises(ProgramFileError, match="a program of universal_robots"):
@@ -141,14 +141,16 @@ sigma_mm = 0.05
 """
 
 
-def _saved(folder: Path) -> None:
+def _save_parameter_set(folder: Path) -> None:
     tool, frame = (1.0, 2.0, 150.0, 10.0, 20.0, 30.0), (900.0, -200.0, 350.0, 0.0, 0.0, 90.0)
-    Controller(frames={2: frame}, tools={1: tool, 4: (0.0, 0.0, 80.0, 0.0, 0.0, 0.0)}).save(folder / "saved")
+    VariablesController(
+        frames={2: frame}, tools={1: tool, 4: (0.0, 0.0, 80.0, 0.0, 0.0, 0.0)}
+    ).save_variables(folder / "saved")
 
 
 def test_tools_and_frames_come_from_the_controller_s_backup(tmp_path: Path) -> None:
-    _saved(tmp_path)
-    project = read_project(_written(tmp_path, BACKED))
+    _save_parameter_set(tmp_path)
+    project = read_project(_write_project_file(tmp_path, BACKED))
     tool = project.tools["1"]
     assert tool.entered[:3, 3] == pytest.approx([0.001, 0.002, 0.15])
     assert np.allclose(tool.entered[:3, :3], rotation_from("fanuc_wpr", np.deg2rad([10, 20, 30])))
@@ -159,7 +161,7 @@ def test_tools_and_frames_come_from_the_controller_s_backup(tmp_path: Path) -> N
     assert project.frames["2"][:3, 3] == pytest.approx([0.9, -0.2, 0.35])
     assert np.allclose(project.frames["2"][:3, :3], rotation_from("fanuc_wpr", np.deg2rad([0, 0, 90])))
     written = BACKED + "[frames.2]\nposition_mm = [900.004, -200, 350]\nfanuc_wpr_deg = [0, 0, 90]\n"
-    assert read_project(_written(tmp_path, written)).frames["2"][0, 3] == pytest.approx(0.900004)
+    assert read_project(_write_project_file(tmp_path, written)).frames["2"][0, 3] == pytest.approx(0.900004)
 
 
 @pytest.mark.parametrize(
@@ -178,9 +180,9 @@ def test_tools_and_frames_come_from_the_controller_s_backup(tmp_path: Path) -> N
     ],
 )
 def test_a_backup_that_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
-    _saved(tmp_path)
+    _save_parameter_set(tmp_path)
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "POSREG.VA").write_bytes((tmp_path / "saved" / "POSREG.VA").read_bytes())
     with pytest.raises(ProjectError, match=words) as caught:
-        read_project(_written(tmp_path, BACKED.replace(old, new)))
+        read_project(_write_project_file(tmp_path, BACKED.replace(old, new)))
     assert caught.value.remedy or "missing" in words

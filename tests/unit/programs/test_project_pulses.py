@@ -11,7 +11,7 @@ from cellcal.service.engineering.programs.clone import clone_programs
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
-from tests.unit.helpers.cloned_program import Cells, changed_rows
+from tests.unit.helpers.cloned_program import ClonedCells, changed_rows
 
 _RATIOS = np.array([82_000.0, -82_000.0, 65_500.0, -57_300.5, 57_300.5, 41_000.0])
 _MODEL = Path(__file__).parents[3] / "calibration" / "arm" / "robot_models" / "fanuc_m6ib.toml"
@@ -26,7 +26,7 @@ position_mm = [0, 0, 150]
 """
 
 
-def _job(joints: np.ndarray) -> JobProgram:
+def _pulse_job(joints: np.ndarray) -> JobProgram:
     """Return a job of these postures (N, 6), in pulses."""
     rows = [
         f"C{i:05d}=" + ",".join(str(round(count)) for count in posture)
@@ -34,8 +34,8 @@ def _job(joints: np.ndarray) -> JobProgram:
     ]
     moves = [f"MOVJ C{i:05d} VJ=25.00" for i in range(len(rows))]
     head = ["/JOB", "//NAME WELD", "//POS", f"///NPOS {len(rows)},0,0,0,0,0"]
-    held = ["///TOOL 1", "///POSTYPE PULSE", "///PULSE"]
-    lines = [*head, *held, *rows, "//INST", "///DATE 2026/11/22 12:00", "NOP", *moves, "END"]
+    header_lines = ["///TOOL 1", "///POSTYPE PULSE", "///PULSE"]
+    lines = [*head, *header_lines, *rows, "//INST", "///DATE 2026/11/22 12:00", "NOP", *moves, "END"]
     return read_job("WELD.JBI", ("\r\n".join(lines) + "\r\n").encode())
 
 
@@ -45,18 +45,18 @@ def _of_a_yaskawa(project: Project, ratios: np.ndarray | None) -> Project:
     return replace(project, **named)
 
 
-def _cloned(cells: Cells, master: np.ndarray | None, clone: np.ndarray | None) -> ProgramResult:
+def _clone_job(cells: ClonedCells, master: np.ndarray | None, clone: np.ndarray | None) -> ProgramResult:
     projects = (
         _of_a_yaskawa(cells.master_project, master),
         _of_a_yaskawa(cells.clone_project, clone),
     )
-    return clone_programs([_job(cells.joints)], *projects, None)[0]
+    return clone_programs([_pulse_job(cells.joints)], *projects, None)[0]
 
 
 def test_pulses_are_cloned_to_where_the_fixture_is(tmp_path: Path) -> None:
-    cells = Cells.made(3, tmp_path, points=12)
+    cells = ClonedCells.make(3, tmp_path, points=12)
 
-    result = _cloned(cells, _RATIOS, _RATIOS)
+    result = _clone_job(cells, _RATIOS, _RATIOS)
 
     rows = changed_rows(result)
     assert len(rows) >= 10
@@ -69,10 +69,10 @@ def test_pulses_are_cloned_to_where_the_fixture_is(tmp_path: Path) -> None:
     ]
 
 
-def test_without_ratios_every_point_is_left_and_the_cure_said(tmp_path: Path) -> None:
-    cells = Cells.made(3, tmp_path, points=3)
+def test_without_ratios_every_point_is_left_and_the_cure_named(tmp_path: Path) -> None:
+    cells = ClonedCells.make(3, tmp_path, points=3)
 
-    result = _cloned(cells, None, None)
+    result = _clone_job(cells, None, None)
 
     assert set(result.status) == {LEFT}
     assert all("pulses_per_rad under [robot]" in reason for reason in result.reason)
@@ -80,10 +80,10 @@ def test_without_ratios_every_point_is_left_and_the_cure_said(tmp_path: Path) ->
 
 
 def test_two_ratios_for_one_type_are_refused(tmp_path: Path) -> None:
-    cells = Cells.made(3, tmp_path, points=3)
+    cells = ClonedCells.make(3, tmp_path, points=3)
 
     with pytest.raises(ProjectError, match="different pulses per radian"):
-        _cloned(cells, _RATIOS, _RATIOS * 2)
+        _clone_job(cells, _RATIOS, _RATIOS * 2)
 
 
 def test_a_project_names_an_arm_of_its_own_and_its_pulses(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_a_project_names_an_arm_of_its_own_and_its_pulses(tmp_path: Path) -> Non
         ('"an_arm.toml"', '"none.toml"', "cannot be read"),
     ],
 )
-def test_what_is_wrong_with_arm_or_pulses_is_said(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_faults_of_arm_or_pulses_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     (tmp_path / "an_arm.toml").write_bytes(_MODEL.read_bytes())
     (tmp_path / "project.toml").write_text(_PROJECT.replace(old, new))
 

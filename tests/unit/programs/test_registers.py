@@ -16,7 +16,7 @@ from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.registers import ProgramRegisters
-from tests.unit.helpers.fanuc_va import Controller
+from tests.unit.helpers.fanuc_va import VariablesController
 
 _PROJECT = """format = 1
 name = "cell"
@@ -30,14 +30,14 @@ _PLACE = "X:   700.000   Y:   100.000   Z:   300.000"
 _ANGLES = "W:   180.000   P:      .000   R:    30.000"
 
 
-def _listing(*lines: str) -> bytes:
-    told = "".join(f"{i:4d}:{line} ;\n" for i, line in enumerate(lines, 1))
-    return f"/PROG  WELD\n/ATTR\n/MN\n{told}/POS\n/END\n".encode()
+def _listing_bytes(*lines: str) -> bytes:
+    statements = "".join(f"{i:4d}:{line} ;\n" for i, line in enumerate(lines, 1))
+    return f"/PROG  WELD\n/ATTR\n/MN\n{statements}/POS\n/END\n".encode()
 
 
-def _cell(folder: Path, *lines: str) -> tuple[Project, list]:
+def _cell_with_registers(folder: Path, *lines: str) -> tuple[Project, list]:
     """Return a cell whose PR[1] holds joints and PR[2] a pose in reach, and a program of these lines."""
-    saved = Controller().save(folder / "saved") / "POSREG.VA"
+    saved = VariablesController().save_variables(folder / "saved") / "POSREG.VA"
     text = saved.read_bytes().decode("cp437")
     before, _, rest = text.partition("X:")
     _, _, rest = rest.partition("R:")
@@ -45,27 +45,29 @@ def _cell(folder: Path, *lines: str) -> tuple[Project, list]:
     before = before.replace("N D B", "N U T")
     saved.write_bytes(f"{before}{_PLACE}\r\n{_ANGLES}\r\n{ending}".encode("cp437"))
     (folder / "project.toml").write_text(_PROJECT)
-    (folder / "WELD.ls").write_bytes(_listing(*lines))
-    return read_project(folder / "project.toml"), [read_ls("WELD.LS", _listing(*lines))]
+    (folder / "WELD.ls").write_bytes(_listing_bytes(*lines))
+    return read_project(folder / "project.toml"), [read_ls("WELD.LS", _listing_bytes(*lines))]
 
 
 _GOES = ("  UFRAME_NUM=0", "  UTOOL_NUM=0", "J PR[1:Home] 50% FINE", "L PR[2] 100mm/sec FINE")
 
 
-def test_registers_that_programs_use_are_told_with_their_values(tmp_path: Path) -> None:
-    cell, programs = _cell(tmp_path, *_GOES, "L P[1] 100mm/sec FINE Offset,PR[4]", "J PR[3] 50% FINE")
+def test_registers_that_programs_use_are_reported_with_their_values(tmp_path: Path) -> None:
+    cell, programs = _cell_with_registers(
+        tmp_path, *_GOES, "L P[1] 100mm/sec FINE Offset,PR[4]", "J PR[3] 50% FINE"
+    )
 
-    told = [str(register) for register in ProgramRegisters(programs, cell).all]
+    register_texts = [str(register) for register in ProgramRegisters(programs, cell).all]
 
-    assert told[0].startswith("PR[1] 'Höhe': J1 45.000 deg, J2 -45.000 deg")
-    assert "used in WELD line 6" in told[0]
-    assert "X 700.000 mm, Y 100.000 mm, Z 300.000 mm, W 180.000 deg" in told[1]
-    assert "it stays: the backup holds no position in it" in told[2]
-    assert "it stays: WELD line 8 does more than go there" in told[3]
+    assert register_texts[0].startswith("PR[1] 'Höhe': J1 45.000 deg, J2 -45.000 deg")
+    assert "used in WELD line 6" in register_texts[0]
+    assert "X 700.000 mm, Y 100.000 mm, Z 300.000 mm, W 180.000 deg" in register_texts[1]
+    assert "it stays: the backup holds no position in it" in register_texts[2]
+    assert "it stays: WELD line 8 does more than go there" in register_texts[3]
 
 
 def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path: Path) -> None:
-    cell, programs = _cell(tmp_path, *_GOES)
+    cell, programs = _cell_with_registers(tmp_path, *_GOES)
     shift = homogeneous_matrix(np.eye(3), np.array([0.012, 0.0, -0.0035]))
     found = ProgramRegisters(programs, cell)
 
@@ -107,12 +109,12 @@ def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path
     ],
 )
 def test_what_a_register_is_used_for(lines: tuple[str, ...], uses: list) -> None:
-    found = registers_used(_listing(*lines))
+    found = registers_used(_listing_bytes(*lines))
     assert [(u.number, u.goes_there, u.user_frame, u.tool) for u in found] == uses
 
 
 def test_a_project_without_a_backup_says_what_is_missing(tmp_path: Path) -> None:
-    cell, programs = _cell(tmp_path, *_GOES)
+    cell, programs = _cell_with_registers(tmp_path, *_GOES)
     with pytest.raises(ProjectError, match="no backup of the controller"):
         ProgramRegisters(programs, replace(cell, backup=None))
 
@@ -120,14 +122,14 @@ def test_a_project_without_a_backup_says_what_is_missing(tmp_path: Path) -> None
 def test_the_command_prints_what_to_type_and_writes_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _cell(tmp_path, *_GOES, "J PR[3] 50% FINE")
+    _cell_with_registers(tmp_path, *_GOES, "J PR[3] 50% FINE")
     project, out = str(tmp_path / "project.toml"), str(tmp_path / "new")
 
     code = run_command_line(
         ["program", "registers", "--project", project, "--offset=12,0,-3.5", "--out", out]
     )
 
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert code == 4  # PR[3] holds nothing
-    assert "$POSREG[1,2].X from 700.000 mm to 712.000 mm" in told
+    assert "$POSREG[1,2].X from 700.000 mm to 712.000 mm" in output
     assert b"712.000" in (tmp_path / "new" / "POSREG.VA").read_bytes()

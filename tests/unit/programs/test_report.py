@@ -41,10 +41,10 @@ from cellcal.service.engineering.programs.report_sentences import (
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
 from cellcal.service.exit_codes import ExitCode
 from tests.machine_speed import stretched_s
-from tests.unit.programs.patching import patched
+from tests.unit.programs.diff_application import apply_diff
 
 
-class Program:
+class LineProgram:
     """A program of points along a line, without a file."""
 
     brand = "fanuc"
@@ -72,20 +72,20 @@ class Program:
     def to_bytes(self) -> bytes:
         return self.name.encode()
 
-    def with_changes(self, _: PositionChange) -> "Program":
+    def with_changes(self, _: PositionChange) -> "LineProgram":
         return self
 
 
-def result(
-    name: str, shifts_mm: list[float | None], errors_mm: list[float], known: bool = True
+def make_result(
+    name: str, shifts_mm: list[float | None], errors_mm: list[float], is_calibrated: bool = True
 ) -> ProgramResult:
     """A shift of None is a point that was left."""
-    program = Program(name, len(shifts_mm), (Remark(3, "offset", "PR[1] shifts"),))
-    left = np.array([shift is None for shift in shifts_mm])
+    program = LineProgram(name, len(shifts_mm), (Remark(3, "offset", "PR[1] shifts"),))
+    is_left = np.array([shift is None for shift in shifts_mm])
     shift = np.array([np.nan if s is None else s / 1e3 for s in shifts_mm])
-    base = program.positions.frame_tip.copy() if known else np.full((len(left), 4, 4), np.nan)
+    base = program.positions.frame_tip.copy() if is_calibrated else np.full((len(is_left), 4, 4), np.nan)
     after = base.copy()
-    after[left] = np.nan
+    after[is_left] = np.nan
     words = [LEFT if s is None else UNCHANGED if s == 0 else CHANGED for s in shifts_mm]
     return ProgramResult(
         before=program,
@@ -93,10 +93,10 @@ def result(
         status=tuple(words),
         reason=tuple("out of reach" if s is None else "" for s in shifts_mm),
         shift_m=shift,
-        turn_rad=np.zeros(len(left)),
+        turn_rad=np.zeros(len(is_left)),
         base_tip_before=base,
         base_tip_after=after,
-        expected_error_m=np.where(left, np.nan, np.array(errors_mm) / 1e3),
+        expected_error_m=np.where(is_left, np.nan, np.array(errors_mm) / 1e3),
         uncorrected_m=shift,
         warnings=("no accuracy can be foretold", "line 3: PR[1] shifts"),
     )
@@ -109,7 +109,9 @@ def report_of(*results: ProgramResult) -> ProgramsReport:
 
 
 def test_the_worst_comes_first_and_what_was_left_before_it() -> None:
-    report = report_of(result("A", [1.0, None, 0.0], [0.3, 0.0, 0.1]), result("B", [2.0, 3.0], [0.5, 0.2]))
+    report = report_of(
+        make_result("A", [1.0, None, 0.0], [0.3, 0.0, 0.1]), make_result("B", [2.0, 3.0], [0.5, 0.2])
+    )
     shown = [(p.program, p.point[:4], p.is_excluded) for p in report.worst_first(9)]
     assert shown == [
         ("A", "P[1:", True), ("B", "P[0:", False), ("A", "P[0:", False), ("B", "P[1:", False), ("A", "P[2:", False),
@@ -124,13 +126,13 @@ def test_the_worst_comes_first_and_what_was_left_before_it() -> None:
 
 
 def test_without_expected_errors_the_largest_shift_is_the_worst() -> None:
-    report = report_of(result("A", [1.0, 5.0, 2.0], [np.nan] * 3))
+    report = report_of(make_result("A", [1.0, 5.0, 2.0], [np.nan] * 3))
     assert [p.shift_m for p in report.worst_first(3)] == pytest.approx([5e-3, 2e-3, 1e-3])
     assert "Expected" not in accuracy_text(report)
 
 
-def test_a_sentence_is_said_once_with_its_programs_and_lines() -> None:
-    report = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
+def test_a_sentence_is_printed_once_with_its_programs_and_lines() -> None:
+    report = report_of(*(make_result(name, [1.0], [0.1]) for name in "ABCDE"))
     assert list_problems(report) == [
         "A, B, C and 2 more programs: no accuracy can be foretold",
         "A (line 3), B (line 3), C (line 3) and 2 more programs: PR[1] shifts",
@@ -139,9 +141,11 @@ def test_a_sentence_is_said_once_with_its_programs_and_lines() -> None:
     assert many == ["A (lines 1, 2, 3 and 5 more): shifts"]
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_page_is_whole_escaped_and_asks_nobody(known: bool) -> None:
-    report = report_of(result("A<script>", [1.0, None, 2.5, 0.0], [0.1, 0.0, 0.4, np.nan], known))
+@pytest.mark.parametrize("is_calibrated", [True, False])
+def test_the_page_is_complete_escaped_and_makes_no_request(is_calibrated: bool) -> None:
+    report = report_of(
+        make_result("A<script>", [1.0, None, 2.5, 0.0], [0.1, 0.0, 0.4, np.nan], is_calibrated)
+    )
     page = as_html(report)
     assert "<script" not in page
     assert not re.search(r"(?:src|href)\s*=|url\(|@import|https?:", page)
@@ -155,12 +159,12 @@ def test_the_page_is_whole_escaped_and_asks_nobody(known: bool) -> None:
         assert len(drawing.findall(".//circle")) == 3
     titles = [title.text or "" for title in root.findall(".//svg/path/title")]
     assert all("left as it was. out of reach" in title for title in titles)
-    assert ("in the robot's base" if known else "in each point's own user frame") in unescape(page)
+    assert ("in the robot's base" if is_calibrated else "in each point's own user frame") in unescape(page)
     assert page.count('<td class="bad">out of reach</td>') == 1
 
 
 def test_the_colours_are_those_of_the_legend() -> None:
-    page = as_html(report_of(result("A", [1.0, 10.0], [0.1, 0.1])))
+    page = as_html(report_of(make_result("A", [1.0, 10.0], [0.1, 0.1])))
     legend = re.findall(r'background:(#\w+)"></i>([^<]*)<', page)
     assert legend[0][1].startswith("1.00 to 2.00")
     assert legend[8][1] == "9.00 to 10.00 mm"
@@ -173,7 +177,7 @@ def test_the_colours_are_those_of_the_legend() -> None:
 def test_a_large_line_makes_a_small_page_that_keeps_the_worst() -> None:
     shifts: list[float | None] = [float(i % 97) / 10 + 0.1 for i in range(20_000)]
     shifts[12_345] = None
-    page = as_html(report_of(result("BIG", shifts, [0.1] * 20_000)))
+    page = as_html(report_of(make_result("BIG", shifts, [0.1] * 20_000)))
     assert len(page) < 4_000_000
     assert "3000 of 20000 points are drawn" in page
     assert "The worst 500 of 20000 points" in page
@@ -181,7 +185,7 @@ def test_a_large_line_makes_a_small_page_that_keeps_the_worst() -> None:
 
 
 def test_csv_and_json_hold_every_point_and_no_nan() -> None:
-    found = [result("A", [1.0, None], [0.25, 0.0]), result("B", [0.0], [np.nan])]
+    found = [make_result("A", [1.0, None], [0.25, 0.0]), make_result("B", [0.0], [np.nan])]
     written = {
         kind: form.head
         + form.between.join(form.one("a.ls", "out/a.ls", one) for one in found)
@@ -217,7 +221,7 @@ def test_the_diff_makes_the_new_program_of_the_old_one() -> None:
         (b"\n", b"x\n"),
         (b"a\nb\n", b"a\nc\n"),
     ):
-        assert patched(old, unified_diff(old, new, "a.ls", "a.ls")) == new
+        assert apply_diff(old, unified_diff(old, new, "a.ls", "a.ls")) == new
 
 
 def test_a_diff_shows_the_coordinates_alone_packed_or_not() -> None:
@@ -276,13 +280,13 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
         path = tmp_path / f"{i}.ls"
         path.write_bytes(b"x" * (300 + i))
         sources.append(ProgramSource(path, Path(path.name)))
-    one = list(shares.shared_out(_named, sources))
+    one = list(shares.shared_out(_pid_and_names, sources))
     assert [name for part in one for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert {part[0] for part in one} == {os.getpid()}
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
-    many = list(shares.shared_out(_named, sources))
+    many = list(shares.shared_out(_pid_and_names, sources))
     assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert len(many) > 10
     assert os.getpid() not in {part[0] for part in many}
@@ -314,20 +318,20 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
     monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
-    alive, held = os.pipe()  # ends when nobody is left that holds it
+    alive, held_end = os.pipe()  # ends when nobody is left that holds it
 
-    def work(_: Sequence[ProgramSource]) -> None:
-        os.write(held, b"x")
+    def hang_in_worker(_: Sequence[ProgramSource]) -> None:
+        os.write(held_end, b"x")
         time.sleep(600)
         os._exit(1)  # where this test fails
 
     command = multiprocessing.get_context("fork").Process(
         target=lambda: list(
-            worker_processes.run_in_processes(work, [ProgramSource(path, Path(path.name))] * 4)
+            worker_processes.run_in_processes(hang_in_worker, [ProgramSource(path, Path(path.name))] * 4)
         )
     )
     command.start()
-    os.close(held)
+    os.close(held_end)
     assert os.read(alive, 1) == b"x"
     assert os.read(alive, 1) == b"x"  # two are at work
     command.kill()
@@ -338,5 +342,5 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     os.close(alive)
 
 
-def _named(sources: Sequence[ProgramSource]) -> tuple[int, list[str]]:
+def _pid_and_names(sources: Sequence[ProgramSource]) -> tuple[int, list[str]]:
     return os.getpid(), [source.path.name for source in sources]

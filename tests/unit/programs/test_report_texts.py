@@ -15,8 +15,8 @@ from cellcal.service.engineering.programs.report_html import as_html
 from cellcal.service.engineering.programs.report_sentences import accuracy_text, list_problems, verdict_text
 from cellcal.service.engineering.programs.report_texts import ENGLISH, TEXTS, ReportLanguage, ReportTexts
 from cellcal.service.translation import LOCALES, Locale, Translations
-from tests.service.spoken import ROOT
-from tests.unit.programs.test_report import Program, report_of, result
+from tests.service.source_sentences import ROOT
+from tests.unit.programs.test_report import LineProgram, make_result, report_of
 
 TABLES = ROOT / "web/src/locales"  # what the built pages hold a copy of
 FOREIGN: tuple[Locale, ...] = ("de", "es", "zh")
@@ -43,11 +43,11 @@ STATEMENTS = b"""/MN
 """
 
 
-def spoken(locale: Locale) -> ReportLanguage:
+def report_language(locale: Locale) -> ReportLanguage:
     return ReportLanguage.for_locale(locale, Translations.read_tables(locale, TABLES))
 
 
-def holes(text: object) -> list[list[str]]:
+def placeholders_in(text: object) -> list[list[str]]:
     return [
         sorted(re.findall(r"\{\w*\}", form)) for form in (text if isinstance(text, tuple) else (str(text),))
     ]
@@ -57,47 +57,49 @@ def holes(text: object) -> list[list[str]]:
 def test_every_language_has_every_word_with_its_holes_and_its_columns(locale: Locale) -> None:
     assert set(TEXTS) == set(LOCALES)
     for word in fields(ReportTexts):
-        english, said = (getattr(texts, word.name) for texts in (ENGLISH, TEXTS[locale]))
-        assert holes(said) == holes(english), word.name
-        assert all(form.strip() for form in (said if isinstance(said, tuple) else (said,))), word.name
+        english, translated = (getattr(texts, word.name) for texts in (ENGLISH, TEXTS[locale]))
+        assert placeholders_in(translated) == placeholders_in(english), word.name
+        assert all(
+            form.strip() for form in (translated if isinstance(translated, tuple) else (translated,))
+        ), word.name
         if word.name.endswith("heads"):
-            assert [head.endswith("#") for head in said] == [head.endswith("#") for head in english]
+            assert [head.endswith("#") for head in translated] == [head.endswith("#") for head in english]
     assert sum(a == b for a, b in zip(astuple(ENGLISH), astuple(TEXTS[locale]), strict=True)) <= 2  # of axes
 
 
 @pytest.mark.parametrize(("locale", "reason"), [*product(FOREIGN, REASONS)])
-def test_the_reasons_of_points_are_said_in_the_language(locale: Locale, reason: str) -> None:
-    said = spoken(locale).say(reason)
-    assert said != reason
-    assert not re.search(r"\b(the|would|posture|away|between|wanted)\b", said), said
+def test_the_reasons_of_points_are_written_in_the_language(locale: Locale, reason: str) -> None:
+    translated = report_language(locale).say(reason)
+    assert translated != reason
+    assert not re.search(r"\b(the|would|posture|away|between|wanted)\b", translated), translated
     for number in re.findall(r"\d+(?:\.\d+)?", reason):
-        assert spoken(locale).number(number) in said
+        assert report_language(locale).number(number) in translated
 
 
 @pytest.mark.parametrize("locale", FOREIGN)
-def test_what_programs_do_beside_their_points_is_said_in_the_language(locale: Locale) -> None:
-    positions = replace(Program("A", 1).positions, names=("P[7]",))
-    told = [remark.text for remark in remarks_of(STATEMENTS, 0, len(STATEMENTS), positions)]
-    assert len(told) >= 5
-    for text in (*told, RATIOS_NEEDED):
-        assert spoken(locale).say(text) != text, text
+def test_what_programs_do_beside_their_points_is_written_in_the_language(locale: Locale) -> None:
+    positions = replace(LineProgram("A", 1).positions, names=("P[7]",))
+    remark_texts = [remark.text for remark in remarks_of(STATEMENTS, 0, len(STATEMENTS), positions)]
+    assert len(remark_texts) >= 5
+    for text in (*remark_texts, RATIOS_NEEDED):
+        assert report_language(locale).say(text) != text, text
 
 
 @pytest.mark.parametrize("locale", FOREIGN)
 def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
     report = report_of(
-        result("A", [1.0, None, 2.5], [0.1, 0.0, 0.4]), result("B", [3.0] * 4000, [0.2] * 4000)
+        make_result("A", [1.0, None, 2.5], [0.1, 0.0, 0.4]), make_result("B", [3.0] * 4000, [0.2] * 4000)
     )
     report.title = "Moved in cell 7"
     report.entries[0].reasons[1] = REASONS[0]
     report.refused.append(
         RefusedProgram("x.ls", "the file is empty.", "Save the program from the controller again.")
     )
-    page, english = as_html(report, spoken(locale)), as_html(report)
+    page, english = as_html(report, report_language(locale)), as_html(report)
     assert f'<html lang="{locale}">' in page
     for word in fields(ReportTexts):
-        said = getattr(ENGLISH, word.name)
-        whole = said if isinstance(said, str) else ""
+        english_text = getattr(ENGLISH, word.name)
+        whole = english_text if isinstance(english_text, str) else ""
         if whole and "{" not in whole and whole in english and whole != getattr(TEXTS[locale], word.name):
             assert f">{whole}<" not in page, word.name
     assert "Moved in" not in page
@@ -105,20 +107,22 @@ def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
     assert "12.3 mm away" not in page
 
 
-def test_numbers_are_written_as_people_write_them() -> None:
-    report = report_of(result("A", [1.25], [0.5]))
-    assert "0,50 mm" in accuracy_text(report, spoken("de"))
-    assert "0.50 mm" in accuracy_text(report, spoken("zh"))
-    assert ">1,250</td>" in as_html(report, spoken("es"))
-    assert "width:" not in as_html(report, spoken("de")).replace("width: 100%", "").split("<body>")[1]
+def test_numbers_are_written_in_the_format_of_the_language() -> None:
+    report = report_of(make_result("A", [1.25], [0.5]))
+    assert "0,50 mm" in accuracy_text(report, report_language("de"))
+    assert "0.50 mm" in accuracy_text(report, report_language("zh"))
+    assert ">1,250</td>" in as_html(report, report_language("es"))
+    assert (
+        "width:" not in as_html(report, report_language("de")).replace("width: 100%", "").split("<body>")[1]
+    )
 
 
-def test_one_and_many_are_told_apart() -> None:
-    one = report_of(result("A", [1.0], [0.1]))
-    assert verdict_text(one, spoken("de")).startswith("1 Programm, 1 Punkt: 1 geändert")
-    many = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
-    assert verdict_text(many, spoken("es")).startswith("5 programas, 5 puntos")
-    assert list_problems(many, spoken("de"))[1].startswith(
+def test_one_and_many_are_distinguished() -> None:
+    one = report_of(make_result("A", [1.0], [0.1]))
+    assert verdict_text(one, report_language("de")).startswith("1 Programm, 1 Punkt: 1 geändert")
+    many = report_of(*(make_result(name, [1.0], [0.1]) for name in "ABCDE"))
+    assert verdict_text(many, report_language("es")).startswith("5 programas, 5 puntos")
+    assert list_problems(many, report_language("de"))[1].startswith(
         "A (Zeile 3), B (Zeile 3), C (Zeile 3) und 2 weitere Programme: "
     )
 

@@ -17,7 +17,7 @@ from cellcal.service.path_redaction import without_paths
 
 
 def test_every_reason_has_its_verdict() -> None:
-    said = {
+    reason_codes = {
         "": "fits",
         UNREACHABLE: "reach",
         OTHER_CONFIGURATION: "reach",
@@ -25,7 +25,7 @@ def test_every_reason_has_its_verdict() -> None:
         NO_POSTURE: "unknown",
         "no tool 3 in project.toml": "unknown",
     }
-    assert {reason: verdict_of(reason) for reason in said} == said
+    assert {reason: verdict_of(reason) for reason in reason_codes} == reason_codes
     words = [
         const
         for function in (
@@ -34,22 +34,24 @@ def test_every_reason_has_its_verdict() -> None:
             point_checks.TransferChecks._check_flips,
             point_checks.TransferChecks._check_configurations,
         )
-        for const in _words(function.__code__)
+        for const in _words_of(function.__code__)
     ]
-    words += _words(point_checks._describe_contact.__code__)
+    words += _words_of(point_checks._describe_contact.__code__)
     beginnings = [
         word for word in words if re.match(r"(unreach|near a|joint |the wrist|collides|comes too)", word)
     ]
     assert {verdict_of(word) for word in beginnings} == set(VERDICTS) - {"fits", "unknown"}
 
 
-def _words(code: Any) -> list[str]:
+def _words_of(code: Any) -> list[str]:
     found = [const for const in code.co_consts if isinstance(const, str)]
-    return found + [word for const in code.co_consts if hasattr(const, "co_consts") for word in _words(const)]
+    return found + [
+        word for const in code.co_consts if hasattr(const, "co_consts") for word in _words_of(const)
+    ]
 
 
 @pytest.mark.parametrize(
-    ("said", "shown"),
+    ("sentence", "shown"),
     [
         (
             "near a singularity: 0.0040 m/rad, at least 0.01",
@@ -62,8 +64,8 @@ def _words(code: Any) -> list[str]:
         ("sources/A.LS:3:2: bad", "A.LS:3:2: bad"),
     ],
 )
-def test_sentences_keep_names_and_lose_folders(said: str, shown: str) -> None:
-    assert without_paths(said) == shown
+def test_sentences_keep_names_and_lose_folders(sentence: str, shown: str) -> None:
+    assert without_paths(sentence) == shown
 
 
 def test_a_refusal_begins_with_its_place() -> None:
