@@ -5,7 +5,7 @@ In one terminal ``cellcal fakes CELL.toml``, which prints the port of its contro
     python deploy/try_out/teach.py CELL.toml PORT six_point_tcp
     python deploy/try_out/teach.py CELL.toml PORT three_point_frame
 
-The tool that the pretended technician holds is ``TIP_M`` from the flange, so that the result can be judged.
+The tool that the simulated technician holds is ``TIP_M`` from the flange, so that the result can be judged.
 """
 
 import asyncio
@@ -21,16 +21,16 @@ from scipy.spatial.transform import Rotation
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.operator.scripted import ScriptedOperator
-from cellcal.service.cli.run_end import tell
+from cellcal.service.cli.run_end import print_outcome
 from cellcal.service.configuration.cell_file import read_cell_file
-from cellcal.service.demo.fake_cell_client import Door
-from cellcal.service.runs.launch import Where, start
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from cellcal.service.runs.launch import RunTarget, start_run
 
 TIP_M = (0.03, -0.02, 0.15)
 START_RAD = (0.1, 0.0, -0.6, -1.0, -0.8, 0.8)  # the whole lesson is in reach from here
 STEP_M = 0.32
 SETTINGS: dict[str, dict[str, Any]] = {
-    # the pretended hands touch with the arm as its controller believes it to be: such an arm has no errors
+    # the simulated technician touches with the arm as its controller believes it to be: such an arm has no errors
     "six_point_tcp": {"tool_number": 1, "touch_sigma_m": 5e-5, "arm_sigma_m": 0.0},
     "three_point_frame": {"frame_number": 1, "tip_in_flange_m": TIP_M, "check_above": True, "sigma_m": 5e-5},
 }
@@ -45,64 +45,66 @@ ALONG_BASE = {
 ONLY_YES = ("pin_is_fixed", "pointer_is_mounted", "accept_tool", "accept_frame", "may_move")
 
 
-def flanges(model: RobotModel) -> dict[str, Array]:
+def flange_poses(model: RobotModel) -> dict[str, Array]:
     """Return where the flange has to be for each instruction (4, 4)."""
     square = model.base_flange(np.array([START_RAD]))[0]
     pin = square @ np.array([*TIP_M, 1.0])
-    wanted = {}
+    poses = {}
     for key, degrees in TOUCHES.items():
         flange = square.copy()
         flange[:3, :3] = square[:3, :3] @ Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
         flange[:3, 3] = pin[:3] - flange[:3, :3] @ np.array(TIP_M)
-        wanted[key] = flange
+        poses[key] = flange
     for key, way in ALONG_TOOL.items():
-        wanted[key] = square.copy()
-        wanted[key][:3, 3] += square[:3, :3] @ np.array(way)
+        poses[key] = square.copy()
+        poses[key][:3, 3] += square[:3, :3] @ np.array(way)
     for key, way in ALONG_BASE.items():
-        wanted[key] = square.copy()
-        wanted[key][:3, 3] += np.array(way)
-    return wanted
+        poses[key] = square.copy()
+        poses[key][:3, 3] += np.array(way)
+    return poses
 
 
-def joints_for(model: RobotModel, flange: Array) -> Array:
+def solve_joints(model: RobotModel, flange: Array) -> Array:
     """Return joints near the start that bring the flange there."""
 
-    def miss(joints_rad: Array) -> Array:
+    def pose_error(joints_rad: Array) -> Array:
         found = model.base_flange(joints_rad[None])[0]
         return np.append((found[:3, 3] - flange[:3, 3]) * 1e3, (found[:3, :3] - flange[:3, :3]).ravel() * 1e3)
 
-    solved = least_squares(miss, np.array(START_RAD), bounds=(model.lower_rad, model.upper_rad), xtol=1e-14)
+    solved = least_squares(
+        pose_error, np.array(START_RAD), bounds=(model.lower_rad, model.upper_rad), xtol=1e-14
+    )
     if solved.cost > 1e-6:
         raise SystemExit("the arm does not reach this pose: choose another START_RAD")
     joints: Array = solved.x
     return joints
 
 
-def technician(door: Door, model: RobotModel, robot: str) -> ScriptedOperator:
-    """Return somebody who drives the arm at the control door, then says yes."""
+def make_technician(fake_client: FakeCellClient, model: RobotModel, robot: str) -> ScriptedOperator:
+    """Return an operator who moves the arm by hand through the fakes' control port and then confirms."""
 
-    def hands(joints_rad: Array) -> Callable[[], Awaitable[None]]:
+    def make_hand_move(joints_rad: Array) -> Callable[[], Awaitable[None]]:
         async def drive() -> None:
-            await door.fault("hand_moves", device=robot, joints=joints_rad.tolist())
+            await fake_client.inject_fault("hand_moves", device=robot, joints=joints_rad.tolist())
 
         return drive
 
-    hooks = {key: hands(joints_for(model, flange)) for key, flange in flanges(model).items()}
+    hooks = {key: make_hand_move(solve_joints(model, flange)) for key, flange in flange_poses(model).items()}
     return ScriptedOperator(
-        dict.fromkeys([*hooks, *ONLY_YES], "yes"), hooks=hooks, who="pretended technician"
+        dict.fromkeys([*hooks, *ONLY_YES], "yes"), hooks=hooks, person="simulated technician"
     )
 
 
-async def teach(cell: Path, port: int, procedure: str) -> int:
+async def run_taught_procedure(cell: Path, port: int, procedure: str) -> int:
     """Run the procedure on the fake cell's first robot and return its exit code."""
     config = read_cell_file(cell)
     entry = config.robot()
-    operator = technician(Door("127.0.0.1", port), load_model(entry.model), entry.name)
-    outcome = await start(Where(config, operator, entry.name), procedure, dict(SETTINGS[procedure]))
-    return tell(outcome, config, as_json=True)
+    operator = make_technician(FakeCellClient("127.0.0.1", port), load_model(entry.model), entry.name)
+    outcome = await start_run(RunTarget(config, operator, entry.name), procedure, dict(SETTINGS[procedure]))
+    return print_outcome(outcome, config, as_json=True)
 
 
 if __name__ == "__main__":
     if len(sys.argv) != 4 or sys.argv[3] not in SETTINGS:
         raise SystemExit(__doc__)
-    sys.exit(asyncio.run(teach(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3])))
+    sys.exit(asyncio.run(run_taught_procedure(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3])))

@@ -87,7 +87,7 @@ async def test_the_outline_is_what_really_runs(name: str) -> None:
     assert ran.keys() <= outline.keys()
     for phase in outline.values():
         if not phase.adaptive:
-            assert ran.get(phase.name) == len(phase.steps), phase.name
+            assert ran.get(phase.name) == len(phase.step_names), phase.name
 
 
 @pytest.mark.parametrize("name", NAMES)

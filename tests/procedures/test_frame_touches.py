@@ -129,8 +129,8 @@ def test_the_dry_run_states_how_many_touches_are_needed() -> None:
     ]
     assert forecast.assumed[0].startswith(f"{len(steps)} points")
     assert len(steps) > 3
-    assert all(np.isfinite(one.expanded_uncertainty) for one in forecast.predictions)
-    named = {one.name: one.expanded_uncertainty for one in forecast.predictions}
+    assert all(np.isfinite(one.expanded) for one in forecast.predictions)
+    named = {one.name: one.expanded for one in forecast.predictions}
     assert named[f"origin of the frame, after {len(steps)} touches"] <= 0.001  # the run ends there
     assert "origin of the frame, after 12 touches at most" in named
 
@@ -140,4 +140,4 @@ async def test_the_dry_run_foretells_what_the_run_states_also_where_the_limits_a
     setup, _ = await _teach_frame(made)
     forecast = DEFINITION.forecast(made.spec, None)  # type: ignore[misc,arg-type]
     origin = next(one for one in forecast.predictions if one.name == "origin of the frame, after 3 touches")
-    assert origin.expanded_uncertainty == pytest.approx(2.0 * max(setup.taught.origin_sigma_m), rel=0.05)
+    assert origin.expanded == pytest.approx(2.0 * max(setup.taught.origin_sigma_m), rel=0.05)

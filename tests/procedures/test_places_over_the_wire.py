@@ -118,7 +118,7 @@ async def lose_position(
 ) -> None:
     await fake_client.inject_fault(fault, **fault_settings)
     async with asyncio.timeout(stretched_s(90.0)):
-        while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
+        while (condition := await cell.robot.read_condition()).readiness is not Readiness.POSITION_LOST:
             await asyncio.sleep(0.05)
     assert condition.alarms
 
@@ -160,11 +160,11 @@ async def test_a_crash_is_refused_and_an_exchanged_motor_lies_inside_its_uncerta
         assert wrong[[0, 1, 3, 4, 5]].max() == 0.0
         cell_with_record = replace(cell, record=found.record)
         last = await cell.mastering.encoder_counts()
-        before = await cell.mastering.mastering()
+        before = await cell.mastering.read_mastering()
         await lose_position(cell, fake_client, "crash")
         with pytest.raises(RefusalError, match="nothing was written"):
             await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
-        assert (await cell.mastering.mastering()).counts_at_zero == before.counts_at_zero
+        assert (await cell.mastering.read_mastering()).counts_at_zero == before.counts_at_zero
 
 
 class LinkCuttingTechnician(FakeTechnician):
@@ -220,7 +220,7 @@ async def test_a_link_cut_right_after_the_write_is_reported_unambiguously(tmp_pa
 
 async def _answers_again(cell: Any) -> None:
     async with asyncio.timeout(stretched_s(90.0)):
-        while (await cell.robot.condition()).readiness is Readiness.UNREACHABLE:
+        while (await cell.robot.read_condition()).readiness is Readiness.UNREACHABLE:
             await asyncio.sleep(0.05)
 
 

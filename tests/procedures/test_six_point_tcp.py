@@ -236,7 +236,7 @@ async def test_the_turn_foretold_is_that_of_moves_as_long_as_asked_for(method: A
     made = tool_touch_scene(method=method, limits=LOOSE)
     setup, _ = await teach_tool(made)
     assert setup.axes is not None
-    way = replace(made.spec.way, min_move_m=0.31)  # as the scene's technician moves
+    way = replace(made.spec.teaching_method, min_move_m=0.31)  # as the scene's technician moves
     gain = np.array(setup.axes.turn_gain_per_m2) * 2e-4**2
     k = coverage_in_space(np.linalg.eigvalsh(gain).tolist())
     assert axes_u(way, 2e-4, 0.0) == pytest.approx(k * math.sqrt(float(np.trace(gain))), rel=1e-6)

@@ -204,4 +204,4 @@ def _frame_text(rng: np.random.Generator) -> str:
 
 
 def _pick_one(rng, choices):
-    return choices[int(rng.integers_of(len(choices)))]
+    return choices[int(rng.integers(len(choices)))]

@@ -138,7 +138,10 @@ def test_a_copy_in_another_module_counts_too():
     ]  # fmt: skip
     data_module = BRAND.read("data.mod", data)
     across = BatchDeclarations(
-        {"data.mod": data_module.said, "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).said}
+        {
+            "data.mod": data_module.declarations,
+            "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).declarations,
+        }
     )
     assert "different" in data_module.with_abroad(across.uses_of_file("data.mod")).positions.barred[0]
 

@@ -297,7 +297,7 @@ def test_new_flags_are_written_in_place():
 def test_a_base_is_not_rewritten_at_a_point():
     file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
     with pytest.raises(ProgramFileError, match="FDAT"):
-        file.changed(PositionChange(np.array([0]), user_frames=("5",)))
+        file.with_changes(PositionChange(np.array([0]), user_frames=("5",)))
 
 
 def test_other_makers_dat_files_are_not_taken():
@@ -348,7 +348,7 @@ def test_a_point_as_the_controller_writes_it_is_read_and_changed_as_any_other(se
         np.testing.assert_array_equal(getattr(usual.positions, name), getattr(other.positions, name))
     change = some_change(usual.positions, rng)
     if change is not None:
-        new, old = (file.changed(change).to_bytes().decode() for file in (usual, other))
+        new, old = (file.with_changes(change).to_bytes().decode() for file in (usual, other))
         assert new != text
         assert new == old.replace("DECL\t", "DECL ")
 

@@ -325,7 +325,7 @@ def mixed_cell(world, frame=None, *, order=None, mirrored=False):
     # A pin's axes are those of the world: what the tip missed it by turns with the world.
     pin = replace(pin, positions_m=pin.positions_m @ frame[:3, :3].T)
     series = [
-        CellSeries("points", "tracker", "tip", points.take(order), groups=order // 4),
+        CellSeries("points", "tracker", "tip", points.select_rows(order), groups=order // 4),
         CellSeries("pulled", "wire", "tip", lengths.take(order), groups=20 + order // 4),
         CellSeries("pin", "pin", "tip", pin, groups=np.full(8, 50)),
     ]

@@ -46,7 +46,7 @@ def test_a_row_of_weight_zero_is_as_if_it_were_not_there_and_of_weight_four_as_o
     weights = np.where(np.arange(count) % 5 == 0, 0.0, 1.0)
     fit, problem = fit_simulated(simulate, count, 3, weights)
     again = estimate_arm(fit.layout, fit.state, problem, weights)
-    less = estimate_arm(fit.layout, fit.state, problem.take(np.flatnonzero(weights)))
+    less = estimate_arm(fit.layout, fit.state, problem.select_rows(np.flatnonzero(weights)))
     assert relative_difference(information_by_rows(again), information_by_rows(less)) < 1e-5
     four = estimate_arm(fit.layout, fit.state, problem, np.full(count, 4.0))
     assert (

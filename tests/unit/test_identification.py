@@ -70,7 +70,7 @@ def tip_error_m(simulated, state, joints):
 def test_derivatives_agree_with_finite_differences(simulate, level):
     simulated = simulate(count=9)
     model, observations = simulated.model, simulated.observations
-    terms = terms_of_level(model, np.linspace(-1, 1, 60)[:, None] * np.ones(model.axes), level)
+    terms = terms_of_level(model, np.linspace(-1, 1, 60)[:, None] * np.ones(model.axis_count), level)
     layout = make_layout(model, observations.kind, 1, level=max(level, GEOMETRY), terms=terms)
     rng = np.random.default_rng(0)
     state = replace(
@@ -262,7 +262,7 @@ def test_observations_refuse_what_is_not_a_number():
 
 
 def test_pose_rows_are_taken_whole():
-    poses = tracker_poses().observations.take(np.array([3, 5]))
+    poses = tracker_poses().observations.select_rows(np.array([3, 5]))
     assert isinstance(poses, PoseObservations)
     assert poses.rotations.shape == (2, 3, 3)
     assert poses.sigma_rad.shape == poses.sigma_m.shape == (2,)

@@ -32,7 +32,7 @@ def some_joints(model, seed=3):
 
 def columns_of(model, joints, scale=None):
     rotations, origins = chain_frames(model, joints)
-    out = np.full((4 * model.axes + 4, 3, len(joints)), np.nan)
+    out = np.full((4 * model.axis_count + 4, 3, len(joints)), np.nan)
     return independent_columns(rotations, origins, out=out, scale=scale)
 
 
@@ -76,7 +76,7 @@ def test_pinocchios_regressor_is_a_combination_of_the_independent_columns(name):
 def _tip_motions(place):
     """Return how a twist of the last placement moves the tip: by its three ways in the base's axes."""
     turned = np.zeros((6, 6))
-    turned[:3, :3] = turned[3:, 3:] = place.rotation_matrix
+    turned[:3, :3] = turned[3:, 3:] = place.rotation
     return turned
 
 
@@ -114,7 +114,9 @@ def replace_placements(model, placements):
 @pytest.mark.parametrize("name", ["ur10", "abb_irb120", "kuka_kr6_r900"])
 def test_no_independent_column_is_a_combination_of_others(name):
     model = bent_model(name)  # a tip on the last axis would not tell all of the wrist
-    columns = columns_of(model, some_joints(model))[: 4 * model.axes + 3].reshape(4 * model.axes + 3, -1)
+    columns = columns_of(model, some_joints(model))[: 4 * model.axis_count + 3].reshape(
+        4 * model.axis_count + 3, -1
+    )
     sizes = np.linalg.svd(columns / np.linalg.norm(columns, axis=1, keepdims=True), compute_uv=False)
     assert sizes[-1] > 1e-3 * sizes[0]
 

@@ -84,7 +84,7 @@ def test_pinocchio_agrees_on_the_placement_regressor(name):
         local = pin.computeFrameKinematicRegressor(twin, data, frame, pin.LOCAL)
         ours = regressor[i, :, :-1].reshape(3, -1)
         assert np.allclose(positions[i], data.oMf[frame].translation, rtol=0, atol=1e-12)
-        assert np.allclose(ours, data.oMf[frame].rotation_matrix @ local[:3], rtol=0, atol=1e-12)
+        assert np.allclose(ours, data.oMf[frame].rotation @ local[:3], rtol=0, atol=1e-12)
 
 
 def central_differences(function, size: int, step: float = 1e-6) -> np.ndarray:

@@ -30,8 +30,10 @@ SERIES = {
 
 
 def predict_others(rows, fitted, others, **options):
-    found = identify_arm(UR10, rows.take(fitted), options=IdentificationOptions(find_breaks=False, **options))
-    test = rows.take(others)
+    found = identify_arm(
+        UR10, rows.select_rows(fitted), options=IdentificationOptions(find_breaks=False, **options)
+    )
+    test = rows.select_rows(others)
     predictions = predict_readings(found, test.joints_rad)
     missed = np.linalg.norm(test.positions_m - predictions.positions_m, axis=1)
     return found, predictions, missed

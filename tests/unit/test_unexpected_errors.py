@@ -127,9 +127,7 @@ def test_our_own_log_is_written_whatever_the_packages_are_named(
 
 
 def test_the_software_is_identified_in_any_working_folder(tmp_path: Path) -> None:
-    code = (
-        "from cellcal.service.runs.software_identity import software; print(software()['definition_sha256'])"
-    )
+    code = "from cellcal.service.runs.software_identity import software_versions; print(software_versions()['definition_sha256'])"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )

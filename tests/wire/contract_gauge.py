@@ -38,15 +38,15 @@ class GaugeContract:
     async def test_a_reading_is_taken_after_the_call_began(self, gauge: Any) -> None:
         for _ in range(5):
             began_s = time.monotonic()
-            assert began_s <= (await gauge.distance()).taken_at_s <= time.monotonic()
+            assert began_s <= (await gauge.read_distance()).taken_at_s <= time.monotonic()
 
     async def test_a_reading_is_as_new_as_the_wire(
         self, gauge: Any, gauge_case: GaugeCase, fake_client: FakeCellClient
     ) -> None:
-        before = (await gauge.distance()).value_m
+        before = (await gauge.read_distance()).value_m
         shift_m = gauge_case.shift_m
         await fake_client.inject_fault("wire_offset", device=gauge_case.name, m=shift_m)
-        assert (await gauge.distance()).value_m - before == pytest.approx(shift_m, abs=shift_m / 25)
+        assert (await gauge.read_distance()).value_m - before == pytest.approx(shift_m, abs=shift_m / 25)
 
     async def test_the_serial_number_is_checked_at_connect(
         self, gauge: Any, gauge_case: GaugeCase, cell: CellConfig

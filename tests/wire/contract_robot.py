@@ -56,7 +56,7 @@ def refuse_other_frames(reported_frames: ActiveFrames, truth: dict[str, Any]) ->
 async def until_reading_fails(robot: Any) -> None:
     """Read on: a driver may hand out readings that are younger than its limit for a moment."""
     while True:
-        await robot.joints()
+        await robot.read_joints()
         await asyncio.sleep(0.02)
 
 
@@ -92,7 +92,7 @@ class RobotContract:
         with pytest.raises(MotionStoppedError) as failure:
             await move
         assert failure.value.remedy
-        condition = await robot.condition()
+        condition = await robot.read_condition()
         assert condition.readiness is Readiness.STOPPED
         assert condition.remedy
 
@@ -163,7 +163,7 @@ class RobotContract:
     async def test_a_reading_is_what_the_controller_believes(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
-        reading = await robot.joints()
+        reading = await robot.read_joints()
         believed = robot_case.believed_joints(await truth_of(fake_client, robot_case))
         assert reading.joints_rad == pytest.approx(believed, abs=1e-5)
         assert reading.raw
@@ -258,7 +258,7 @@ class RobotContract:
         assert condition.remedy
         await fake_client.send_command("clear")
         await until_ready(robot, Readiness.READY)
-        assert (await robot.joints()).joints_rad
+        assert (await robot.read_joints()).joints_rad
 
     async def test_the_serial_number_is_checked_at_connect(
         self, robot: Any, robot_case: RobotCase, cell: CellConfig

@@ -85,7 +85,7 @@ async def until_ready(device: Any, readiness: Readiness) -> Condition:
     found: list[Condition] = []
 
     async def is_ready() -> bool:
-        found.append(await device.condition())
+        found.append(await device.read_condition())
         return found[-1].readiness is readiness
 
     await wait_until(is_ready)

@@ -47,7 +47,7 @@ async def expected_m(fake_client: FakeCellClient) -> float:
 async def check_healed(gauge: Any, fake_client: FakeCellClient) -> None:
     await GAUGES["draw_wire"].heal(fake_client)
     await until_ready(gauge, Readiness.READY)
-    assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
+    assert (await gauge.read_distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
 
 
 class TestTheNode:
@@ -74,7 +74,7 @@ class TestTheNode:
         }
         await fake_client.inject_fault(fault, device="wire", **fault_parameters)
         with pytest.raises(error) as failure:
-            await gauge.distance()
+            await gauge.read_distance()
         assert str(failure.value).startswith("wire: ")
         assert failure.value.remedy
         await check_healed(gauge, fake_client)
@@ -85,12 +85,12 @@ class TestTheNode:
     ) -> None:
         await fake_client.inject_fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
         with pytest.raises(DeviceTimeoutError):
-            await gauge.distance()
+            await gauge.read_distance()
         await fake_client.inject_fault("wire_offset", device="wire", m=0.04)
         found = []
         while not found:
             try:
-                found.append((await gauge.distance()).value_m)
+                found.append((await gauge.read_distance()).value_m)
             except DeviceError:
                 await asyncio.sleep(0.02)
         assert found[0] == pytest.approx(await expected_m(fake_client), abs=0.001)
@@ -108,12 +108,14 @@ class TestTheNode:
         await check_healed(gauge, fake_client)
 
     async def test_that_restarts_is_set_up_again(self, gauge: Any, fake_client: FakeCellClient) -> None:
-        await gauge.distance()
+        await gauge.read_distance()
         await fake_client.inject_fault("node_off", device="wire")
         await fake_client.inject_fault("node_on", device="wire")
         await until_ready(gauge, Readiness.READY)
         before = reader_threads()
-        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
+        assert (await gauge.read_distance()).value_m == pytest.approx(
+            await expected_m(fake_client), abs=0.001
+        )
         assert reader_threads() == before, "the heartbeat was not switched on again"
 
     async def test_whose_zero_was_moved_is_not_trusted_until_it_is_opened_again(
@@ -144,7 +146,7 @@ class TestEmergencies:
         await fake_client.inject_fault("emcy", device="wire", code=0x5200, length=length)
 
         async def is_latched() -> bool:
-            return (await gauge.condition()).readiness is Readiness.NOT_READY
+            return (await gauge.read_condition()).readiness is Readiness.NOT_READY
 
         await wait_until(is_latched)
         condition = await gauge.read_condition()
@@ -166,7 +168,7 @@ class TestTheWire:
     async def test_that_has_snapped_gives_no_length(self, gauge: Any, fake_client: FakeCellClient) -> None:
         await fake_client.inject_fault("wire_snap", device="wire")
         with pytest.raises(RefusedError) as failure:
-            await gauge.distance()
+            await gauge.read_distance()
         assert failure.value.remedy
         await check_healed(gauge, fake_client)
 
@@ -175,7 +177,7 @@ class TestTheWire:
     ) -> None:
         await fake_client.inject_fault("wire_offset", device="wire", m=2.5)
         with pytest.raises(RefusedError):
-            await gauge.distance()
+            await gauge.read_distance()
         await check_healed(gauge, fake_client)
 
 
@@ -185,13 +187,13 @@ class TestTheBus:
             await fake_client.inject_fault(
                 "foreign_master", device="wire"
             )  # again and again: it is told for two seconds only
-            return (await gauge.condition()).readiness is Readiness.NOT_READY
+            return (await gauge.read_condition()).readiness is Readiness.NOT_READY
 
         async def is_refused() -> bool:
             await fake_client.inject_fault("foreign_master", device="wire")
             with suppress(WireProtocolError):  # its answer came between ours
                 try:
-                    await gauge.distance()
+                    await gauge.read_distance()
                 except RefusedError as failure:
                     return "another program" in str(failure)
             return False
@@ -201,7 +203,9 @@ class TestTheBus:
 
     async def test_survives_an_error_frame(self, gauge: Any, fake_client: FakeCellClient) -> None:
         await fake_client.inject_fault("error_frame", device="wire")
-        assert (await gauge.distance()).value_m == pytest.approx(await expected_m(fake_client), abs=0.001)
+        assert (await gauge.read_distance()).value_m == pytest.approx(
+            await expected_m(fake_client), abs=0.001
+        )
 
     async def test_whose_daemon_dies_is_noticed_without_a_request(
         self, gauge: Any, fake_client: FakeCellClient

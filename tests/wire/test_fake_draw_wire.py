@@ -203,10 +203,10 @@ class CanopenBus:
             network.subscribe(can_id, self.received_frames.take_frame)
 
     def read_object(self, index: int, sub: int = 0, layout: str = "<I") -> int:
-        return int(struct.unpack(layout, self.node.sdo.read_bytes(index, sub))[0])
+        return int(struct.unpack(layout, self.node.sdo.upload(index, sub))[0])
 
     def write_object(self, index: int, sub: int, value: int, layout: str = "<I") -> None:
-        self.node.sdo.write_bytes(index, sub, struct.pack(layout, value))
+        self.node.sdo.download(index, sub, struct.pack(layout, value))
 
     def read_position(self) -> int:
         return self.read_object(0x6004, 0, "<i")
@@ -244,8 +244,8 @@ async def test_identity(wire: FakeDrawWire):
     def check_identity(bus: CanopenBus) -> None:
         assert bus.read_object(0x1000) & 0xFFFF == 406
         assert bus.read_object(0x1018, 4) == bus.read_object(0x650B) == 4711
-        assert bus.node.sdo.read_bytes(0x1008, 0) == b"DW-3000 draw-wire encoder"  # in segments
-        assert bus.node.sdo.read_bytes(0x1009, 0) == b"HW 1.2"
+        assert bus.node.sdo.upload(0x1008, 0) == b"DW-3000 draw-wire encoder"  # in segments
+        assert bus.node.sdo.upload(0x1009, 0) == b"HW 1.2"
 
     await on_the_bus(wire, check_identity)
 
@@ -271,7 +271,7 @@ async def test_refusals_carry_the_abort_code_of_the_book(wire: FakeDrawWire):
         assert bus.abort_of(lambda: bus.write_object(0x1010, 1, 0x12345678)) == 0x08000020
         assert bus.abort_of(lambda: bus.write_object(0x1A00, 1, 0x60050020)) == 0x06040041
         assert bus.abort_of(lambda: bus.write_object(0x6003, 0, -(2**31), "<i")) == 0x06090030
-        bus.node.sdo.write_bytes(0x1017, 0, bytes(9 - 7), force_segment=True)
+        bus.node.sdo.download(0x1017, 0, bytes(9 - 7), force_segment=True)
         assert bus.read_object(0x1017, 0, "<H") == 0
 
     await on_the_bus(wire, check_refusals)

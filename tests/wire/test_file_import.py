@@ -37,7 +37,7 @@ async def request_point(tracker: Any) -> "asyncio.Task[Any]":
     """Ask for a point and let the device look at what is in the file already."""
     reading = asyncio.create_task(tracker.measure_point())
     file = tracker._rows._file
-    content, looked = file.content, asyncio.Event()
+    content, looked = file.read_content, asyncio.Event()
 
     async def file_content() -> bytes:
         found = await content()

@@ -77,7 +77,7 @@ class TestAnswersThatAreNotOurs:
         }
         await fake_client.inject_fault(fault, device="fanuc", **fault_parameters)
         with pytest.raises(error) as failure:
-            await fanuc.joints()
+            await fanuc.read_joints()
         assert str(failure.value).startswith("fanuc: ")
         assert failure.value.remedy
         await check_healed(fanuc, fake_client)
@@ -87,7 +87,7 @@ class TestAnswersThatAreNotOurs:
     ) -> None:
         await fake_client.inject_fault("half_frames", device="fanuc")
         for _ in range(3):
-            reading = await fanuc.joints()
+            reading = await fanuc.read_joints()
             assert reading.joints_rad == pytest.approx(
                 (await read_truth(fake_client))["controller_joints_rad"], abs=1e-5
             )
@@ -121,7 +121,7 @@ class TestAnswersThatAreNotOurs:
         self, fanuc: Any, fake_client: FakeCellClient
     ) -> None:
         await fake_client.inject_fault("slow", device="fanuc", delay_s=0.2, count=1)
-        asking = asyncio.create_task(fanuc.joints())
+        asking = asyncio.create_task(fanuc.read_joints())
         await asyncio.sleep(0.05)
         asking.cancel()
         await asyncio.wait({asking})
@@ -133,7 +133,7 @@ class TestAnswersThatAreNotOurs:
     ) -> None:
         await fake_client.inject_fault("exception", device="fanuc", code=code)
         with pytest.raises(RefusedError) as failure:
-            await fanuc.joints()
+            await fanuc.read_joints()
         assert failure.value.vendor_code == code
         assert failure.value.remedy
         await check_healed(fanuc, fake_client)
@@ -144,7 +144,7 @@ class TestAnswersThatAreNotOurs:
     ) -> None:
         await fake_client.inject_fault("exception", device="fanuc", code=code)
         with pytest.raises(UnreachableError):
-            await fanuc.joints()
+            await fanuc.read_joints()
         await check_healed(fanuc, fake_client)
 
     @pytest.mark.parametrize("code", [5, 6])
@@ -211,7 +211,7 @@ class TestValuesThatCannotBe:
     async def test_not_a_number_is_never_a_joint_angle(self, fanuc: Any, fake_client: FakeCellClient) -> None:
         await fake_client.inject_fault("nan", device="fanuc")
         with pytest.raises(WireProtocolError) as failure:
-            await fanuc.joints()
+            await fanuc.read_joints()
         assert "7fc0" in failure.value.frame
         await check_healed(fanuc, fake_client)
 
@@ -361,7 +361,7 @@ async def test_the_whole_way_of_a_battery_loss(fresh_fakes: tuple[Path, FakeCell
         await fake_client.inject_fault("power_cycle", device="fanuc")
 
         async def waits_for_its_index() -> bool:
-            return {alarm.code for alarm in (await robot.condition()).alarms} == {"SRVO-075"}
+            return {alarm.code for alarm in (await robot.read_condition()).alarms} == {"SRVO-075"}
 
         await wait_until(waits_for_its_index)
         with pytest.raises(RefusedError) as failure:

@@ -52,10 +52,10 @@ async def test_a_dial_gauge_that_cannot_measure_says_why(
 ) -> None:
     await fake_client.inject_fault(fault, device="dial", **parameters)
     with pytest.raises(DeviceError, match=words) as refused:
-        await dial_gauge.distance()
+        await dial_gauge.read_distance()
     assert refused.value.remedy
     await GAUGES["dial_gauge"].heal(fake_client)
-    assert (await dial_gauge.distance()).value_m == pytest.approx(0.004, abs=5e-5)
+    assert (await dial_gauge.read_distance()).value_m == pytest.approx(0.004, abs=5e-5)
 
 
 async def test_terminals_that_were_added_are_noticed_at_the_next_connect(

@@ -166,7 +166,7 @@ async def test_an_arm_that_was_moved_while_a_person_was_asked_is_not_moved(
     )
     await robot_at_home.move_robot()
     there = [robot_at_home.case.home_rad[0] + ASIDE_RAD, *robot_at_home.case.home_rad[1:]]
-    assert (await robot_at_home.robot.joints()).joints_rad == pytest.approx(there, abs=2e-3)
+    assert (await robot_at_home.robot.read_joints()).joints_rad == pytest.approx(there, abs=2e-3)
 
 
 @pytest.mark.parametrize("robot_case", ["modbus_robot"], indirect=True)
@@ -224,7 +224,7 @@ async def lose_encoders(scene: RobotAtHome) -> None:
     await fake_client.inject_fault("power_cycle", device="fanuc")
 
     async def waits_for_its_index() -> bool:
-        return {alarm.code for alarm in (await robot.condition()).alarms} == {"SRVO-075"}
+        return {alarm.code for alarm in (await robot.read_condition()).alarms} == {"SRVO-075"}
 
     await wait_until(waits_for_its_index)
 

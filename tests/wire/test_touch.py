@@ -283,7 +283,7 @@ class _FragileProbe:
         self.capabilities = replace(probe.capabilities, overtravel_m=1e-4)
 
     async def read_contact(self) -> Any:
-        return await self._probe.contact()
+        return await self._probe.read_contact()
 
 
 async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, FakeCellClient]) -> None:

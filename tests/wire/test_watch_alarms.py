@@ -65,7 +65,7 @@ async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
     code, kind = alarm
     await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
     await restoring_client.inject_fault("alarm", device="fanuc", code=code, axis="J3")
-    assert [(one.code, one.kind) for one in (await fanuc.condition()).alarms] == [alarm]
+    assert [(one.code, one.kind) for one in (await fanuc.read_condition()).alarms] == [alarm]
     loss, answer, warned = await loss_after_alarm(fanuc, cell, tmp_path)
     assert bool(warned) == (kind is AlarmKind.BATTERY_LOW)
     if offered is None:

@@ -155,14 +155,14 @@ class _LayoutTable:
             f"{self.path}: {self.kind} {self.data.get('name', '')!r}: {what}.", remedy=remedy
         )
 
-    def read_text(self, key: str, *, needed: bool = False) -> str:
+    def text_value(self, key: str, *, needed: bool = False) -> str:
         """Return a text."""
         value = self.data.get(key, "")
         if not isinstance(value, str) or (needed and not value):
             raise self.make_error(f"{key} is no text", f'Write {key} = "…".')
         return value
 
-    def read_texts(self, key: str) -> tuple[str, ...]:
+    def text_values(self, key: str) -> tuple[str, ...]:
         """Return a list of texts."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
@@ -208,10 +208,10 @@ def _table_list(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mappi
 
 
 def _read_reading(entry: _LayoutTable, columns: Mapping[str, Any], convention: str) -> LayoutReading:
-    kind, names = entry.read_text("kind", needed=True), entry.read_texts("columns")
+    kind, names = entry.text_value("kind", needed=True), entry.text_values("columns")
     _refuse_unfit(entry, kind, convention)
     for key in ("device", "target"):
-        if not entry.read_text(key) and key not in columns:
+        if not entry.text_value(key) and key not in columns:
             raise entry.make_error(f"it names no {key}", f'Write {key} = "…", or name the column that does.')
     where = entry.data.get("where", {})
     if not isinstance(where, dict) or not all(isinstance(v, str | int | float) for v in where.values()):
@@ -222,13 +222,13 @@ def _read_reading(entry: _LayoutTable, columns: Mapping[str, Any], convention: s
             "sigma_mm is missing", "Give one standard deviation of the device, from its certificate."
         )
     return LayoutReading(
-        entry.read_text("name", needed=True),
+        entry.text_value("name", needed=True),
         kind,
         names,
-        entry.read_texts("rotation"),
-        entry.read_texts("joints_to"),
-        entry.read_text("device"),
-        entry.read_text("target"),
+        entry.text_values("rotation"),
+        entry.text_values("joints_to"),
+        entry.text_value("device"),
+        entry.text_value("target"),
         sigma[0] * 1e-3,
         float(np.deg2rad(sigma[1])),
         entry.read_number("nominal_mm", 0.0) * 1e-3,
@@ -240,17 +240,17 @@ def _refuse_unfit(entry: _LayoutTable, kind: str, convention: str) -> None:
     """Refuse a reading that lacks what its kind needs."""
     if kind not in KINDS:
         raise entry.make_error(f"there is no kind {kind!r}", f"Kinds are {', '.join(KINDS)}.")
-    count, nominal = len(entry.read_texts("columns")), "nominal_mm" in entry.data
+    count, nominal = len(entry.text_values("columns")), "nominal_mm" in entry.data
     wants = {KINDS[kind]} | ({0} if nominal else set()) | ({1} if kind == "plane" else set())
     if count not in wants:
         raise entry.make_error(f"a {kind} has {KINDS[kind]} columns, not {count}")
     needed = {
         "pose": (
-            bool(entry.read_texts("rotation")) and bool(convention),
+            bool(entry.text_values("rotation")) and bool(convention),
             "rotation columns and a convention on top",
         ),
         "sphere": (nominal, "nominal_mm: the ball's radius plus that of the tip"),
-        "bar": (bool(entry.read_texts("joints_to")), "joints_to, the columns of the second posture"),
+        "bar": (bool(entry.text_values("joints_to")), "joints_to, the columns of the second posture"),
     }
     there, what = needed.get(kind, (True, ""))
     if not there:
@@ -258,8 +258,8 @@ def _refuse_unfit(entry: _LayoutTable, kind: str, convention: str) -> None:
 
 
 def _read_item(entry: _LayoutTable, shape: str, words: tuple[str, ...]) -> LayoutItem:
-    found = {key: entry.read_text(key) for key in words if key in entry.data}
-    return LayoutItem(entry.read_text("name", needed=True), _read_place(entry, shape), found)
+    found = {key: entry.text_value(key) for key in words if key in entry.data}
+    return LayoutItem(entry.text_value("name", needed=True), _read_place(entry, shape), found)
 
 
 def _read_target(entry: _LayoutTable) -> LayoutItem:
@@ -271,7 +271,7 @@ def _read_target(entry: _LayoutTable) -> LayoutItem:
     if "known_to_mm" not in entry.data:
         place = FramePrior(place.pose, np.zeros(6))
     return LayoutItem(
-        entry.read_text("name", needed=True), place, {"tool": entry.read_text("tool", needed=True)}
+        entry.text_value("name", needed=True), place, {"tool": entry.text_value("tool", needed=True)}
     )
 
 
@@ -283,13 +283,13 @@ def _read_device(entry: _LayoutTable) -> LayoutItem:
         "radius_m": _read_scalar(entry, "radius_mm", 0.0, "radius_known_to_mm", 1e-3),
     }
     scalars = {key: scalar for key, scalar in numbers.items() if scalar is not None}
-    words = {"moved": entry.read_text("moved", needed=True)} if "moved" in entry.data else {}
+    words = {"moved": entry.text_value("moved", needed=True)} if "moved" in entry.data else {}
     if words and scalars:
         raise entry.make_error(
             f"its numbers are those of {words['moved']!r}", f"Write {', '.join(_NUMBERS[::2])} there only."
         )
     return LayoutItem(
-        entry.read_text("name", needed=True),
+        entry.text_value("name", needed=True),
         _read_place(entry, _POINT),
         words,
         scalars,

@@ -92,6 +92,6 @@ def _tip_and_turn(world, joints, tip, home):
 
 
 def _capture_place(world, joints, place, kind, turns):
-    counts = np.rint(world.counts(joints[None])[0] - COUNTS_PER_TURN * turns).astype(int)
+    counts = np.rint(world.encoder_counts(joints[None])[0] - COUNTS_PER_TURN * turns).astype(int)
     sigma_rad = SIGMA_RAD if kind == "seat" else 0.0
     return PlaceCapture(kind, place, tuple(counts.tolist()), SIGMA_M, sigma_rad, label=f"place {place + 1}")

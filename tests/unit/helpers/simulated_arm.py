@@ -30,7 +30,7 @@ class SimulatedMeasurements:
 
 
 def dh_errors(model, rng, *, length_m=4e-4, angle_deg=0.03, offset_deg=0.15):
-    return rng.standard_normal((model.axes, 5)) * np.array(
+    return rng.standard_normal((model.axis_count, 5)) * np.array(
         [np.deg2rad(offset_deg), length_m, length_m, np.deg2rad(angle_deg), np.deg2rad(angle_deg)]
     )
 

@@ -64,7 +64,7 @@ def walk_planner(record):
 @cache
 def first_walk(number):
     """Return the first captures from one of a few places where a robot may have stood."""
-    return walk_planner(healthy_record(WireWorld(number))).plan(record_poses()[number], FIRST, seed=0)
+    return walk_planner(healthy_record(WireWorld(number))).plan_walk(record_poses()[number], FIRST, seed=0)
 
 
 def loss_of(seed, *, outlier=False, shrunk=1.0, **more):
