@@ -31,11 +31,12 @@ def main() -> int:
         prog="python -m cellcal.fake_devices", description="Play the devices of a cell file."
     )
     parser.add_argument("cell", type=Path, help="the cell file")
+    parser.add_argument("--arms", type=Path, help="JSON: arms that the fakes do not know, by their robots")
     parser.add_argument("--ready-fd", type=int, default=1, help="where to write the ready line (default: 1)")
     parser.add_argument("--watch-stdin", action="store_true", help="end when standard input closes")
     arguments = parser.parse_args()
     try:
-        asyncio.run(play_cell(arguments.cell, arguments.ready_fd, arguments.watch_stdin))
+        asyncio.run(play_cell(arguments.cell, arguments.ready_fd, arguments.watch_stdin, arguments.arms))
     except (OSError, ValueError, KeyError) as error:
         sys.stderr.write(f"the fake devices of {arguments.cell} cannot start: {error}\n")
         return 2
@@ -45,13 +46,15 @@ def main() -> int:
     return 0
 
 
-async def play_cell(path: Path, ready_fd: int = 1, watch_stdin: bool = False) -> None:
+async def play_cell(
+    path: Path, ready_fd: int = 1, watch_stdin: bool = False, arms: Path | None = None
+) -> None:
     """Play the cell until a signal or the end of standard input."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
-    async with FakeCell.from_file(path) as cell, ControlServer(cell) as door:
+    async with FakeCell.from_file(path, arms) as cell, ControlServer(cell) as door:
         if watch_stdin:
             await _end_with_stdin(loop, ended)
         line = json.dumps({"ready": True, "control": [door.host, door.port]})

@@ -94,6 +94,8 @@ class SimulatedArm:
         self.name, self.model, self.clock = name, model, clock
         self.hidden = hidden
         self.coupling = model.joint_coupling()
+        self._base = np.array(model.base) if model.base else np.eye(4)
+        self._flange = np.array(model.flange) if model.flange else np.eye(4)
         self.nominal_dh = model.dh_table()
         self.known_dh = self.nominal_dh if known_dh is None else known_dh
         self._base_dh = self.known_dh
@@ -115,19 +117,20 @@ class SimulatedArm:
     @classmethod
     def from_model(
         cls,
-        model_name: str,
+        model_name: str | ArmModel,
         seed: int,
         hidden: bool = True,
         *,
         name: str = "arm",
         clock: WorldClock | None = None,
     ) -> Self:
-        """Build an arm by its model's name, its hidden errors drawn from the seed.
+        """Build an arm by its model, or the model's name, its hidden errors drawn from the seed.
 
         A Universal Robots arm has large factory deltas which its controller knows but for a small rest
         (``known_dh``); a FANUC's controller knows the drawing only.
         """
-        model, rng = MODELS[model_name], make_generator(seed, name, "arm")
+        model = MODELS[model_name] if isinstance(model_name, str) else model_name
+        rng = make_generator(seed, name, "arm")
         drawn = ArmDeviations.draw_deviations(model, rng) if hidden else ArmDeviations.no_deviations(model)
         frozen_deviations = None
         if hidden and model.gears is None:
@@ -185,12 +188,13 @@ class SimulatedArm:
         """Return true flange poses (N, 4, 4) at motor-side joints, backlash excluded."""
         hidden = self._factory if as_delivered else self.hidden
         dh = self._base_dh + hidden.dh_errors
-        return flange_poses(dh, self._link_angles(np.atleast_2d(np.asarray(joints_rad, dtype=float)), dh))
+        angles = self._link_angles(np.atleast_2d(np.asarray(joints_rad, dtype=float)), dh)
+        return np.asarray(self._base @ flange_poses(dh, angles) @ self._flange)
 
     def believed_flange(self, joints_rad: ArrayLike) -> Array:
         """Return the flange poses (N, 4, 4) that the controller computes with the geometry it knows."""
         joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
-        return flange_poses(self.known_dh, joints @ self.coupling.T)
+        return np.asarray(self._base @ flange_poses(self.known_dh, joints @ self.coupling.T) @ self._flange)
 
     # what moves it
 
@@ -284,7 +288,7 @@ class SimulatedArm:
 
     def _gravity_nm(self, angles: Array, dh: Array) -> Array:
         """Return the torque of gravity about every axis, (N, n)."""
-        frames = link_frames(dh, angles)
+        frames = link_frames(dh, angles, self._base)
         torque = np.zeros_like(angles)
         for mass in self.model.masses:
             place = frames[:, mass.link, :3, 3] + frames[:, mass.link, :3, :3] @ np.array(mass.at_m)

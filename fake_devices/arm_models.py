@@ -62,6 +62,10 @@ class ArmModel:
     park_deg: tuple[float, ...]
     parallel_axes: tuple[int, ...]  # rows whose next axis is parallel: a beta, not a d, is wrong there
     gears: GearTrain | None = None
+    title: str = ""
+    whole_coupling: tuple[tuple[float, ...], ...] = ()  # (n, n) in place of ``coupling``
+    base: tuple[tuple[float, ...], ...] = ()  # (4, 4): what the rows do not hold before the first
+    flange: tuple[tuple[float, ...], ...] = ()  # and after the last
 
     def dh_table(self) -> Array:
         """Return (n, 5) with beta = 0."""
@@ -69,6 +73,8 @@ class ArmModel:
 
     def joint_coupling(self) -> Array:
         """Return (n, n): axis angles = coupling . joints."""
+        if self.whole_coupling:
+            return np.array(self.whole_coupling)
         matrix = np.eye(len(self.dh))
         for axis, joint in self.coupling:
             matrix[axis, joint] = 1.0

@@ -13,6 +13,7 @@ Not modelled
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import cellcal.fake_devices.draw_wire.device
@@ -20,6 +21,8 @@ import cellcal.fake_devices.laser_tracker.device
 import cellcal.fake_devices.modbus_robot.device
 import cellcal.fake_devices.touch_probe.device
 import cellcal.fake_devices.universal_robots.device
+from cellcal.fake_devices.arm_models import ArmModel
+from cellcal.fake_devices.described_arms import read_described_arms
 from cellcal.fake_devices.device import FakeDevice
 from cellcal.fake_devices.world import World
 
@@ -45,10 +48,13 @@ def _possible_factor(factor: float) -> float:
 class FakeCell:
     """All fake devices of one file; an async context."""
 
-    def __init__(self, document: Mapping[str, Any]) -> None:
+    def __init__(
+        self, document: Mapping[str, Any], described: Mapping[str, ArmModel] = MappingProxyType({})
+    ) -> None:
         fake = document.get("fake", {})
         hidden = bool(fake.get("hidden", True))  # false: a world as its drawings say, for tests of arithmetic
         self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)), hidden=hidden)
+        self.world.described = described
         self.world.watchdog_factor = _possible_factor(float(fake.get("watchdog_factor", 1.0)))
         self.world.add_fixtures(fake)
         self.control_port = int(fake.get("control_port", 0))
@@ -58,10 +64,10 @@ class FakeCell:
         self.probes = self._build_devices(document.get("probe", []))
 
     @classmethod
-    def from_file(cls, path: Path) -> "FakeCell":
-        """Read a cell file."""
+    def from_file(cls, path: Path, arms: Path | None = None) -> "FakeCell":
+        """Read a cell file, and the arms that are described beside it."""
         with path.open("rb") as file:
-            return cls(tomllib.load(file))
+            return cls(tomllib.load(file), {} if arms is None else read_described_arms(arms))
 
     @property
     def all_devices(self) -> list[FakeDevice]:

@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def link_frames(dh: Array, axis_angles_rad: Array) -> Array:
+def link_frames(dh: Array, axis_angles_rad: Array, base: Array | None = None) -> Array:
     """Return base_link_i for i = 0..n, (N, n + 1, 4, 4); ``dh`` is (n, 5): theta, d, a, alpha, beta."""
     poses, axes = axis_angles_rad.shape
     frames = np.empty((poses, axes + 1, 4, 4))
-    frames[:, 0] = np.eye(4)
+    frames[:, 0] = np.eye(4) if base is None else base
     for i in range(axes):
         frames[:, i + 1] = frames[:, i] @ _link_matrix(dh[i], axis_angles_rad[:, i] + dh[i, 0])
     return frames

@@ -19,8 +19,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm, make_generator
+from cellcal.fake_devices.arm_models import ArmModel
 from cellcal.fake_devices.artefact import Artefact
 from cellcal.fake_devices.clock import WorldClock
+from cellcal.fake_devices.described_arms import model_of
 from cellcal.fake_devices.fixture import FakeEndEffector, FakeFixture
 from cellcal.fake_devices.kinematics import Array, transform_point
 from cellcal.fake_devices.place_marks import PlaceMarks
@@ -45,6 +47,7 @@ class World:
         self.watchdog_factor = 1.0
         self.clock = WorldClock(time_factor)
         self.arms: dict[str, SimulatedArm] = {}
+        self.described: Mapping[str, ArmModel] = {}  # by the robot's name in the cell file
         self.masterings: dict[str, MasteringSource] = {}
         self.hooks_in_flange_m: dict[str, Array] = {}
         self.tips_in_flange_m: dict[str, Array] = {}  # of probes, by robot
@@ -56,7 +59,8 @@ class World:
 
     def add_arm(self, name: str, model_name: str) -> SimulatedArm:
         """Put up one arm; ``name`` is its robot's name in the cell file."""
-        arm = SimulatedArm.from_model(model_name, self.seed, self.hidden, name=name, clock=self.clock)
+        model = model_of(name, model_name, self.described)
+        arm = SimulatedArm.from_model(model, self.seed, self.hidden, name=name, clock=self.clock)
         self.arms[name] = arm
         return arm
 

@@ -7,8 +7,9 @@ column of numbers for given joints: its own change with the errors being sought 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
 from cellcal.calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
@@ -49,9 +50,13 @@ def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     at or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link
     along the joint's own axis has none either.
     """
-    n = model.axis_count
+    n = model.axes
+    turning = _turning(model)
     candidates = tuple(
-        JointTerm("gravity", joint, link) for joint in range(n - 2) for link in range(joint, n - 2)
+        JointTerm("gravity", joint, link)
+        for joint in range(n - 2)
+        if turning[joint]
+        for link in range(joint, n - 2)
     )
     levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
     return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
@@ -63,20 +68,23 @@ def wrist_gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     A payload's centre of mass along the flange's axis is the last link's weight; beside the axis it is a lever of
     100 mm along x or y of the flange, so that a coefficient means as much as that of a link.
     """
-    n = model.axis_count
+    n = model.axes
     near = {(term.joint, term.link) for term in gravity_terms(model)}
-    links = [(j, k) for j in range(n) for k in range(j, n) if (j, k) not in near]
+    turning = _turning(model)
+    links = [(j, k) for j in range(n) if turning[j] for k in range(j, n) if (j, k) not in near]
     candidates = tuple(JointTerm("gravity", joint, link) for joint, link in links)
-    candidates += tuple(JointTerm("gravity", j, n, aside=axis) for j in range(n) for axis in _ASIDE)
+    candidates += tuple(
+        JointTerm("gravity", j, n, aside=axis) for j in range(n) if turning[j] for axis in _ASIDE
+    )
     levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
     return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
 
 
 def harmonic_terms(model: RobotModel, orders: tuple[int, ...] = (1, 2)) -> tuple[JointTerm, ...]:
-    """Return cosine and sine of every joint's angle, for each order."""
+    """Return cosine and sine of every turning joint's angle, for each order."""
     return tuple(
         JointTerm("harmonic", joint, order=order, phase=phase)
-        for joint in range(model.axis_count)
+        for joint in np.flatnonzero(_turning(model)).tolist()
         for order in orders
         for phase in ("cos", "sin")
     )
@@ -88,11 +96,18 @@ def gear_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     Those are J3 behind J2 (a linkage, or a motor at the shoulder), and the wrist's last two joints, whose shafts
     run through the joints before them.
     """
-    n = model.axis_count
+    n = model.axes
     coupled = [(2, 1)] if n > 2 else []
     coupled += [(joint, source) for joint in range(max(n - 2, 3), n) for source in range(n - 3, joint)]
+    turning = _turning(model)
+    coupled = [(joint, source) for joint, source in coupled if turning[joint] and turning[source]]
     ratios = (JointTerm("gear", joint, source=joint) for joint in range(n))
     return (*ratios, *(JointTerm("gear", joint, source=source) for joint, source in coupled))
+
+
+def _turning(model: RobotModel) -> NDArray[np.bool_]:
+    """Return which joints turn: one that slides has no lever, and no periods of a turn."""
+    return np.ones(model.axes, dtype=bool) if model.sliding is None else ~model.sliding
 
 
 def term_values(
@@ -115,7 +130,7 @@ def term_values(
         # z . (l x g) = g . (z x l)
         beside = {axis: _ASIDE_M * rotations[-1][:, i] for i, axis in enumerate(_ASIDE)}
         across = {
-            t: down @ cross_product(axes[t.joint], beside[t.aside] if t.aside else links[t.link])
+            t: down @ cross(axes[t.joint], beside[t.aside] if t.aside else links[t.link])
             for t in terms
             if t.kind == "gravity"
         }

@@ -1,11 +1,12 @@
 """How a robot is mounted: where gravity pulls, seen from its base."""
 
 import math
-from collections.abc import Container
 
 from cellcal.calibration.errors import CalibrationError
 
 MOUNTED = "@"  # between a model's name and its mounting
+DESCRIPTIONS, MODEL_FILES = (".urdf", ".xml", ".xacro"), (".toml",)
+FILE_ENDINGS = (*DESCRIPTIONS, *MODEL_FILES)
 Direction = tuple[float, float, float]
 
 FLOOR: Direction = (0.0, 0.0, -1.0)
@@ -52,7 +53,7 @@ def mounted_name(model: str, mounting: str) -> str:
     if not mounting:
         return model
     gravity_of(mounting)
-    if MOUNTED in model:
+    if split_mounting(model)[1]:
         raise CalibrationError(
             f"{model} says how it is mounted, and {mounting} was asked for.",
             remedy="Leave one of the two out.",
@@ -61,15 +62,12 @@ def mounted_name(model: str, mounting: str) -> str:
     return f"{model}{MOUNTED}{mounting.strip().lower()}"
 
 
-def is_mounted_model(name: str, model_names: Container[str]) -> bool:
-    """Tell whether a name is that of a known model, with or without a mounting that can be read."""
-    base, _, mounting = name.partition(MOUNTED)
-    if base not in model_names:
-        return False
-    try:
-        return not mounting or bool(gravity_of(mounting))
-    except CalibrationError:
-        return False
+def split_mounting(name: str) -> tuple[str, str]:
+    """Return a model's name and what stands behind its last ``@``, unless that belongs to the path of a file."""
+    head, at, mounting = name.rpartition(MOUNTED)
+    if not at or any(mark in mounting for mark in "/\\?") or mounting.lower().endswith(FILE_ENDINGS):
+        return name, ""
+    return head, mounting
 
 
 def _tilted_gravity(text: str) -> Direction:

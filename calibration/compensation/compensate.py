@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.damped_solve import damped_step
@@ -28,6 +29,7 @@ _BLOCK = 2048  # postures at once: large enough for numpy, small enough for the 
 _QUICK_STEPS = 5
 _FLOOR = 1e-12  # of the damping: keeps Cholesky real where the arm is singular
 _SHARE = 0.01  # of the squared error that becomes damping: steps stay quadratic near the answer
+_POSE = 6  # numbers of a pose: as many joints must be free
 
 
 class PointStatus(IntEnum):
@@ -55,6 +57,7 @@ class CompensationLimits:
     angle_rad: float = 1e-8
     max_step_rad: float = 0.3  # of any joint in one step
     branch_rad: float = 0.5  # of any joint from where it was: beyond is another branch
+    held: tuple[int, ...] = ()  # joints (from 0) that stay where they are: a track, a redundant axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +255,7 @@ def _solve_quickly(
             break
         joints = joints + _quick_step(moved, gap, limits)
     model, going = moved.model, outcome.joints
-    inside = ((going >= model.lower_rad[:, None]) & (going <= model.upper_rad[:, None])).all(axis=0)
+    inside = (beyond_limits(model, going.T) <= 0.0).all(axis=1)
     near = (np.abs(going - outcome.start) <= limits.branch_rad).all(axis=0)
     astray: Flags = (outcome.status != PointStatus.CONVERGED) | ~inside | ~near
     return astray
@@ -260,7 +263,9 @@ def _solve_quickly(
 
 def _quick_step(arm: TipArm, gap: PoseGap, limits: CompensationLimits) -> Array:
     damping = _SHARE * np.einsum("in,in->n", gap.error, gap.error) + _FLOOR
-    step = damped_step(gap.tip_jacobian(arm), gap.error, damping)
+    columns = gap.tip_jacobian(arm)
+    columns[list(limits.held)] = 0.0
+    step = damped_step(columns, gap.error, damping)
     longest = np.maximum(step.max(axis=0), -step.min(axis=0))
     if longest.max() > limits.max_step_rad:
         step *= np.minimum(1.0, limits.max_step_rad / np.maximum(longest, 1e-300))
@@ -280,6 +285,8 @@ def _solve_carefully(
     # A point that comes in from beyond a limit may stay there: it will say so.
     low = np.minimum(np.maximum(lower, start - limits.branch_rad), start)
     high = np.maximum(np.minimum(upper, start + limits.branch_rad), start)
+    held = list(limits.held)
+    low[held] = high[held] = start[held]
     search = BoundedSearch.start_inside(moved, target, start.copy(), (low, high))
     search.approach_poses(limits)
     outcome.store_points(rows, search.joints, search.gap, slice(None))
@@ -292,7 +299,7 @@ def _point_status(search: BoundedSearch, limits: CompensationLimits) -> NDArray[
     lower, upper = model.lower_rad[:, None], model.upper_rad[:, None]
     low, high = search.find_pushes()
     met = search.gap.is_reached(limits.position_m, limits.angle_rad)
-    beyond = ((search.joints < lower) | (search.joints > upper)).any(axis=0)
+    beyond = (beyond_limits(model, search.joints.T) > 0.0).any(axis=1)
     at_limit = ((low & (search.joints <= lower)) | (high & (search.joints >= upper))).any(axis=0)
     conditions = [beyond | (at_limit & ~met), met, (low | high).any(axis=0), search.settled]
     answers = [
@@ -309,10 +316,13 @@ def _as_arm(arm: TipArm | RobotModel) -> TipArm:
 
 
 def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: CompensationLimits) -> None:
-    n = moved.model.axis_count
-    if followed.model.axis_count != n:
+    n = moved.model.axes
+    if followed.model.axes != n:
+        raise CalibrationError(f"arms of {n} and {followed.model.axes} joints cannot stand in for each other")
+    held = set(limits.held)
+    if not held <= set(range(n)) or n - len(held) < _POSE:
         raise CalibrationError(
-            f"arms of {n} and {followed.model.axis_count} joints cannot stand in for each other"
+            f"{moved.model.name}: of {n} joints {sorted(held)} cannot stay: a pose needs six others."
         )
     if joints.ndim != 2 or joints.shape[1] != n or not np.isfinite(joints).all():
         raise CalibrationError(f"joints must be finite and (N, {n}), not {joints.shape}")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import LEVER_M, TargetPoses, TipArm
@@ -75,6 +76,8 @@ def postures_of_poses(
             search.gap.position_m[better],
         )
         met = search.gap.is_reached(limits.position_m, limits.angle_rad)
+        if arm.model.combined_limits:
+            met &= (beyond_limits(arm.model, search.joints.T) <= 0.0).all(axis=1)
         joints[going[met]], distance[going[met]] = search.joints.T[met], search.gap.position_m[met]
         reached[going[met]] = True
     return FoundPostures(joints, reached, distance)

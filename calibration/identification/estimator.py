@@ -9,12 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import JointTerm, term_values
-from cellcal.calibration.arm.kinematics import (
-    RobotModel,
-    by_independent_columns,
-    frames_of_placements,
-    independent_columns,
-)
+from cellcal.calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Observations, Rows
@@ -262,13 +257,14 @@ class _MountingChain:
     @classmethod
     def at_mounting(cls, layout: ParameterLayout, state: ArmState, mounting: int) -> "_MountingChain":
         placements = _chain_placements(state, mounting)
-        combine = by_independent_columns(placements)
+        combine = along_next(placements)
         if layout.kind != "pose":
             combine = combine[:, :-3]
         joints = np.array([term.joint for term in state.terms], dtype=np.intp)
         tangent = layout.tangent_rows(state, mounting)
         arm, rest = tangent[:, : len(combine)], tangent[:, len(combine) :]
-        return cls(placements, combine[6 * joints + 5], np.concatenate([arm @ combine, rest], axis=1))
+        along = 6 * joints + state.nominal.joint_twists[joints]
+        return cls(placements, combine[along], np.concatenate([arm @ combine, rest], axis=1))
 
 
 def _chain_placements(state: ArmState, mounting: int) -> Array:
@@ -286,7 +282,7 @@ def _chain_frames(
     for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
         angles[term.joint] += coefficient * value
     out = _WORKSPACE.get_array("frames", len(placements), 4, 3, angles.shape[1])
-    return frames_of_placements(placements, angles, out=out)
+    return turned_frames(placements, angles, out=out, sliding=state.nominal.sliding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
@@ -120,7 +121,12 @@ def rounding_floor(
         return []
     coarse = []
     if by_joint >= _SHARE * floor:
-        coarse.append(f"joints are rounded to {np.rad2deg(joint_step_rad).max():g} deg")
+        factors, units = shown_units(model)
+        largest = int(np.argmax((jacobian**2).sum(axis=(0, 1)) * joint_step_rad**2))
+        step = (
+            (joint_step_rad * factors)[largest] if len(set(units)) > 1 else (joint_step_rad * factors).max()
+        )
+        coarse.append(f"joints are rounded to {step:g} {units[largest]}")
     if value_step_m * _UNIFORM >= _SHARE * floor:
         coarse.append(f"measured values to {value_step_m * 1e3:g} mm")
     return [

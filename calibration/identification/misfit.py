@@ -21,6 +21,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
     with_zeros,
 )
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
+from cellcal.calibration.identification.misfit_slides import slide_readings
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -39,6 +40,7 @@ _GROSS_M = 5e-3
 _DECISIVE = 3.0  # times better must the rows fit with a cause
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
+_UNKNOWN_RAD = 1e6  # deviation of a zero that is not fitted
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
 _SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
@@ -55,7 +57,19 @@ _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
     "rows of one in the file, or describe all of them in a layout (`--layout`, examples in `deploy/layouts/`)."
 )
-_KINDS = ("unit", "angle unit", "mirror", "coupling", "sign", "home", "order", "rows", "model")
+_KINDS = (
+    "unit",
+    "angle unit",
+    "slide unit",
+    "slide",
+    "mirror",
+    "coupling",
+    "sign",
+    "home",
+    "order",
+    "rows",
+    "model",
+)
 
 
 class MisfitError(CalibrationError):
@@ -116,6 +130,8 @@ def refuse_misfit(
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
         limit_m = stands.score_m / (1.0 if _far_zeros(stands) else _DECISIVE)
         causes = _explaining_causes(model, observations, limit_m, names, others)
+        sure_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+        causes = causes or _slides(model, some, sure_m, names)
         if causes:
             raise _misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
@@ -236,10 +252,10 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
     sizes = errors_m(fit.state, problem)
     freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
     score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, np.inf)
+    offsets, sigma = np.zeros(model.axes), np.full(model.axes, _UNKNOWN_RAD)
     spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
     for at, parameter in enumerate(layout.parameters):
-        if parameter.role == "offset":
+        if parameter.role == "offset" and parameter.unit == "rad":  # not of a slide
             offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
     # Offsets belong to angles against the link before; what is shown are the controller's joints.
     of_joints = np.linalg.inv(model.joint_coupling)
@@ -300,6 +316,20 @@ def _explaining_causes(
         if candidate.part_count <= alike[0][0].part_count + 1:
             causes.setdefault(cause.says, cause)
     return tuple(causes.values())[:_MOST_CAUSES]
+
+
+def _slides(
+    model: RobotModel, some: Observations, limit_m: float, names: FileNames
+) -> tuple[MisfitCause, ...]:
+    """Return the joints that explain the rows if they slide; asked last, for a long slide fits much."""
+    found = []
+    for reading in slide_readings(model, some.joints_rad, names):
+        if reading.model is None:
+            continue
+        fitted = fit_quickly(reading.model, replace(some, joints_rad=reading.joints_rad))
+        if fitted.score_m <= limit_m:
+            found.append(MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m))
+    return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])
 
 
 def _is_believable(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
@@ -66,11 +67,12 @@ def joint_readings(
     """
     joints_rad = series_rad[rows]
     return [
-        *_angle_units(joints_rad, names),
+        *_angle_units(joints_rad, names, _turning(model)),
+        *_slide_units(joints_rad, names, _turning(model)),
         *_coupled_readings(model, joints_rad, names),
         *_sign_readings(model, joints_rad, names),
-        *_home_readings(joints_rad, names),
-        *_order_readings(joints_rad, names),
+        *_home_readings(joints_rad, names, _turning(model)),
+        *_order_readings(joints_rad, names, _turning(model)),
         *_lagging_readings(series_rad, rows),
     ]
 
@@ -80,7 +82,7 @@ def model_readings(
 ) -> Iterator[JointInterpretation]:
     """Return the same joints as those of other robots, as a controller counts them and against the link before."""
     for other in others:
-        if other.axis_count != joints_rad.shape[1]:
+        if other.axes != joints_rad.shape[1] or other.sliding is not None:
             continue
         says, cure = f"this is a {other.name}", f"Name the robot that was measured: `--robot {other.name}`."
         yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
@@ -100,28 +102,55 @@ def columns_option(columns: Sequence[str]) -> str:
     return f"`--columns joints={','.join(columns)}`"
 
 
-def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+def _turning(model: RobotModel) -> NDArray[np.bool_]:
+    """Return which joints turn (n,)."""
+    return np.ones(model.axes, dtype=bool) if model.sliding is None else ~model.sliding
+
+
+def _slide_units(
+    joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
+) -> Iterator[JointInterpretation]:
+    """Return the joints that slide in another unit than the one that was taken."""
+    if turning.all():
+        return
+    for factor, unit in ((1e3, "m"), (1e-3, "mm")):
+        yield JointInterpretation(
+            "slide unit",
+            1,
+            joints_rad * np.where(turning, 1.0, factor),
+            f"{_join_words([names.joints[i] for i in np.flatnonzero(~turning)])} is in {unit}",
+            f"Say so: `--units slides={unit}`.",
+        )
+
+
+def _angle_units(
+    joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
+) -> Iterator[JointInterpretation]:
+    if not turning.any():
+        return
     for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
         if names.angle_unit in ("", other):
             yield JointInterpretation(
                 "angle unit",
                 1,
-                joints_rad * factor,
+                joints_rad * np.where(turning, factor, 1.0),
                 f"the joints are in {unit}, not in {other}",
                 f"Say so: `--units joints={unit}`.",
             )
-            yield from _mixed_angle_units(joints_rad, names, factor, (unit, other))
+            yield from _mixed_angle_units(joints_rad, names, np.where(turning, factor, 1.0), (unit, other))
 
 
 def _mixed_angle_units(
-    joints_rad: Array, names: FileNames, factor: float, units: tuple[str, str]
+    joints_rad: Array, names: FileNames, factors: Array, units: tuple[str, str]
 ) -> Iterator[JointInterpretation]:
     """Return one joint, or all but one, in another unit than the one that was taken."""
     unit, taken = units
     for joint, name in enumerate(names.joints):
+        if factors[joint] == 1.0:
+            continue
         alone = joints_rad.copy()
-        alone[:, joint] *= factor
-        others = joints_rad * factor
+        alone[:, joint] *= factors[joint]
+        others = joints_rad * factors
         others[:, joint] = joints_rad[:, joint]
         for changed, one, rest in ((alone, unit, taken), (others, taken, unit)):
             yield JointInterpretation(
@@ -137,7 +166,7 @@ def _coupled_readings(
     model: RobotModel, joints_rad: Array, names: FileNames
 ) -> Iterator[JointInterpretation]:
     """Return joints with one of them counted against the one before, or no longer: both directions."""
-    if model.axis_count < 3:
+    if model.axes < 3 or not _turning(model)[1:3].all():
         return
     coupling = model.joint_coupling
     signs = np.sign(np.diag(coupling))
@@ -176,7 +205,7 @@ def _coupled_readings(
 
 
 def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
-    axes = model.axis_count
+    axes = model.axes
     for count in range(1, axes + 1):
         for turned in itertools.combinations(range(axes), count):
             sign = np.ones(axes)
@@ -193,9 +222,11 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
             )
 
 
-def _home_readings(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+def _home_readings(
+    joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
+) -> Iterator[JointInterpretation]:
     """Return other zeros: quarter turns of all joints whose zero neither base nor target hides, and of one any."""
-    inner = range(1, joints_rad.shape[1] - 1)
+    inner = [joint for joint in range(1, joints_rad.shape[1] - 1) if turning[joint]]
     for quarters in itertools.product((0, 1, 2, -1), repeat=len(inner)):
         zeros = {i: quarter * _QUARTER for i, quarter in zip(inner, quarters, strict=True) if quarter}
         if zeros:
@@ -247,7 +278,9 @@ def with_zeros(
     )
 
 
-def _order_readings(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+def _order_readings(
+    joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
+) -> Iterator[JointInterpretation]:
     axes = joints_rad.shape[1]
     plain = tuple(range(axes))
     orders = (
@@ -257,7 +290,7 @@ def _order_readings(joints_rad: Array, names: FileNames) -> Iterator[JointInterp
     )
     for order in orders:
         moved = sum(a != b for a, b in zip(order, plain, strict=True))
-        if not moved:
+        if not moved or (turning[list(order)] != turning).any():
             continue
         columns = [names.joints[i] for i in order]
         yield JointInterpretation(

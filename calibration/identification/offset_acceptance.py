@@ -80,6 +80,7 @@ def judge_offsets(evidence: OffsetEvidence, limit_rad: float, names: Sequence[st
 
     Notes
     -----
+    Joints that slide have no angle to be judged.
     Offsets are those of a table of four numbers a joint (`calibration.identification.tip_uncertainty`).
     A deviation from residuals with nu degrees of freedom is known to ``sqrt(nu / chi2)``. Further poses are taken
     to be like those measured: information grows with their number, and what it never reaches, these postures and
@@ -89,7 +90,8 @@ def judge_offsets(evidence: OffsetEvidence, limit_rad: float, names: Sequence[st
         raise CalibrationError("the accepted deviation is a positive angle.", code="usage")
     fit = evidence.fit
     slopes = offset_slopes(fit)
-    free = list(slopes)
+    turning = {p.name for p in fit.layout.parameters if p.unit == "rad"}
+    free = [name for name in slopes if name in turning]
     judged_names = list(names) or free
     missing = [name for name in judged_names if name not in free]
     if missing or not judged_names:

@@ -37,6 +37,7 @@ class Priors:
     """How far a parameter may be expected from its nominal value: one standard deviation each."""
 
     offset_rad: float = float(np.deg2rad(0.5))
+    slide_m: float = 2e-3  # zero of a joint that slides
     length_m: float = 1e-3
     angle_rad: float = float(np.deg2rad(0.2))
     sag_rad_per_m: float = float(np.deg2rad(0.1))
@@ -105,7 +106,7 @@ class ArmState:
         """Return the controller joints that carry sag and ripple; ``values`` (K, N) from `term_values`."""
         if not len(self.terms):
             return joints_rad
-        extra = np.zeros((self.nominal.axis_count, len(joints_rad)))
+        extra = np.zeros((self.nominal.axes, len(joints_rad)))
         for term, coefficient, value in zip(self.terms, self.coefficients, values, strict=True):
             extra[term.joint] += coefficient * value
         moved: Array = joints_rad + np.linalg.solve(self.nominal.joint_coupling, extra).T
@@ -116,7 +117,7 @@ def nominal_state(
     model: RobotModel, devices: tuple[DevicePlacement, ...], flange_tool: Array | None = None
 ) -> ArmState:
     """Return the nominal arm with these devices and tool."""
-    geometry = np.zeros((model.axis_count, 5) if model.dh is not None else (model.axis_count + 1, 6))
+    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
     tool = np.eye(4) if flange_tool is None else flange_tool
     return ArmState(model, geometry, (), np.zeros(0), tool, devices)
 
@@ -186,7 +187,7 @@ class ParameterLayout:
 
     def tangent_rows(self, state: ArmState, mounting: int) -> Array:
         """Return (p, 6 (n + 1) + K + D): each parameter as twists of placements, terms, device columns."""
-        n = state.nominal.axis_count
+        n = state.nominal.axes
         own = 5 if self.kind == "length" else 0
         matrix = np.zeros((len(self), 6 * (n + 1) + len(state.terms) + own))
         device = 0 if self.further else mounting
@@ -310,7 +311,7 @@ def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parame
 
 def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
     """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
-    n = arm.axis_count
+    n = arm.axes
     if arm.dh is None:
         maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
     else:
@@ -368,7 +369,7 @@ def geometry_parameters(
     """Return the entries of `ArmState.geometry` that a level frees, and the unknowns they are."""
     if level == FRAMES:
         return [], []
-    n = model.axis_count
+    n = model.axes
     sizes = {"m": priors.length_m, "rad": priors.angle_rad}
     if model.dh is not None:
         entries = [(i, column) for i in range(n) for column in range(5 if level >= GEOMETRY else 1)]
@@ -380,11 +381,15 @@ def geometry_parameters(
             )
             for i, column in entries
         ]
-    # The first placement is the base's and the last the tool's, except for the turn about the next joint.
-    entries = [(k, axis) for k in range(n) for axis in range(6) if axis == 5 or (k > 0 and level >= GEOMETRY)]
+    # The first placement is the base's and the last the tool's, except for the motion of the next joint.
+    own = model.joint_twists
+    entries = [
+        (k, axis) for k in range(n) for axis in range(6) if axis == own[k] or (k > 0 and level >= GEOMETRY)
+    ]
+    zeros = {5: ("rad", priors.offset_rad), 2: ("m", priors.slide_m)}
     return entries, [
-        Parameter(f"J{k + 1} offset", "rad", priors.offset_rad, "offset", k)
-        if axis == 5
+        Parameter(f"J{k + 1} offset", *zeros[int(own[k])], "offset", k)
+        if axis == own[k]
         else Parameter(
             f"J{k + 1} placement {_AXES[axis]}",
             "m" if axis < 3 else "rad",

@@ -15,6 +15,7 @@ _BINS = 12
 _FEWEST_PER_BIN = 8
 _FEWEST_ROWS = 48
 _NARROWEST_RAD = float(np.deg2rad(5.0))
+_DEGREES = float(np.degrees(1.0))
 _BY_CHANCE = 1e-3  # in all joints and directions together
 _EXPLAINED = 0.1  # of the residuals' square
 _SMALLEST_M = 2e-5
@@ -32,7 +33,13 @@ class _JointSweep:
 
 
 def sweep_lint(
-    joints_rad: Array, left_m: Array, groups: Rows, joint_names: Sequence[str], *, lengths: bool = False
+    joints_rad: Array,
+    left_m: Array,
+    groups: Rows,
+    joint_names: Sequence[str],
+    *,
+    lengths: bool = False,
+    slides: Sequence[bool] = (),
 ) -> list[Lint]:
     """Find joints whose angle tells the residual of a fit.
 
@@ -42,6 +49,8 @@ def sweep_lint(
         Of the rows that were fitted.
     left_m : (channels, N)
         Measured minus predicted [m].
+    slides : (n,)
+        Which joints slide [m]; none means that all turn.
     groups : (N,)
         Rows that share drifts: they count as fewer.
 
@@ -69,8 +78,9 @@ def sweep_lint(
             sweep for sweep, chance in sweeps if chance * looks < _BY_CHANCE and sweep.share > _EXPLAINED
         ]
         if significant and np.ptp(max(significant, key=_sweep_range).means_m) > _SMALLEST_M:
+            unit = ("mm", 1e3) if slides and slides[joint] else ("deg", _DEGREES)
             found.append(
-                _sweep_finding(max(significant, key=_sweep_range), joint_names[joint], lengths=lengths)
+                _sweep_finding(max(significant, key=_sweep_range), joint_names[joint], unit, lengths=lengths)
             )
     return found
 
@@ -106,8 +116,9 @@ def _examine_sweep(
     return _JointSweep(*at, middles, means, order, share), float(fdtrc(*freedom, ratio))
 
 
-def _sweep_finding(sweep: _JointSweep, name: str, *, lengths: bool) -> Lint:
-    means, middles, edges = sweep.means_m * 1e3, np.rad2deg(sweep.middles_rad), np.rad2deg(sweep.edges_rad)
+def _sweep_finding(sweep: _JointSweep, name: str, shown: tuple[str, float], *, lengths: bool) -> Lint:
+    unit, scale = shown
+    means, middles, edges = sweep.means_m * 1e3, sweep.middles_rad * scale, sweep.edges_rad * scale
     spread = float(((means - means.mean()) ** 2).sum())
     line = np.polyval(np.polyfit(middles, means, 1), middles)
     steps = [
@@ -117,18 +128,18 @@ def _sweep_finding(sweep: _JointSweep, name: str, *, lengths: bool) -> Lint:
     cut = int(np.argmin(steps)) + 1
     along = "the wire" if lengths else "xyz"[sweep.channel]
     if float(((means - line) ** 2).sum()) < (1 - _SHAPE) * spread:
-        first, last = (f"{means[i]:+.3f} mm at {middles[i]:.0f} deg" for i in (0, -1))
+        first, last = (f"{means[i]:+.3f} mm at {middles[i]:.0f} {unit}" for i in (0, -1))
         shape = f"a trend from {first} to {last}"
     elif min(steps) < (1 - _SHAPE) * spread:
         shape = (
-            f"a step near {(edges[cut - 1, 1] + edges[cut, 0]) / 2:.0f} deg, from {means[:cut].mean():+.3f} to "
+            f"a step near {(edges[cut - 1, 1] + edges[cut, 0]) / 2:.0f} {unit}, from {means[:cut].mean():+.3f} to "
             f"{means[cut:].mean():+.3f} mm"
         )
     else:
         worst = int(np.argmax(np.abs(means)))
         shape = (
             f"a wave of {np.ptp(means):.3f} mm, furthest off ({means[worst]:+.3f} mm) between "
-            f"{edges[worst, 0]:.0f} and {edges[worst, 1]:.0f} deg"
+            f"{edges[worst, 0]:.0f} and {edges[worst, 1]:.0f} {unit}"
         )
     return Lint(
         "sweep",

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
@@ -94,7 +95,7 @@ def next_poses(
     V. V. Fedorov, Theory of optimal experiments, 1972: the criterion.
     """
     candidates = np.asarray(candidates_joints, dtype=float)
-    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axis_count)
+    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
     predictor = WirePredictor(model, *record.wire_lengths())
     terms = predictor.wire_terms(
         WirePoses.from_record_side(np.vstack([measured, candidates]), predictor.sigma_m)
@@ -212,10 +213,10 @@ def candidate_joints(
 ) -> Array:
     """Return up to ``count`` postures (C, n), drawn evenly between the joint limits, that keep all limits."""
     generator = np.random.default_rng(seed)
-    low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
+    low, high = drawn_range(model)
     accepted: list[Array] = []
     for _ in range(40):
-        drawn = generator.uniform(low, high, (4 * count, model.axis_count))
+        drawn = generator.uniform(low, high, (4 * count, model.axes))
         accepted.append(drawn[allowed_postures(model, drawn, limits, hook_in_flange_m)])
         if sum(map(len, accepted)) >= count:
             break

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
@@ -123,7 +124,7 @@ def arm_shape(
     if radius_m is None:
         radius_m = _LINK_RADIUS_SHARE * float(np.linalg.norm(model.placements[1:, :3, 3], axis=1).sum())
     capsules = []
-    for link in range(model.axis_count + 1):
+    for link in range(model.axes + 1):
         end = model.placements[link][:3, 3]
         corner = np.array([0.0, 0.0, end[2]])
         back = inverse_transform(model.placements[link])
@@ -132,7 +133,7 @@ def arm_shape(
                 ends = [_to_place(back[:3, :3] @ point + back[:3, 3]) for point in (start, stop)]
                 capsules.append(LinkCapsule(_link_name(model, link), link, ends[0], ends[1], radius_m))
     if tip_in_flange_m is not None and np.linalg.norm(tip_in_flange_m) >= _SHORTEST_M:
-        capsules.append(LinkCapsule("tool", model.axis_count, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
+        capsules.append(LinkCapsule("tool", model.axes, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
     return tuple(capsules)
 
 
@@ -163,17 +164,20 @@ class CollisionCheck:
     @classmethod
     def from_model(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
         """Find the pairs of links that touch by construction, from random postures, and leave them out."""
-        if any(not 0 <= capsule.link <= model.axis_count for capsule in shape.arm):
-            raise CalibrationError(f"{model.name} has links 0 to {model.axis_count}")
+        if any(not 0 <= capsule.link <= model.axes for capsule in shape.arm):
+            raise CalibrationError(f"{model.name} has links 0 to {model.axes}")
         generator = np.random.default_rng(seed)
-        low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
-        segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axis_count)))
+        low, high = drawn_range(model)
+        segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axes)))
         near: dict[tuple[int, int], NDArray[np.bool_]] = {}
         for i, j in _capsule_pairs(shape.arm, frozenset()):
             links = _link_pair(shape.arm, i, j)
             close = _bar_clearance(shape.arm, segments, i, j) < shape.margin_m
             near[links] = near.get(links, np.zeros(_TRIALS, dtype=bool)) | close
         touching = frozenset(links for links, close in near.items() if close.mean() > _ALWAYS)
+        if shape.assumed and model.sliding is not None:  # nobody knows how a slide's guide is built
+            slides = np.flatnonzero(model.sliding)
+            touching |= {(i, j) for i, j in near if ((slides >= i) & (slides < j)).any()}
         return cls(model, shape, touching)
 
     @property
@@ -263,9 +267,9 @@ class CollisionCheck:
             wire = _wire_segment(self.model, shape.wire, joints)
             axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.wire_rad)
             columns += [
-                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axis_count)
+                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axes)
                 for capsule, segment in zip(arm, segments, strict=True)
-                if capsule.link < self.model.axis_count
+                if capsule.link < self.model.axes
             ]
         return np.array(columns).T.reshape(len(joints), len(columns))
 
@@ -317,22 +321,27 @@ class CollisionCheck:
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
             for capsule, segment in zip(arm, segments, strict=True):
-                if capsule.link < self.model.axis_count:
+                if capsule.link < self.model.axes:
                     clearance = segment_distance(wire, segment) - capsule.radius_m
                     yield capsule.name, "draw-wire", clearance, shape.wire_margin_m
 
     def _joint_levers(self) -> Array:
         """Return (n,): how far from each joint any point of the arm can be [m]."""
         lengths = np.linalg.norm(self.model.placements[1:, :3, 3], axis=1)
+        slides = self.model.sliding
+        if slides is not None:
+            ends = np.maximum(np.abs(self.model.lower_rad), np.abs(self.model.upper_rad))
+            lengths = lengths + np.where(slides, ends, 0.0)
         beyond = np.cumsum(lengths[::-1])[::-1]
         beside = [
             capsule.radius_m
             + max(float(np.linalg.norm(end)) for end in (capsule.start_m, capsule.end_m))
-            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axis_count else 0.0)
+            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axes else 0.0)
             for capsule in self.shape.arm
         ]
         thick = max([0.0, *beside])
-        return np.asarray(beyond + thick, dtype=np.float64)
+        levers = beyond + thick
+        return np.asarray(levers if slides is None else np.where(slides, 1.0, levers), dtype=np.float64)
 
 
 def _link_segments(model: RobotModel, arm: Sequence[LinkCapsule], joints: Array) -> list[Segment]:

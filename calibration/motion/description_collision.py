@@ -4,7 +4,6 @@ The same verbs as `calibration.motion.collision`, whose capsules need nothing bu
 beside the skeleton, grippers and meshes, if the description has them.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.urdf import UrdfArm
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
@@ -117,8 +117,7 @@ class DescriptionCheck:
 
     def _exclude_touching_pairs(self) -> list[str]:
         generator = np.random.default_rng(1)
-        low = np.maximum(self.arm.model.lower_rad, -math.pi)
-        high = np.minimum(self.arm.model.upper_rad, math.pi)
+        low, high = drawn_range(self.arm.model)
         data, geometry, shapes = self._model.createData(), self._geometry_data(), self._shapes
         touched = np.zeros(len(shapes.collisionPairs))
         for joints in generator.uniform(low, high, (_TRIALS, len(low))):

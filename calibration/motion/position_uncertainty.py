@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
 from cellcal.calibration.geometry import Array
@@ -29,7 +30,8 @@ class AxisUncertainty:
 
     axes: Array  # (n, 3, N): direction of each joint's axis
     origins: Array  # (n, 3, N): a point on it
-    chords: Array  # (n,): 2 sin(d / 2)
+    chords: Array  # (n,): 2 sin(d / 2); of a joint that slides, how far it may be elsewhere [m]
+    slides: NDArray[np.bool_] | None = None  # (n,)
 
     @classmethod
     def from_joints(
@@ -39,7 +41,9 @@ class AxisUncertainty:
         rotations, origins = chain_frames(model, joints_rad)
         angles = np.abs(model.joint_coupling) @ np.abs(np.asarray(uncertainty_rad, dtype=float))
         chords = 2.0 * np.sin(np.minimum(angles, np.pi) / 2.0)
-        return cls(rotations[:-1, :, 2], origins[:-1], chords)
+        if model.sliding is not None:
+            chords = np.where(model.sliding, angles, chords)
+        return cls(rotations[:-1, :, 2], origins[:-1], chords, model.sliding)
 
     def displacement_between(self, points: Sequence[Array], inner: int, outer: int) -> Array:
         """Return (N,): how far points (3, N) on link ``outer`` may be displaced, seen from link ``inner`` [m]."""
@@ -52,7 +56,8 @@ class AxisUncertainty:
     def _sum_displacements(self, points: Sequence[Array], joints: range) -> Array:
         found = np.zeros(self.axes.shape[2])
         for joint in joints:
-            found += self.chords[joint] * (self._point_levers(points, joint) + found)
+            straight = self.slides is not None and bool(self.slides[joint])
+            found += self.chords[joint] * (1.0 if straight else self._point_levers(points, joint) + found)
         return found
 
     def _point_levers(self, points: Sequence[Array], joint: int) -> Array:

@@ -191,8 +191,8 @@ def _hidden_behind(what: str, endless: MeasurementOutlook) -> str:
 
 
 def _offset_sigmas(prediction: AccuracyPrediction, acceptance: AcceptanceLimits) -> list[tuple[str, float]]:
-    every = zip(prediction.parameters, prediction.sigma, strict=True)
-    offsets = [(name, sigma) for name, sigma in every if name.endswith(" offset")]
+    every = zip(prediction.parameters, prediction.units, prediction.sigma, strict=True)
+    offsets = [(name, sigma) for name, unit, sigma in every if name.endswith(" offset") and unit == "rad"]
     if not acceptance.offsets_of:
         return offsets
     unknown = set(acceptance.offsets_of) - {name for name, _ in offsets}

@@ -73,7 +73,7 @@ class FakeModbusRobot:
         arm = world.add_arm(self._name, model)
         coders = PulseCoders(arm, world.make_rng(self._name, "coders"))
         self.controller = ModbusRobotController(
-            arm, coders, str(table.get("serial", "F-000000")), _TITLES.get(model, model)
+            arm, coders, str(table.get("serial", "F-000000")), _TITLES.get(model, arm.model.title or model)
         )
         self.controller.program.heartbeat_s *= world.watchdog_factor
         self.controller.on_power = self._power_changed

@@ -83,6 +83,7 @@ for command in (
     bench,
 ):
     app.command(command)
+app.register_install_completion_command()
 
 
 def run_command_line(arguments: Sequence[str]) -> int:

@@ -7,6 +7,8 @@ from typing import Annotated, TextIO
 
 from cyclopts import Parameter
 
+from cellcal.service.cli.model_argument import ModelArgument
+
 _SLOWEST, _FASTEST = 1.0, 2000.0  # beyond it a reading takes longer in the world than an arm may stand still
 _IN_A_STORY, _ON_PAGES = 600.0, 20.0  # on pages a person wants to see the robot move
 
@@ -17,6 +19,7 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     port: int | None = None,
     browser: bool = True,
     loss: str | None = None,
+    robot: ModelArgument | None = None,
     seed: int = 1,
     time_factor: float | None = None,
     keep: Path | None = None,
@@ -25,8 +28,8 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     """Try cellcal on a fake cell: lose its encoders, get its zero back, over real sockets.
 
     In a terminal it opens the pages in a browser and runs until Ctrl+C: a fake cell, the service, and a button for
-    each kind of loss and fault. With --headless, --loss or --json, without a terminal, or where CI is set, it tells
-    the main job as a story and ends by itself.
+    each kind of loss and fault. With --headless, --loss, --robot or --json, without a terminal, or where CI is set,
+    it tells the main job as a story and ends by itself.
 
     Parameters
     ----------
@@ -40,6 +43,9 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
         The story's loss: turns (battery; the usual one), motor:J1 … motor:J6 (motor exchanged), all (every
         reference gone), crash (arm bent), memory (the controller forgot), backup (an old one was loaded), swap
         (another arm).
+    robot
+        Tell the story on this six-axis robot (`cellcal models`, a model file or a description) in place of the
+        demo's own; its gears, masses and stiffness are generic.
     seed
         The world's hidden truth; another seed is another robot.
     time_factor
@@ -61,7 +67,9 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     _refuse_impossible(seed, time_factor, keep)
     with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch:
         folder = keep or Path(scratch)
-        if not (headless or as_json or loss is not None) and is_for_pages(port, sys.stderr):
+        if not (headless or as_json or loss is not None or robot is not None) and is_for_pages(
+            port, sys.stderr
+        ):
             from cellcal.service.demo.built_pages import see_to_pages
             from cellcal.service.demo.demo_server import DemoOptions, show_wizard
 
@@ -71,7 +79,9 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
             if see_to_pages(print_line) or port is not None:
                 show_wizard(folder, DemoOptions(seed, time_factor or _ON_PAGES, port, browser, print_line))
                 return 0
-        code = _run_headless(folder, loss or "turns", seed, time_factor or _IN_A_STORY, as_json=as_json)
+        code = _run_headless(
+            folder, (loss or "turns", robot), seed, time_factor or _IN_A_STORY, as_json=as_json
+        )
     if keep is not None:
         _write_demo_certificate(keep)
     return code
@@ -83,21 +93,23 @@ def is_for_pages(port: int | None, stream: TextIO) -> bool:
     return port is not None or (stream.isatty() and not in_ci)
 
 
-def _run_headless(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bool) -> int:
+def _run_headless(
+    folder: Path, told: tuple[str, str | None], seed: int, time_factor: float, *, as_json: bool
+) -> int:
     import asyncio
 
     from cellcal.service.cli.demo_output import DemoPrinter
     from cellcal.service.cli.printing import print_json
+    from cellcal.service.demo.demo_arm import plan_demo_arm
     from cellcal.service.demo.recovery_demo import DemoScenario, fault_of, run_recovery_demo
     from cellcal.service.exit_codes import ExitCode
 
+    loss, robot = told
     fault_of(loss)  # a misspelt loss is said before anything starts
+    arm = None if robot is None else plan_demo_arm(robot)
     with DemoPrinter() as printer:
-        report = asyncio.run(
-            run_recovery_demo(
-                folder, DemoScenario(loss, seed, time_factor, printer.print_line, printer.on_event)
-            )
-        )
+        plot = DemoScenario(loss, seed, time_factor, printer.print_line, printer.on_event, arm)
+        report = asyncio.run(run_recovery_demo(folder, plot))
     if as_json:
         print_json(report.as_object())
     else:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from cellcal.service.cli.model_argument import ModelArgument
+
 if TYPE_CHECKING:
     from cellcal.service.engineering.identification.at_points import AtOptions
     from cellcal.service.engineering.identification.identify import IdentifyReport
@@ -21,7 +23,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     measurements: Path,
     /,
     *,
-    robot: str,
+    robot: ModelArgument,
     mounting: str = "",
     level: int | None = None,
     check: Path | None = None,
@@ -60,7 +62,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     measurements
         CSV or Excel file as the instrument wrote it: joints, and a length, position or pose per row.
     robot
-        Nominal model; `cellcal models` lists them.
+        Nominal model: a name of `cellcal models`, a model file (arm.toml), or 'arm.urdf?base=LINK&tip=LINK'.
     mounting
         Where weight pulls, if the robot does not stand upright: wall (the base's x points up), ceiling, tilt:x=30,
         tilt:y=-15 (degrees), or the direction of gravity in its base such as 0,-1,0. The same as `--robot ur10@wall`,
@@ -109,7 +111,8 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         What a column is, where guessing fails: joints=q1,q2,… position=X,Y,Z length=L controller=… rotation=…
         group=…; by name, or by its number counted from 1. -J2 turns a sign, J2+90 adds to a joint's zero [deg].
     units
-        Units, where guessing fails: joints=deg position=mm length=m controller=mm rotation=rad.
+        Units, where guessing fails: joints=deg slides=mm position=mm length=m controller=mm rotation=rad; slides
+        are joints that slide.
     convention
         Orientation convention of the measured attitude, or none.
     sheet

@@ -49,18 +49,12 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 
 
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
+    from cellcal.calibration.arm.model_references import shown_name
     from cellcal.calibration.identification.parameters import LEVEL_NAMES
     from cellcal.service.cli.printing import PlainTable
 
-    table = PlainTable(
-        "errors (mm)",
-        "rows",
-        "RMSE",
-        "mean",
-        "95 %",
-        "max",
-        title=f"{report.robot}: {_describe_rows(report)}",
-    )
+    title = f"{shown_name(report.robot)}: {_describe_rows(report)}"
+    table = PlainTable("errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=title)
     robot = "the nominal robot" if report.start == "nominal" else report.start
     figures = (
         (f"before: base and tool fitted to {robot}", report.before),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
     from cellcal.service.engineering.parameters.parameter_sets import (
@@ -228,7 +229,7 @@ def import_parameters(  # noqa: PLR0913  # a command's options are its arguments
     file: Path,
     /,
     *,
-    robot: str,
+    robot: ModelArgument,
     serial: str,
     by: str,
     note: str = "",
@@ -243,7 +244,7 @@ def import_parameters(  # noqa: PLR0913  # a command's options are its arguments
         JSON of `cellcal identify --json`, a parameter set, a UR controller's calibration.conf, recorded bytes of
         its port 30001, or the YAML of ur_calibration.
     robot
-        Nominal model; `cellcal models` lists them.
+        Nominal model: a name of `cellcal models`, a model file (arm.toml), or 'arm.urdf?base=LINK&tip=LINK'.
     serial
         Of the robot.
     by

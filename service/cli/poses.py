@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.markup import escape
 
+from cellcal.service.cli.model_argument import ModelArgument
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -20,7 +22,7 @@ _UNKNOWN_M = 1.0
 
 def poses(  # noqa: PLR0913  # a command's options are its arguments
     *,
-    robot: str,
+    robot: ModelArgument,
     sigma_mm: float,
     kind: str = "point",
     sigma_deg: float = 0.01,
@@ -51,7 +53,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     Parameters
     ----------
     robot
-        Nominal model; `cellcal models` lists them.
+        Nominal model: a name of `cellcal models`, a model file (arm.toml), or 'arm.urdf?base=LINK&tip=LINK'.
     sigma_mm
         Standard deviation of one coordinate, or of one length.
     kind
@@ -227,15 +229,15 @@ def _print_parameters(console: "Console", report: "PlanReport") -> None:
 
 
 def _print_poses(console: "Console", report: "PlanReport") -> None:
-    import numpy as np
-
     from cellcal.service.cli.printing import PlainTable
 
     if report.plan is None or not len(report.order):
         return
-    joints = np.rad2deg(report.plan.joints_rad)
+    factors, columns = report.shown
+    joints = report.plan.joints_rad * factors
+    units = ["mm" if name.endswith("_mm") else "°" for name in columns]
     table = PlainTable(
-        "pose", *(f"J{i + 1} °" for i in range(joints.shape[1])), "rank", "way from the pose before"
+        "pose", *(f"J{i + 1} {unit}" for i, unit in enumerate(units)), "rank", "way from the pose before"
     )
     for at, (rank, free) in enumerate(
         zip(report.order[:_MOST_SHOWN], report.ways_free, strict=False), start=1

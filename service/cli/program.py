@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from cellcal.service.cli.model_argument import ModelArgument
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale
 
@@ -185,7 +186,7 @@ def compensate(
 def inspect(
     *files: str,
     project: Project = None,
-    robot: str | None = None,
+    robot: ModelArgument | None = None,
     points: bool = False,
     roundtrip: Path | None = None,
     as_json: Json = False,
@@ -201,7 +202,7 @@ def inspect(
     files
         Files, folders, or patterns in quotes; the project's own programs when none is named.
     robot
-        Without a project: a robot that ships (`cellcal models`), for the reach of points whose tool and frame the
+        Without a project: a robot as `cellcal models` takes it, for the reach of points whose tool and frame the
         file itself holds.
     points
         List every point; without it, where there is one file.

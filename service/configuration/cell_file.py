@@ -11,6 +11,7 @@ import math
 import os
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -18,12 +19,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
-from cellcal.calibration.arm.mounting import is_mounted_model
-from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.arm.model_references import fixed_reference, load_model
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.calibration.errors import CellError
+from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from cellcal.service.configuration.device_keys import CHOICES, keys_of, suggest_key, wrong_choice
 from cellcal.service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
@@ -333,15 +333,21 @@ class _CellFileReader:
     def _read_robot(self, table: dict[str, Any], where: str) -> Any:
         ours = (*MOTION_KEYS, USUAL_KEY)
         device = {key: value for key, value in table.items() if key not in ours}
+        if isinstance(model := device.get("model"), str):
+            with suppress(CalibrationError):  # `_models` says what is wrong with it
+                device["model"] = fixed_reference(model, self.path.absolute().parent)
         return self._validate_device(RobotConfig, device, where, ours)
 
     def _check_models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):
-            if robot is not None and not is_mounted_model(robot.model, model_names()):
-                sentence = (
-                    f"there is no robot model {robot.model!r}; {suggest_key(robot.model, model_names())}"
-                )
-                self.faults.append((f"robot[{i}].model", sentence))
+            if robot is None:
+                continue
+            try:
+                load_model(fixed_reference(robot.model, self.path.absolute().parent))
+            except CalibrationError as refused:
+                none = f"there is no robot model {robot.model!r}"
+                why = "" if refused.message.startswith(none) else f": {refused.message.rstrip('.')}"
+                self.faults.append((f"robot[{i}].model", f"{none}{why}; {refused.remedy}"))
 
     def _table_list(self, document: dict[str, Any], key: str) -> list[Any]:
         tables = document.get(key, [])

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.arm.mounting import is_mounted_model
-from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.arm.model_references import is_known_model
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
@@ -103,7 +102,7 @@ def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
 
 def check_shapes(model_name: str, surroundings: Surroundings) -> None:
     """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
-    if is_mounted_model(model_name, model_names()):
+    if is_known_model(model_name):
         clearance_check(model_name, surroundings)
 
 

@@ -5,13 +5,17 @@ import json
 import random
 import socket
 import sys
+import tempfile
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
+from cellcal.service.demo.demo_arm import DemoArm, describe_arms, write_described
 from cellcal.service.demo.demo_fixtures import FIXTURES_TOML, USUAL
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 
@@ -28,21 +32,21 @@ name = "demo"
 data_dir = {data_dir}
 
 [[robot]]
-name = "fanuc"
+name = {name}
 driver = "modbus_robot"
 profile = "fanuc_hmi"
 address = "{address}"
 port = 1502
-model = "fanuc_m6ib"
+model = {model}
 motion = "commanded"
 serial = "F-104711"
 deadline_s = 6.0                         # this and the limits below: also for a machine that has other work
 speed_limit_rad_s = 0.5
 settle_s = {settle_s}
-
+{space}
 [[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
 name = "floor"
-point_in_base_mm = [0, 0, -900]
+point_in_base_mm = [0, 0, {floor_mm}]
 normal_in_base = [0, 0, 1]
 {usual}
 [[robot]]
@@ -70,16 +74,16 @@ port = 29536
 channel = "can0"
 node_id = 7
 serial = 4711
-range_m = 3.0
+range_m = {range_m}
 sigma_m = 0.0002
 deadline_s = 3.0
 heartbeat_s = 0.4
-robot = "fanuc"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
+robot = {name}
+anchor_in_base_mm = {anchor_mm}
 hook_in_flange_mm = [60.0, 50.0, 120.0]
 anchor_sigma_mm = 10.0
 hook_sigma_mm = 2.0
-mouth_at_mm = [750.0, 0.0, 550.0]
+mouth_at_mm = {mouth_mm}
 
 [watch]
 period_s = 0.2
@@ -91,6 +95,16 @@ time_factor = {time_factor}
 watchdog_factor = 3.0
 control_port = 0
 {furniture}"""
+_OWN_ARM = {
+    "space": "",
+    "name": '"fanuc"',
+    "model": '"fanuc_m6ib"',
+    "floor_mm": "-900",
+    "range_m": "3.0",
+    "anchor_mm": "[900.0, -700.0, -450.0]",
+    "mouth_mm": "[750.0, 0.0, 550.0]",
+}
+OTHER_ARM = "robot"  # what the cell file calls an arm that somebody chose
 
 
 @contextmanager
@@ -119,9 +133,17 @@ def _is_free(address: str, port: int) -> bool:
 
 
 def write_cell_file(
-    folder: Path, address: str, *, seed: int, time_factor: float, furnished: bool = False
+    folder: Path,
+    address: str,
+    *,
+    seed: int,
+    time_factor: float,
+    furnished: bool = False,
+    arm: DemoArm | None = None,
 ) -> Path:
     """Write the demo's cell file into ``folder``; devices listen on ``address``.
+
+    ``arm`` takes the place of the demo's own FANUC.
 
     ``furnished``: with what procedures measure beside the robot, and the settings that they need for it.
     """
@@ -130,32 +152,58 @@ def write_cell_file(
     data_dir = json.dumps(str(folder / "data"))
     settle_s = max(0.01, 1.0 / time_factor)  # one second of the world's time
     text = _CELL_FILE.format(
+        **(_OWN_ARM if arm is None else _words_of(arm)),
         address=address,
         seed=seed,
         time_factor=time_factor,
         data_dir=data_dir,
         settle_s=settle_s,
         usual=USUAL if furnished else "",
-        furniture=FIXTURES_TOML if furnished else "",
+        furniture=FIXTURES_TOML if furnished else "" if arm is None else _park_of(arm),
     )
     path.write_text(text, encoding="utf-8")
     return path
 
 
+def _words_of(arm: DemoArm) -> dict[str, str]:
+    return {
+        "space": f"\n[robot.space]\nlink_radius_mm = {arm.link_radius_m * 1e3:.0f}\n",
+        "name": json.dumps(OTHER_ARM),
+        "model": json.dumps(arm.model.name),
+        "floor_mm": f"{arm.floor_m * 1e3:g}",
+        "range_m": f"{arm.wire_range_m:g}",
+        "anchor_mm": str([round(value * 1e3, 1) for value in arm.anchor_in_base_m]),
+        "mouth_mm": str([round(value * 1e3, 1) for value in arm.mouth_in_base_m]),
+    }
+
+
+def _park_of(arm: DemoArm) -> str:
+    park = [round(float(value), 3) for value in np.degrees(arm.park_rad)]
+    return f"\n[fake.park_deg]\n{OTHER_ARM} = {park}\n"
+
+
 @asynccontextmanager
 async def running_fakes(cell_file: Path) -> AsyncIterator[FakeCellClient]:
-    """Run the devices that the file names in their own process, until the block ends."""
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "cellcal.fake_devices", str(cell_file), "--watch-stdin",
-        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-        start_new_session=True,  # Ctrl+C is for whoever uses the cell: its devices stay until it has left
-    )  # fmt: skip
-    try:
-        ready = await _ready_line(process)
-        host, port = ready["control"]
-        yield FakeCellClient(str(host), int(port))
-    finally:
-        await _end_process(process)
+    """Run the devices that the file names in their own process, until the block ends.
+
+    Raises
+    ------
+    CellError
+        They do not start, or the file names a robot that they do not play.
+    """
+    with tempfile.TemporaryDirectory(prefix="cellcal-fakes-") as scratch:
+        arms = write_described(Path(scratch), describe_arms(cell_file))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "cellcal.fake_devices", str(cell_file), "--watch-stdin", "--arms", str(arms),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,  # Ctrl+C is for whoever uses the cell: its devices stay until it has left
+        )  # fmt: skip
+        try:
+            ready = await _ready_line(process)
+            host, port = ready["control"]
+            yield FakeCellClient(str(host), int(port))
+        finally:
+            await _end_process(process)
 
 
 async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:

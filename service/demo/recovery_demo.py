@@ -16,7 +16,14 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.progress import StepProgress, ignore_progress
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.demo.fake_cell import QUICKLY, free_address, running_fakes, write_cell_file
+from cellcal.service.demo.demo_arm import DemoArm
+from cellcal.service.demo.fake_cell import (
+    OTHER_ARM,
+    QUICKLY,
+    free_address,
+    running_fakes,
+    write_cell_file,
+)
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.demo.report import DemoReport, JointReport, TcpError
 from cellcal.service.demo.simulated_technician import SimulatedTechnician
@@ -46,6 +53,12 @@ class DemoScenario:
     time_factor: float = 600.0
     say: Callable[[str], None] = lambda _: None
     on_event: Callable[[StepProgress], None] = ignore_progress
+    arm: DemoArm | None = None  # in place of the demo's own
+
+    @property
+    def robot(self) -> str:
+        """What the cell file calls the robot of the story."""
+        return ROBOT if self.arm is None else OTHER_ARM
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +81,27 @@ async def run_recovery_demo(folder: Path, scenario: DemoScenario) -> DemoReport:
     fault = fault_of(scenario.loss)
     started_s = time.monotonic()
     with free_address() as address:
-        path = write_cell_file(folder, address, seed=scenario.seed, time_factor=scenario.time_factor)
+        path = write_cell_file(
+            folder, address, seed=scenario.seed, time_factor=scenario.time_factor, arm=scenario.arm
+        )
     config = read_cell_file(path)
     async with running_fakes(path) as fake_cell:
         await _reach_everything(config, scenario)
         with open_journal(config) as journal:
-            async with open_cell(config, _make_technician(fake_cell, scenario), ROBOT) as cell:
+            async with open_cell(config, _make_technician(fake_cell, scenario), scenario.robot) as cell:
                 async with _run_fast(fake_cell, scenario.time_factor):
                     await _take_record(config, cell, journal, scenario)
+                await _back_to_work(fake_cell, scenario)
                 loss = await _lose_and_notice(config, cell, fake_cell, fault, scenario)
-                truth_before, error_before = await _truth_of(fake_cell), await _tcp_error(fake_cell)
+                truth_before, error_before = (
+                    await _truth_of(fake_cell, scenario),
+                    await _tcp_error(fake_cell, scenario),
+                )
                 outcome, robot_time = await _recover_timed(config, cell, journal, fake_cell, scenario)
-                truth_after, error_after = await _truth_of(fake_cell), await _tcp_error(fake_cell)
+                truth_after, error_after = (
+                    await _truth_of(fake_cell, scenario),
+                    await _tcp_error(fake_cell, scenario),
+                )
                 assert cell.mastering is not None
                 drive = await cell.mastering.drive_train()
     seconds = time.monotonic() - started_s
@@ -125,6 +147,10 @@ def _make_technician(fake_cell: FakeCellClient, scenario: DemoScenario) -> Simul
 
 
 async def _reach_everything(config: CellConfig, scenario: DemoScenario) -> None:
+    if scenario.arm is not None:
+        scenario.say(
+            f"The arm is a {scenario.arm.title}; gears, masses and stiffness are generic, no maker's."
+        )
     scenario.say("The fake cell is up; every device is asked who it is.")
     report = await check_cell(config)
     for _ in range(_BUSY_TRIES):  # a busy machine answers late; a real cell gets no second look
@@ -143,12 +169,19 @@ async def _reach_everything(config: CellConfig, scenario: DemoScenario) -> None:
 
 async def _take_record(config: CellConfig, cell: Cell, journal: Journal, scenario: DemoScenario) -> None:
     scenario.say("The robot is healthy: its mastering record is taken.")
-    spec = build_spec(config, ROBOT, "mastering_record", {})
+    spec = build_spec(config, scenario.robot, "mastering_record", {})
     outcome = await run_procedure(
         cell, "mastering_record", spec, journal, how=RunConditions(on_event=scenario.on_event, actor="demo")
     )
     if outcome.verdict is not RunVerdict.PASSED:
         raise CellError(f"no mastering record: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
+
+
+async def _back_to_work(door: FakeCellClient, plot: DemoScenario) -> None:
+    """Bring an arm that somebody chose away from the record's last pose, which may be at the end of its range."""
+    if plot.arm is not None:
+        plot.say("The robot goes back to its work.")
+        await door.inject_fault("hand_moves", device=plot.robot, joints=plot.arm.park_rad.tolist())
 
 
 @asynccontextmanager
@@ -176,7 +209,7 @@ async def _lose_and_notice(
     memory = LastHealthyCounts(config.cell.data_dir)
     robot: Any = cell.robot
     comparison = MasteringComparison(
-        journalled_mastering(config, config.robot_named(ROBOT).serial), look_every_s=0.0
+        journalled_mastering(config, config.robot_named(scenario.robot).serial), look_every_s=0.0
     )
     watch = RobotWatch(robot, memory, on_loss, period_s=config.watch.period_s, comparison=comparison)
     await watch.look_once()  # the healthy state is on disk before anything happens
@@ -195,7 +228,7 @@ async def _run_recovery(
     config: CellConfig, cell: Cell, journal: Journal, scenario: DemoScenario
 ) -> RunOutcome:
     scenario.say("The recovery begins.")
-    spec = build_spec(config, ROBOT, "mastering_recovery", {})
+    spec = build_spec(config, scenario.robot, "mastering_recovery", {})
     how = RunConditions(on_event=scenario.on_event, actor="demo")
     return await run_procedure(
         await with_robot_history(cell, journal), "mastering_recovery", spec, journal, how=how
@@ -217,13 +250,13 @@ async def _recover_timed(
     return outcome, clock.split_total((await fake_cell.read_truth())["time_s"] - began_s)
 
 
-async def _truth_of(fake_cell: FakeCellClient) -> dict[str, Any]:
-    truth: dict[str, Any] = (await fake_cell.read_truth())["robots"][ROBOT]
+async def _truth_of(fake_cell: FakeCellClient, plot: DemoScenario) -> dict[str, Any]:
+    truth: dict[str, Any] = (await fake_cell.read_truth())["robots"][plot.robot]
     return truth
 
 
-async def _tcp_error(fake_cell: FakeCellClient) -> TcpError:
-    answer = await fake_cell.send_command("tcp_error", robot=ROBOT)
+async def _tcp_error(fake_cell: FakeCellClient, plot: DemoScenario) -> TcpError:
+    answer = await fake_cell.send_command("tcp_error", robot=plot.robot)
     return TcpError(answer["mean"], answer["max"])
 
 

@@ -4,7 +4,7 @@ from os import PathLike
 from pathlib import Path
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.arm.robot_models import known_names
 from cellcal.drivers.program_registry import read_program as read_program_data
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.identification.identify import (
@@ -19,7 +19,7 @@ from cellcal.service.engineering.programs.files import read_bytes
 
 def robot_names() -> tuple[str, ...]:
     """Return the names of the robot models that ship, sorted."""
-    return model_names()
+    return tuple(sorted(known_names()))
 
 
 def load_robot(name: str) -> RobotModel:
@@ -28,7 +28,9 @@ def load_robot(name: str) -> RobotModel:
     Parameters
     ----------
     name : str
-        One of `robot_names`, with ``@wall``, ``@ceiling`` or ``@tilt:x=30`` behind it where it is not upright.
+        One of `robot_names`; a model file, ``arm.toml``; or a description, ``arm.urdf?base=LINK&tip=LINK``. With
+        ``@wall``, ``@ceiling`` or ``@tilt:x=30`` behind it where it is not upright.
+        ``@ceiling`` or ``@tilt:x=30`` behind it where it is not upright.
 
     Returns
     -------

@@ -17,8 +17,8 @@ KEYS = {
 JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offset_u_rad"}
 
 
-def run_demo(loss: str, seed: int) -> tuple[int, dict]:
-    command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss]
+def run_demo(loss: str, seed: int, *more: str) -> tuple[int, dict]:
+    command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss, *more]
     ended = subprocess.run(
         [*command, "--seed", str(seed), "--time-factor", "1000"], capture_output=True,
         timeout=stretched_s(280.0), text=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, check=False,
@@ -40,6 +40,17 @@ def test_lost_turns_are_restored_exactly() -> None:  # further seeds: make soak 
     assert all(joint["offset_error_rad"] == 0.0 for joint in demo_report["joints"])
     assert demo_report["tcp_error_before_m"]["mean"] > 0.1
     assert demo_report["tcp_error_after_m"]["max"] < 1e-9
+
+
+def test_lost_turns_of_another_makers_arm_are_restored_exactly() -> (
+    None
+):  # more: make soak ARGS="demo_robots"
+    code, told = run_demo("turns", 1, "--robot", "staubli_tx2_90l")
+    assert (code, told["verdict"]) == (0, "PASS")
+    assert any(abs(joint["turns_lost"]) > 5 for joint in told["joints"])
+    assert [j["turns_restored"] for j in told["joints"]] == [j["turns_lost"] for j in told["joints"]]
+    assert told["tcp_error_before_m"]["mean"] > 0.1
+    assert told["tcp_error_after_m"]["max"] < 1e-9
 
 
 def test_an_exchanged_motor_is_distinguished_and_stays_inside_its_uncertainty() -> None:

@@ -103,17 +103,19 @@ def swap(seeds: int) -> CampaignFigures:
     return CampaignFigures(line, len(refused) == seeds)
 
 
-def tell_all(loss: str, seeds: int, *, time_factor: str = TIME_FACTOR) -> list[Story]:
-    """Tell the story of one loss for seeds 1..n, a few at once."""
-    return asyncio.run(_run_all(loss, seeds, time_factor))
+def tell_all(
+    loss: str, seeds: int, *, time_factor: str = TIME_FACTOR, more: tuple[str, ...] = ()
+) -> list[Story]:
+    """Tell the story of one loss for seeds 1..n, a few at once; ``more`` are further words of the command."""
+    return asyncio.run(_run_all(loss, seeds, ("--time-factor", time_factor, *more)))
 
 
-async def _run_all(loss: str, seeds: int, time_factor: str) -> list[Story]:
+async def _run_all(loss: str, seeds: int, more: tuple[str, ...]) -> list[Story]:
     room = asyncio.Semaphore(AT_ONCE)
 
     async def run_seed(seed: int) -> Story:
         async with room:
-            return await _run_story(loss, seed, time_factor)
+            return await _run_story(loss, seed, more)
 
     tasks = [asyncio.create_task(run_seed(seed)) for seed in range(1, seeds + 1)]
     console = Console(stderr=True)
@@ -123,10 +125,10 @@ async def _run_all(loss: str, seeds: int, time_factor: str) -> list[Story]:
     return [task.result() for task in tasks]
 
 
-async def _run_story(loss: str, seed: int, time_factor: str) -> Story:
+async def _run_story(loss: str, seed: int, more: tuple[str, ...]) -> Story:
     command = ["-m", "cellcal", "demo", "--headless", "--json", "--loss", loss, "--seed", str(seed)]
     process = await asyncio.create_subprocess_exec(
-        sys.executable, *command, "--time-factor", time_factor,
+        sys.executable, *command, *more,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
     out, err = await process.communicate()

@@ -12,8 +12,9 @@ from cellcal.calibration.arm.joint_terms import (
     wrist_gravity_terms,
 )
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.arm.mounting import gravity_of, is_mounted_model, mounted_name
-from cellcal.calibration.arm.robot_models import model_names, parse_model
+from cellcal.calibration.arm.model_references import is_known_model
+from cellcal.calibration.arm.mounting import gravity_of, mounted_name
+from cellcal.calibration.arm.robot_models import parse_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation
 from cellcal.calibration.identification.free_parameters import all_joint_terms
@@ -72,11 +73,10 @@ def test_the_name_of_a_model_carries_its_mounting():
         mounted_name("ur10@wall", "ceiling")
     with pytest.raises(CalibrationError, match="no robot model"):
         load_model("ur11@wall")
-    names = model_names()
-    assert is_mounted_model("ur10", names)
-    assert is_mounted_model("ur10@tilt:x=10", names)
-    assert not is_mounted_model("ur10@shelf", names)
-    assert not is_mounted_model("ur11@wall", names)
+    assert is_known_model("ur10")
+    assert is_known_model("ur10@tilt:x=10")
+    assert not is_known_model("ur10@shelf")
+    assert not is_known_model("ur11@wall")
 
 
 def test_a_model_file_says_how_its_robot_is_mounted():

@@ -161,7 +161,7 @@ class UrpProgram:
         ProgramFileError
             No table of six plain rows, or a pose that the other arm does not reach.
         """
-        numbers = table.to_rows()
+        numbers = table.rows()
         if (
             numbers.shape != (6, 5)
             or not np.isfinite(numbers).all()

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.documents import DocumentError
@@ -39,8 +41,11 @@ class AtPoints:
     words: dict[str, tuple[str, ...]]  # columns that are no numbers, such as target
 
 
-def read_points(options: AtOptions, axes: int) -> AtPoints:
-    """Read joints (q1_deg, q2_deg …), or flange poses in the robot's base (x_mm, y_mm, z_mm and an attitude).
+def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
+    """Read joints of an arm, or of one with so many that turn.
+
+    Joints are columns q1_deg, q2_deg, q3_mm of one that slides …; else they are flange poses in the robot's base
+    (x_mm, y_mm, z_mm and an attitude).
 
     The attitude is qw, qx, qy, qz, or with a convention its own fields in degrees (``W_deg``, ``P_deg``, ``R_deg``).
 
@@ -55,11 +60,12 @@ def read_points(options: AtOptions, axes: int) -> AtPoints:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
         raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")
-    names, attitude = [f"q{i + 1}_deg" for i in range(axes)], _attitude_columns(options)
+    axes = arm if isinstance(arm, int) else arm.axes
+    names, factors = joint_columns_in(arm)
+    attitude = _attitude_columns(options)
     words = {key: tuple(str(row.get(key) or "") for row in rows) for key in ("target",) if key in rows[0]}
     if set(names) <= rows[0].keys():
-        joints = np.deg2rad(_read_numbers(options.path, rows, names))
-        return AtPoints(joints, None, words)
+        return AtPoints(_read_numbers(options.path, rows, names) / factors, None, words)
     if not {*_PLACE, *attitude} <= rows[0].keys():
         raise MeasurementError(
             f"{options.path} holds neither joints nor poses.",
@@ -73,6 +79,13 @@ def read_points(options: AtOptions, axes: int) -> AtPoints:
     except CalibrationError as broken:
         raise MeasurementError(f"{options.path}: {broken}") from broken
     return AtPoints(np.zeros((len(rows), axes)), homogeneous_matrix(rotations, places), words)
+
+
+def joint_columns_in(arm: RobotModel | int) -> tuple[tuple[str, ...], Array]:
+    """Return the names of an arm's columns of joints, and what SI is multiplied with to be written there."""
+    if isinstance(arm, int):
+        return tuple(f"q{i + 1}_deg" for i in range(arm)), np.full(arm, np.degrees(1.0))
+    return joint_columns_of(arm), shown_units(arm)[0]
 
 
 def solve_joints(points: AtPoints, arm: TipArm, known_rad: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
@@ -30,6 +31,9 @@ class TipsAt:
     far: tuple[int, ...]  # points that are known worse than any posture among the fitted rows
     frame: str
     statement: tuple[str, ...]  # what the 95 % are about, and what they do not cover
+    shown: tuple[Array, tuple[str, ...]] | None = (
+        None  # factors to degrees and millimetres, and columns of joints
+    )
 
     def as_document(self) -> dict[str, Any]:
         """Return the object that ``--json`` holds."""
@@ -72,18 +76,22 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
     """
     found = report.identification
     state = found.state
-    points = read_points(options, state.nominal.axis_count)
-    arm = (
-        replace(TipArm.of_state(state), flange_tip=np.eye(4)) if options.identified else TipArm(state.nominal)
-    )
-    joints = solve_joints(points, arm, found.robust.problem.observations.joints_rad)
+    points = read_points(options, state.nominal)
+    joints = points.joints_rad
+    if points.base_flange is not None:
+        arm = (
+            replace(TipArm.of_state(state), flange_tip=np.eye(4))
+            if options.identified
+            else TipArm(state.nominal)
+        )
+        joints = solve_joints(points, arm, found.robust.problem.observations.joints_rad)
     readings = predict_readings(found, joints)
     lengths = report.measurements.observations.kind == "length"
     error = readings.model_error
     learnt = f"{error.rows} rows held out among their neighbours"
     if error.far_rows:
         learnt += f" and {error.far_rows} in regions held out whole"
-    return tips_of(
+    predicted = tips_of(
         joints,
         readings.positions_m,
         (readings.covariances_m2, readings.expanded_m, readings.parameters_expanded_m),
@@ -91,6 +99,7 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
         "robot base" if lengths else "measuring device",
         statement_of(learnt, report.rows, len(report.rejected), far=bool(readings.far.any())),
     )
+    return replace(predicted, shown=(shown_units(state.nominal)[0], joint_columns_of(state.nominal)))
 
 
 def tips_of(
@@ -148,12 +157,13 @@ def write_tips(tips: TipsAt, path: Path) -> None:
     """
     if path.exists():
         raise MeasurementError(f"{path} is there already.", remedy="Name a file that does not exist.")
-    names = [f"q{i + 1}_deg" for i in range(tips.joints_rad.shape[1])]
+    factors = np.full(tips.joints_rad.shape[1], np.degrees(1.0)) if tips.shown is None else tips.shown[0]
+    names = list(tips.shown[1] if tips.shown else (f"q{i + 1}_deg" for i in range(len(factors))))
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]
     names += ["extrapolated", "u95_parameters_mm", "far_from_rows"]
     with path.open("w", encoding="utf-8", newline="") as file:
         write_rows(file, [names])
-        for i, joints in enumerate(np.rad2deg(tips.joints_rad)):
+        for i, joints in enumerate(tips.joints_rad * factors):
             sizes = [*tips.positions_m[i], *tips.sigmas_m[i], tips.sigma_m[i], tips.expanded_m[i]]
             numbers = [*(f"{v:.6f}" for v in joints), *(f"{v * 1e3:.5f}" for v in sizes)]
             marks = ["yes" if i in marked else "no" for marked in (tips.outside, tips.far)]

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import PRISMATIC
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.model_references import is_linkage
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification import lints
 from cellcal.calibration.identification.cross_validation import (
@@ -16,6 +18,7 @@ from cellcal.calibration.identification.cross_validation import (
     same_postures,
 )
 from cellcal.calibration.identification.drift_lint import order_drift, temperature_drift
+from cellcal.calibration.identification.earlier_posterior import OffsetContradiction
 from cellcal.calibration.identification.effect_lint import misfit_notes
 from cellcal.calibration.identification.estimator import (
     FitProblem,
@@ -73,6 +76,7 @@ def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) ->
     measurements = read_measurements(path, model, options)
     raw = measurements.observations
     noticed = [
+        *_rods(model),
         *lints.sign_flips(raw.joints_rad, model.joint_names),
         *lints.find_duplicates(raw.joints_rad),
         *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
@@ -166,6 +170,7 @@ def lints_of_fit(
             groups,
             found.state.nominal.joint_names,
             lengths=observations.kind == "length",
+            slides=[kind == PRISMATIC for kind in found.state.nominal.kinds],
         ),
         *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
@@ -180,6 +185,20 @@ def _lint_temperature(fitted: PreparedMeasurements, rows: Rows, left_m: Array, g
     return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
 
 
+def _rods(model: RobotModel) -> list[Lint]:
+    """Say what no serial model can hold of an arm whose third axis is driven by rods."""
+    if not is_linkage(model.name):
+        return []
+    return [
+        Lint(
+            "linkage",
+            "rods drive axis 3 of this arm. The serial model is exact while they form a parallelogram; what a rod or "
+            "a bearing is off by changes with the posture and is in no parameter, so it stays in the errors held "
+            "out: take these for the accuracy that is left.",
+        )
+    ]
+
+
 def lints_of_start(found: Identification, start: IdentificationStart) -> list[Lint]:
     """Name what these rows contradict of an earlier fit, whose deviations were taken as this one's priors."""
     if not found.contradicted:
@@ -189,10 +208,16 @@ def lints_of_start(found: Identification, start: IdentificationStart) -> list[Li
         Lint(
             "arm_changed",
             f"these rows contradict {start.name}: they want {worst.parameter} off by "
-            f"{np.rad2deg(worst.moved_rad):+.3f} deg. If that joint was mastered since, find it anew with "
+            f"{_moved_by(found, worst)}. If that joint was mastered since, find it anew with "
             f'--free "{worst.parameter}"; if not, one of the two measurements is wrong.',
         )
     ]
+
+
+def _moved_by(found: Identification, worst: OffsetContradiction) -> str:
+    """Return by how much rows want an offset elsewhere, in degrees, or millimetres of a joint that slides."""
+    unit = next(p.unit for p in found.robust.fit.layout.parameters if p.name == worst.parameter)
+    return f"{worst.moved_rad * 1e3:+.3f} mm" if unit == "m" else f"{np.rad2deg(worst.moved_rad):+.3f} deg"
 
 
 def check_file(

@@ -3,6 +3,7 @@
 import hashlib
 from pathlib import Path
 
+from cellcal.calibration.arm.model_references import parse_reference
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.identification.parameters import FRAMES
@@ -54,6 +55,12 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
         The arm couples joints, and ``geometric_joints`` was not asked for.
     """
     _refuse_frames(report)
+    robot = parse_reference(report.robot)
+    if robot.is_file and Path(robot.where).resolve() == path.resolve():
+        raise MeasurementError(
+            f"{path} is the description of the nominal robot that was identified.",
+            remedy="Name another file for the identified one.",
+        )
     state = report.identification.state
     path.write_text(bare_urdf(state.arm_model, geometric_joints=geometric_joints), encoding="utf-8")
     kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}

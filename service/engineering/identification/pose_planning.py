@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import read_urdf
 from cellcal.calibration.documents import DocumentError
@@ -37,6 +38,7 @@ from cellcal.calibration.poses.measurement_poses import (
 )
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.csv_writing import write_rows
+from cellcal.service.engineering.identification.at_points import joint_columns_in
 from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
 
 Place = tuple[float, float, float]
@@ -99,16 +101,19 @@ class PlanReport:
     ]  # of the way to each pose in that order from the one before; the first is unknown
     candidates: int
     not_checked: tuple[str, ...] = field(default=())
+    shown: tuple[Array, tuple[str, ...]] = field(kw_only=True)  # factors to degrees and mm, columns of joints
 
     def as_document(self) -> dict[str, Any]:
         """Return the object that ``--json`` prints."""
-        poses = [] if self.plan is None else np.rad2deg(self.plan.joints_rad[list(self.order)]).tolist()
+        plan, shown = self.plan, self.shown[0]
+        poses = np.zeros((0, len(shown))) if plan is None else plan.joints_rad[list(self.order)] * shown
         return {
             "robot": self.request.robot,
             "reachable": self.plan is not None,
             "reason": self.reason,
             "criterion": None if self.plan is None else str(self.plan.criterion),
-            "poses_deg": poses,
+            "poses_deg": poses.tolist(),
+            "joint_columns": list(self.shown[1]),
             "ranks": [rank + 1 for rank in self.order],
             "ways_free": list(self.ways_free),
             "prediction": asdict(self.prediction),
@@ -161,6 +166,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         free,
         len(drawn),
         _not_checked(check, described),
+        shown=(shown_units(model)[0], joint_columns_of(model)),
     )
 
 
@@ -178,21 +184,21 @@ def write_plan(path: Path, report: PlanReport) -> None:
     """Write the poses as CSV in the order of travel; the file must not exist."""
     if report.plan is None:
         raise PlanError("there is no plan to write.")
-    joints = np.rad2deg(report.plan.joints_rad)
+    joints = report.plan.joints_rad * report.shown[0]
     try:
         file = path.open("x", newline="", encoding="utf-8")
     except FileExistsError as taken:
         raise PlanError(f"{path} is there already.", remedy="Choose another name.") from taken
     with file:
-        write_rows(file, [[*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"]])
+        write_rows(file, [[*report.shown[1], "rank", "way_checked"]])
         for rank, free in zip(report.order, report.ways_free, strict=True):
             row = [*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"]
             write_rows(file, [row])
 
 
-def read_joints(path: Path, axes: int) -> Array:
-    """Read joints from CSV with columns q1_deg, q2_deg …; others are ignored. Returns (T, n) [rad]."""
-    names = [f"q{i + 1}_deg" for i in range(axes)]
+def read_joints(path: Path, arm: RobotModel | int) -> Array:
+    """Read joints from CSV with columns q1_deg, q2_mm (of a slide) …; others are ignored. Returns (T, n) [rad, m]."""
+    names, factors = joint_columns_in(arm)
     try:
         rows = [[float(row[name]) for name in names] for row in parse_rows(read_plain_text(path))]
     except (OSError, DocumentError) as broken:
@@ -201,7 +207,7 @@ def read_joints(path: Path, axes: int) -> Array:
         raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
     if not rows or not np.isfinite(rows).all():
         raise PlanError(f"{path} holds no rows, or numbers that are not finite.")
-    return np.deg2rad(rows)
+    return np.array(rows) / factors
 
 
 def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementOutlook:
@@ -258,7 +264,7 @@ def _description_check(
         raise PlanError(f"{description.path} cannot be read: {broken}") from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))
-    matrix = np.eye(model.axis_count) if plain else coupling
+    matrix = np.eye(model.axes) if plain else coupling
     _same_arm(model, arm.model, matrix)
     return DescriptionCheck.from_description(
         arm, check.shape.obstacles, mesh_folders=description.mesh_folders, joint_matrix=matrix,
@@ -267,8 +273,8 @@ def _description_check(
 
 
 def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
-    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axis_count))
-    if described.axis_count == model.axis_count:
+    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axes))
+    if described.axes == model.axes:
         apart = model.base_flange(joints) - described.base_flange(joints @ matrix.T)
         if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
             return
@@ -287,7 +293,7 @@ def _not_checked(check: CollisionCheck, described: DescriptionCheck | None) -> t
 
 def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> Array:
     if request.tests is not None:
-        return read_joints(request.tests, model.axis_count)
+        return read_joints(request.tests, model)
     return measurable_postures(
         model, MotionLimits(), _TEST_POSES, filters=(check.is_free,), seed=request.seed + 1
     )

@@ -34,6 +34,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.cells import CellLayoutFile, LayoutItem, LayoutReading
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
+from cellcal.service.engineering.measured.joint_units import refuse_typed_zeros
 from cellcal.service.engineering.measured.no_readings import no_readings
 from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
 from cellcal.service.engineering.measured.typed_columns import parse_columns
@@ -246,9 +247,17 @@ class _CellTable:
         return np.column_stack([column.sign * self._table.column_values(column.name) for column in typed])
 
     def _read_joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
-        """Return the joints of all rows as the controller counts them [rad]."""
+        """Return the joints of all rows as the controller counts them [rad], or [m] where they slide."""
         zeros = [column.zero_deg for column in parse_columns(self._table.names, names)]
-        unit = _UNITS[self._layout.units["joints"]]
+        if len(names) != model.axes:
+            raise MeasurementError(
+                f"the layout names {len(names)} joint columns, {model.name} has {model.axes} joints.",
+                remedy="Name one column a joint, in the order of the chain.",
+            )
+        of_kind = {True: "slides", False: "joints"}
+        slides = [False] * model.axes if model.sliding is None else model.sliding.tolist()
+        unit = np.array([_UNITS[self._layout.units[of_kind[slide]]] for slide in slides])
+        refuse_typed_zeros(np.array(zeros), model)
         angles = self._read_columns(names) * unit + np.deg2rad(zeros)
         return controller_joints(angles, model, self._layout.joint_coupling)
 

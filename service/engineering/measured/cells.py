@@ -30,6 +30,7 @@ _KEYS: Mapping[str, tuple[str, ...]] = {
 _COLUMNS = ("joints", "robot", "device", "target", "group")
 _UNITS = {
     "joints": tuple(ANGLE_UNITS),
+    "slides": tuple(LENGTH_UNITS),
     "rotation": ("deg", "rad"),
     "readings": tuple(LENGTH_UNITS),
 }
@@ -119,7 +120,7 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
     return CellLayoutFile(
         tuple(columns.pop("joints")),
         columns,
-        {"joints": "deg", "rotation": "deg", "readings": "mm", **units},
+        {"joints": "deg", "slides": "mm", "rotation": "deg", "readings": "mm", **units},
         convention,
         data.get("sheet"),
         _joint_coupling(path, data),

@@ -8,6 +8,7 @@ from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.table_heads import are_numbered
 from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _MEASURED = {
     "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
@@ -96,9 +97,14 @@ class TableLayout:
 
 
 def detect_layout(
-    names: Sequence[str], joint_names: Sequence[str], columns: Mapping[str, Sequence[str]] | None = None
+    names: Sequence[str],
+    joint_names: Sequence[str],
+    columns: Mapping[str, Sequence[str]] | None = None,
+    slides: Sequence[bool] = (),
 ) -> TableLayout:
     """Find out what each column is; ``columns`` names those that the user knows better.
+
+    ``slides`` tells which joints are prismatic, if any are: their unit is one of length.
 
     Raises
     ------
@@ -123,8 +129,10 @@ def detect_layout(
         )
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     chosen = typed_names.get("rotation") or turn
+    sliding = slides or (False,) * len(joints)
     layout = {
-        "joints": joints,
+        "joints": _of_kind(joints, sliding, slide=False),
+        "slides": _of_kind(joints, sliding, slide=True),
         "position": measured,
         "rotation": chosen,
         "controller": controller,
@@ -157,6 +165,21 @@ def _typed_columns(
     return {meaning: parse_columns(names, texts) for meaning, texts in columns.items()}
 
 
+def _of_kind(joints: Sequence[str], slides: Sequence[bool], *, slide: bool) -> tuple[str, ...]:
+    """Return the columns of joints that slide, or of those that turn; refuses a heading with a unit of the others."""
+    found = tuple(name for name, slides_here in zip(joints, slides, strict=False) if slides_here == slide)
+    wrong = [name for name in found if unit_of(name) in (ANGLE_UNITS if slide else LENGTH_UNITS)]
+    if wrong:
+        raise MeasurementError(
+            f"{wrong[0]} is in {unit_of(wrong[0])}, and the robot's joint there slides."
+            if slide
+            else f"{wrong[0]} is in {unit_of(wrong[0])}, and the robot's joint there turns.",
+            remedy="If the heading is right, the joint is described wrong: a joint that slides is prismatic, in "
+            "metres (URDF) or millimetres (model file).",
+        )
+    return found
+
+
 def _common_unit(names: Sequence[str]) -> str:
     """Return the unit that the names tell; a column without one goes with the others."""
     units = {unit_of(name) for name in names} - {""}
@@ -172,8 +195,11 @@ def _find_joints(
     names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
 ) -> tuple[str, ...]:
     by_plain = {text: name for name, text in plain.items()}
+    # A joint called z is not meant by the z of a place.
+    places = {"x", "y", "z"} if {"x", "y", "z"} <= by_plain.keys() else set()
     for candidate in (joint_names, *_BY_MAKER):
-        if len(candidate) == len(joint_names) and all(plain_name(text) in by_plain for text in candidate):
+        called = [plain_name(text) for text in candidate]
+        if len(candidate) == len(joint_names) and set(called) <= by_plain.keys() - places:
             return tuple(by_plain[plain_name(text)] for text in candidate)
     families: dict[tuple[str, str, str], dict[int, str]] = {}
     for name in names:

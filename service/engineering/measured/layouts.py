@@ -12,7 +12,7 @@ from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.files import missing_file_words
 
 _COLUMNS = ("joints", "position", "rotation", "length", "controller", "group")
-_UNITS = ("joints", "position", "rotation", "length", "controller")
+_UNITS = ("joints", "slides", "position", "rotation", "length", "controller")
 _WORDS = ("convention", "sheet", "joint_coupling")
 
 
@@ -87,7 +87,9 @@ def layout_document(found: Measurements, options: ReadOptions) -> dict[str, Any]
         "sheet": options.sheet or "",
         "joint_coupling": options.joint_coupling or "controller",
         "columns": named,
-        "units": {key: found.units[key] for key in _UNITS if key in found.units and key in named},
+        "units": {
+            key: found.units[key] for key in _UNITS if key in found.units and key in (*named, "slides")
+        },
     }
 
 

@@ -22,6 +22,7 @@ from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
+from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
 from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
@@ -53,7 +54,9 @@ class ReadOptions:
     """What the user knows better than any guess."""
 
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)  # joints, position, length, controller, rotation
+    units: Mapping[str, str] = field(
+        default_factory=dict
+    )  # joints, slides, position, length, controller, rotation
     convention: str = ""  # of the measured attitude; "none" leaves it out
     sheet: str | None = None
     joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
@@ -89,7 +92,8 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     """
     options = options or ReadOptions()
     table = read_table(path, sheet=options.sheet)
-    layout = detect_layout(table.names, model.joint_names, options.columns)
+    slides = () if model.sliding is None else model.sliding.tolist()
+    layout = detect_layout(table.names, model.joint_names, options.columns, slides)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     good, rejected = _usable_rows(table, names, numbers)
@@ -98,8 +102,8 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     guesses = [table.dialect] if table.dialect else []
     units = UnitChoice({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name][good] for name in layout.joints])
-    unit = units.angle_factor("joints", layout.joints, raw)
-    joints = controller_joints(_as_typed(raw * unit, layout), model, options.joint_coupling)
+    unit = joint_units(units, layout.joints, raw, model)
+    joints = controller_joints(_as_typed(raw * unit, layout, model), model, options.joint_coupling)
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
     _refuse_none(path, good, rejected)
@@ -132,10 +136,12 @@ def _read_temperature(table: MeasurementTable, name: str, rows: Rows) -> Array |
     return to_celsius(table.column_values(name)[rows], name) if name else None
 
 
-def _as_typed(joints_rad: Array, layout: TableLayout) -> Array:
+def _as_typed(joints_rad: Array, layout: TableLayout, model: RobotModel) -> Array:
     """Return joints with the signs and zeros that were typed with their columns."""
     signs = np.array([layout.column_sign(name) for name in layout.joints])
-    typed: Array = joints_rad * signs + np.deg2rad([layout.zero_deg(name) for name in layout.joints])
+    zeros = np.deg2rad([layout.zero_deg(name) for name in layout.joints])
+    refuse_typed_zeros(zeros, model)
+    typed: Array = joints_rad * signs + zeros
     return typed
 
 

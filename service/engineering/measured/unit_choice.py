@@ -31,6 +31,13 @@ class UnitChoice:
         self._note_guess(meaning, columns, name)
         return ANGLE_UNITS[name]
 
+    def slide(self, meaning: str, columns: Sequence[str], guess: str) -> float:
+        """Return m per unit of joints that slide, as stated or as guessed from their travel."""
+        if meaning in self.stated:
+            return self._stated_factor(meaning, LENGTH_UNITS)
+        self._note_guess(meaning, columns, guess)
+        return LENGTH_UNITS[guess]
+
     def length_factor(
         self,
         meaning: str,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.cells.system import series_residuals
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows
@@ -41,6 +42,15 @@ class SeriesEvidence:
     def joints_rad(self) -> Array:
         """Of all rows (N, n)."""
         return self.report.measurements.cell.series[self.number].observations.joints_rad
+
+    @property
+    def joint_units(self) -> tuple[Array, tuple[str, ...]]:
+        """What joints are multiplied with to be shown (n,), and the units."""
+        cell = self.report.measurements.cell
+        name = self.report.series[self.number].target
+        tool = next((target.tool for target in cell.targets if target.name == name), name)
+        owner = next(each.robot for each in cell.tools if each.name == tool)
+        return shown_units(next(robot.model for robot in cell.robots if robot.name == owner))
 
     @property
     def channel_names(self) -> tuple[str, ...]:

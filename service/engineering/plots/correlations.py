@@ -18,7 +18,7 @@ _MOST_LISTED = 16
 
 def correlation_matrix(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     """Draw the matrix of one device's identification."""
-    matrix_of(figure, evidence.report.robot, evidence.report.identification.robust.fit)
+    matrix_of(figure, evidence.figure_title, evidence.report.identification.robust.fit)
 
 
 def matrix_of(figure: FigureBase, title: str, fit: UncertainEstimate) -> None:

@@ -5,7 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, whitened_residuals
 from cellcal.calibration.identification.observations import (
@@ -58,7 +60,7 @@ class IdentificationEvidence:
     @property
     def figure_title(self) -> str:
         """Whose pictures these are."""
-        return self.report.robot
+        return shown_name(self.report.robot)
 
     @property
     def model_level(self) -> int:
@@ -69,6 +71,11 @@ class IdentificationEvidence:
     def joints_rad(self) -> Array:
         """Of the fitted rows (N, n)."""
         return self.fitted_observations.joints_rad
+
+    @property
+    def joint_units(self) -> tuple[Array, tuple[str, ...]]:
+        """What joints are multiplied with to be shown (n,), and the units."""
+        return shown_units(self.identified_state.nominal)
 
     @property
     def held_out_rows(self) -> Rows:

@@ -20,7 +20,7 @@ def draw_overview(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     report = evidence.report
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.0, 2.1]).flat
     left, right = lower.subfigures(1, 2, squeeze=False, width_ratios=[1.15, 1.0]).flat
-    title_of(upper, f"{report.robot}: identification from {report.rows} rows")
+    title_of(upper, f"{evidence.figure_title}: identification from {report.rows} rows")
     rows = upper.subplots()
     held_out_by_row(rows, evidence)
     rows.set_xlabel("data row")

@@ -17,6 +17,10 @@ class PlottedResiduals(Protocol):
     @property
     def joints_rad(self) -> Array: ...  # (N, n)
     @property
+    def joint_units(
+        self,
+    ) -> tuple[Array, tuple[str, ...]]: ...  # factors (n,) to what is shown, and its units
+    @property
     def channel_names(self) -> tuple[str, ...]: ...
     @property
     def fit_residuals(self) -> Array: ...  # (channels, N) [m, rad]

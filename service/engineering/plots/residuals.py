@@ -75,20 +75,21 @@ def held_out_by_row(panel: "Axes", evidence: PlottedResiduals) -> None:
 
 
 def by_joint(figure: FigureBase, evidence: PlottedResiduals) -> None:
-    """Draw residuals of the fit over each joint's angle, with the course of their medians, before and after."""
+    """Draw residuals of the fit over each joint's position, with the course of their medians, before and after."""
     signed = evidence.signed_mm
     axes = evidence.joints_rad.shape[1]
     wire = len(signed) == 1
     across = (axes + 1) // 2 if wire else axes
     grid = figure.subplots(2 if wire else len(signed), across, sharey=True, squeeze=False)
     title_of(figure, f"{evidence.figure_title}: residuals of the fit over each joint's angle")
-    angles = np.rad2deg(evidence.joints_rad)
+    factors, units = evidence.joint_units
+    angles = evidence.joints_rad * factors
     for k, (name, (before, after)) in enumerate(signed.items()):
         for joint in range(axes):
             panel = grid.flat[joint] if wire else grid[k, joint]
             _over_joint(panel, angles[:, joint], before, after)
             if wire or k == len(signed) - 1:
-                panel.set_xlabel(f"J{joint + 1} (deg)")
+                panel.set_xlabel(f"J{joint + 1} ({units[joint]})")
         for panel in grid[:, 0] if wire else grid[k, :1]:
             panel.set_ylabel(f"{name} (mm)")
     for panel in grid.flat[axes:] if wire else ():

@@ -50,7 +50,7 @@ class _PlaneView:
 
 def error_map(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     """Draw the maps with a title."""
-    title_of(figure, f"{evidence.report.robot}: error and predicted uncertainty over the workspace")
+    title_of(figure, f"{evidence.figure_title}: error and predicted uncertainty over the workspace")
     draw_maps(figure, evidence)
 
 

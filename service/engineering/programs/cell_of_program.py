@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -22,7 +23,12 @@ from cellcal.service.engineering.programs.other_axes import (
 )
 from cellcal.service.engineering.programs.project import Project, ProjectTool
 from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
-from cellcal.service.engineering.programs.robot_makes import base_of, flange_of, make_of
+from cellcal.service.engineering.programs.robot_makes import (
+    base_of,
+    flange_of,
+    lacks_coupling,
+    runs_programs_of,
+)
 
 Rows = NDArray[np.intp]
 Some = TypeVar("Some", bound=np.generic)
@@ -253,12 +259,17 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
         With the cure.
     """
     name, model = program.name, project.nominal
-    make = make_of(model)
-    if make is not None and make.brand != program.brand:
+    if not runs_programs_of(model, program.brand):
         raise ProgramFileError(
             name,
             f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
             remedy="Name the project of the robot that this program is for.",
+        )
+    if lacks_coupling(model, program.brand):
+        raise ProgramFileError(
+            name,
+            f"a FANUC counts J3 against the horizon, and {shown_name(model.name)} does not couple J3 with J2.",
+            remedy="Name a robot of `cellcal models`, or a model file with interaction = [[3, 2, 1.0]].",
         )
     _refuse_other_kinematics(program, project)
     places = program.positions.frame_tip[:, :3, 3]
@@ -288,9 +299,9 @@ def _farthest_frame(project: Project) -> float:
 def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
     """Compare the arm that a file says it was taught on with that of the project's controller."""
     own = program.frames.kinematics
-    if own is None or own.axis_count != project.controller.axis_count:
+    if own is None or own.axes != project.controller.axes:
         return
-    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axis_count)
+    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axes)
     apart = own.base_flange(still)[:, :3, 3] - project.controller.base_flange(still)[:, :3, 3]
     most = float(np.linalg.norm(apart, axis=1).max())
     if most > _ANOTHER_ARM_M:

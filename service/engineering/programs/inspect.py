@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.arm.mounting import is_mounted_model
-from cellcal.calibration.arm.robot_models import model_names
-from cellcal.calibration.errors import CellError
+from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.batches import ReadProgram, process_batch, read_batches
@@ -224,11 +222,10 @@ def _read_cell(request: InspectionRequest) -> Project | None:
         return read_project(request.project)
     if request.robot is None:
         return None
-    if not is_mounted_model(request.robot, model_names()):
-        raise FilesError(
-            f"No robot model is called {request.robot!r}.", remedy=f"Known: {', '.join(model_names())}."
-        )
-    model = load_model(request.robot)
+    try:
+        model = load_model(request.robot)
+    except CalibrationError as refused:
+        raise FilesError(refused.message, remedy=refused.remedy) from refused
     return Project(
         path=Path(f"--robot {model.name}"),
         name=model.title,

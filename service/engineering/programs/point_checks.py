@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import beyond_limits
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
@@ -66,12 +68,14 @@ class TransferChecks:
 
     def _check_limits(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
         model = self.project.controller
-        beyond = np.maximum(model.lower_rad - joints, joints - model.upper_rad)
+        beyond = beyond_limits(model, joints)
         worst = np.argmax(beyond, axis=1)
         excess = beyond[np.arange(len(rows)), worst]
         over = excess > _ROUNDED_RAD
         reasons = {
             int(i): f"joint {joint + 1} would pass its limit by {np.degrees(by):.1f} deg"
+            if joint < model.axes
+            else _past_sum(model, int(joint) - model.axes, float(by))
             for i, joint, by in zip(rows[over], worst[over], excess[over], strict=True)
         }
         points.refuse_points(rows[over], reasons.__getitem__)
@@ -152,3 +156,8 @@ class _RowReason:
 
 def _row_reason(rows: Rows, values: Array, words: str, factor: float = 1.0) -> _RowReason:
     return _RowReason(rows, values, words, factor)
+
+
+def _past_sum(model: RobotModel, limit: int, by_rad: float) -> str:
+    joints = model.combined_limits[limit].name
+    return f"joints {joints} together would pass their limit by {np.degrees(by_rad):.1f} deg"

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
@@ -187,5 +188,5 @@ class PostureSearch:
         return sorted(some, key=lambda way: sum(map(abs, way)))
 
     def _is_inside(self, joints: Array) -> NDArray[np.bool_]:
-        low, high = self._controller.lower_rad - _ROUNDED_RAD, self._controller.upper_rad + _ROUNDED_RAD
-        return np.asarray(((joints >= low) & (joints <= high)).all(axis=1), dtype=np.bool_)
+        within = beyond_limits(self._controller, joints) <= _ROUNDED_RAD
+        return np.asarray(within.all(axis=1), dtype=np.bool_)

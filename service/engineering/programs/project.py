@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.arm.mounting import is_mounted_model
-from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.calibration.errors import CellError
+from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.motion.collision import CellShape
@@ -168,7 +167,7 @@ def read_project(path: Path) -> Project:
         smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
         master=_read_master(data, folder, where),
         programs=_program_patterns(data, where),
-        pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
+        pulses_per_rad=pulses_per_rad(robot, nominal.axes, f"{where}: [robot]"),
         backup=backup.folder,
     )
 
@@ -194,18 +193,19 @@ def _read_robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[Rob
     arm = read_text(robot, "arm", where)
     if arm is not None:
         return nominal_arm(_relative_path(folder, arm), model), serial
-    if not is_mounted_model(model, model_names()):
+    try:
+        return load_model(fixed_reference(model, folder)), serial
+    except CalibrationError as refused:
         raise ProjectError(
-            f"{where}: no model is called {model!r}.",
-            remedy=f"Known: {', '.join(model_names())}; name a file of another one as arm.",
-        )
-    return load_model(model), serial
+            f"{where}: no model is called {model!r}: {refused.message}",
+            remedy=f"{refused.remedy} Or name a file of another one as arm.",
+        ) from refused
 
 
 def _with_limits(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotModel:
     def joint_limits(name: str, default: Array) -> Array:
         key = f"{name}_deg"
-        return np.deg2rad(read_numbers(robot, key, model.axis_count, where)) if key in robot else default
+        return np.deg2rad(read_numbers(robot, key, model.axes, where)) if key in robot else default
 
     return replace(
         model,

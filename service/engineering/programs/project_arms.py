@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import DhTable, RobotModel
-from cellcal.calibration.arm.robot_models import parse_model
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.model_references import model_of_text
+from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
@@ -51,8 +52,7 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
         No such file, or one that lacks something.
     """
     try:
-        fields = parse_model(name, _read_text(path))
-        return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
+        return model_of_text(name, read_model_text(name, _read_text(path)))
     except CalibrationError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
     except (DocumentError, TypeError, ValueError) as broken:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.programs.transfer import smallest_sigma, tip_poses
@@ -56,7 +57,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     programs = in_joints(programs, cell.pulses_per_rad)
     for program in programs:
         refuse_foreign(program, cell)
-    axes = cell.nominal.axis_count
+    axes = cell.nominal.axes
     points = points_of(programs, axes)
     rule = brand_named(programs[0].brand).configurations
     search = PostureSearch(cell.nominal, cell.controller, rule)
@@ -133,8 +134,9 @@ def _judge_points(
     if not len(rows):
         return
     joints, model = found.joints_rad[rows], cell.controller
-    beyond = (joints < model.lower_rad - _ROUNDED_RAD) | (joints > model.upper_rad + _ROUNDED_RAD)
-    names = [", ".join(f"J{j + 1}" for j in np.flatnonzero(one)) for one in beyond]
+    beyond = beyond_limits(model, joints) > _ROUNDED_RAD
+    of = [*(f"J{j + 1}" for j in range(model.axes)), *(each.name for each in model.combined_limits)]
+    names = [", ".join(of[j] for j in np.flatnonzero(one)) for one in beyond]
     _mark_failed(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
     near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
     _mark_failed(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)

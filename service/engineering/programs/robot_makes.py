@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.model_references import maker_of
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,33 @@ MAKES = (
     RobotMake("universal_robots", "ur", "ur_rotation_vector", base="base"),
 )
 _BY_BRAND = {make.brand: make for make in MAKES}
+
+
+# Brands of programs by the maker that the catalogue names; others have none that is read.
+_BY_MAKER = {
+    "FANUC": "fanuc",
+    "KUKA": "kuka",
+    "ABB": "abb",
+    "Yaskawa Motoman": "yaskawa",
+    "Universal Robots": "universal_robots",
+}
+_FANUC = "fanuc"
+
+
+def runs_programs_of(model: RobotModel, brand: str) -> bool:
+    """Tell whether a robot may run programs of a brand; one's own description may be of any make."""
+    make, maker = make_of(model), maker_of(model.name)
+    if make is not None:
+        return make.brand == brand
+    return not maker or _BY_MAKER.get(maker) == brand
+
+
+def lacks_coupling(model: RobotModel, brand: str) -> bool:
+    """Tell whether joints of this brand's programs mean something else than those of the model.
+
+    FANUC's J3 is counted against the horizon, the joint of a description against the link before.
+    """
+    return brand == _FANUC and model.axes >= 3 and not model.joint_coupling[2, 1]
 
 
 def make_of(model: RobotModel) -> RobotMake | None:

@@ -14,6 +14,7 @@ _BEGINNINGS = (
     ("no posture of the arm", REACH),
     ("no joints inside the limits", LIMIT),
     ("joint ", LIMIT),
+    ("joints ", LIMIT),
     ("near a singularity", SINGULAR),
     ("the wrist would flip", FLIP),
     ("collides", COLLISION),

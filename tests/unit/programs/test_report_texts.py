@@ -28,6 +28,7 @@ REASONS = (
     postures.OTHER_TURNS.format(text="F L T, 0, 0, -1"),
     postures.NO_POSTURE,
     "joint 4 would pass its limit by 3.2 deg",
+    "joints J2+J3 together would pass their limit by 3.2 deg",
     "near a singularity: 0.0021 m/rad, at least 0.01 is wanted",
     "the wrist would flip or the arm change its posture: N U T would become F U T",
     "collides: joint 5 and fence",

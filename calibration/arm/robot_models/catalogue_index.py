@@ -1,0 +1,134 @@
+"""The catalogue: what it lists, how it is searched, and the data of one robot.
+
+``catalogue/index.json`` names every robot; the numbers stand in one file a maker. Both are written by
+``deploy/robot_catalogue/build.py``.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import SequenceMatcher, get_close_matches
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
+
+_FOLDER = Path(__file__).parent / "catalogue"
+_WORD = re.compile(r"[a-z]+|\d+")
+_NEAR = 0.75
+LINKAGE = "linkage"  # kind of an arm of which rods drive an axis
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogueEntry:
+    """One robot as it is listed."""
+
+    name: str
+    title: str
+    maker: str
+    family: str
+    kind: str  # serial | linkage | scara | positioner
+    axes: int
+    licence: str  # of the source
+    doubts: int
+    file: str  # of its maker; empty where it is withheld
+    withheld: str  # why its numbers do not ship; empty where they do
+
+    @property
+    def usable(self) -> bool:
+        """Whether its numbers ship."""
+        return not self.withheld
+
+
+@cache
+def catalogue_entries() -> tuple[CatalogueEntry, ...]:
+    """Return all robots that the catalogue knows, sorted by name; also those that it withholds."""
+    return tuple(CatalogueEntry(*row) for row in _read("index"))
+
+
+@cache
+def usable_names() -> frozenset[str]:
+    """Return the names of the robots whose numbers ship."""
+    return frozenset(entry.name for entry in catalogue_entries() if entry.usable)
+
+
+def withheld_reason(name: str) -> str | None:
+    """Return why the numbers of a listed robot do not ship; None where they do, or where it is not listed."""
+    return next(
+        (entry.withheld for entry in catalogue_entries() if entry.name == name and entry.withheld), None
+    )
+
+
+def catalogue_robot(name: str) -> Mapping[str, Any]:
+    """Return the data of one robot whose numbers ship: the keys of a model file, its source and doubts.
+
+    Raises
+    ------
+    KeyError
+        There is none of this name.
+    """
+    entry = next((each for each in catalogue_entries() if each.name == name and each.usable), None)
+    if entry is None:
+        raise KeyError(name)
+    return _maker_file(entry.file)[name]
+
+
+def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
+    """Return the robots that fit all words, best first, then those whose names are nearly so written.
+
+    A word fits where its letters and digits stand in the name, title, maker or family, in any spelling: ``kr210``,
+    ``KR 210`` and ``kr-210`` are the same.
+    """
+    entries = [entry for entry in catalogue_entries() if _plain(maker) in _plain(entry.maker)]
+    wanted = [_plain(word) for word in words.split() if _plain(word)]
+    if not wanted:
+        return tuple(entries)
+    together = "".join(wanted)
+    fitting = [entry for entry in entries if _fits(entry, wanted, together)]
+    if not fitting:
+        fitting = [entry for entry in entries if _likeness(entry, together, beginning=True) >= _NEAR]
+    return tuple(
+        sorted(fitting, key=lambda each: (together not in _text(each), -_likeness(each, together), each.name))
+    )
+
+
+def nearest_names(name: str) -> list[str]:
+    """Return names that a mistyped one may stand for, the nearest first."""
+    close = get_close_matches(name, sorted(usable_names()), n=1, cutoff=0.8)
+    if close:
+        return close
+    return [entry.name for entry in find_robots(name.replace("_", " ")) if entry.usable][:3]
+
+
+def _fits(entry: CatalogueEntry, wanted: list[str], together: str) -> bool:
+    text = _text(entry)
+    return together in text or all(word in text for word in wanted)
+
+
+def _text(entry: CatalogueEntry) -> str:
+    return _plain(f"{entry.name} {entry.title} {entry.maker} {entry.family}")
+
+
+def _likeness(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:
+    """Return how alike the words are to the model's name or its beginning, with or without its maker, 0 to 1."""
+    own = _plain(entry.name)
+    maker = _plain(entry.file or entry.maker)
+    spellings = {own, own.removeprefix(maker), _plain(entry.title), _plain(entry.title).removeprefix(maker)}
+    if beginning:
+        spellings |= {spelling[: len(together)] for spelling in spellings}
+    return max(SequenceMatcher(None, spelling, together).ratio() for spelling in spellings)
+
+
+def _plain(text: str) -> str:
+    return "".join(_WORD.findall(text.lower()))
+
+
+@cache
+def _maker_file(file: str) -> dict[str, Mapping[str, Any]]:
+    return {robot["name"]: robot for robot in _read(file)["robots"]}
+
+
+def _read(file: str) -> Any:
+    return parse_json(read_plain_text(_FOLDER / f"{file}.json"))

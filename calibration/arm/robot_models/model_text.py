@@ -1,0 +1,185 @@
+"""One robot as data: the keys of a model file, checked and turned into SI."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import radians
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.arm.joint_kinds import JOINT_TYPES, PRISMATIC, CombinedLimit
+from cellcal.calibration.arm.mounting import gravity_of
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.toml_text import parse_toml
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.orientation import rotation_from
+
+UNKNOWN_SPEED = (1.0, 0.1)  # rad/s and m/s, where nothing is stated: slow enough for any arm
+_NEEDED = {"title", "joints", "dh_source", "theta_deg", "d_mm", "a_mm", "alpha_deg", "limits_source"}
+_OPTIONAL = {
+    "sign", "interaction", "interaction_source", "mounting", "speed_source", "speed_deg_s", "lower_deg", "upper_deg",
+    "joint_types", "lower", "upper", "speed", "base", "flange", "combined_limits", "tips", "bases", "maker", "family",
+    "doubts",
+}  # fmt: skip
+# Of a model with a prismatic joint a number is degrees or millimetres, as its joint is.
+_PLAIN = {"lower": "lower_deg", "upper": "upper_deg", "speed": "speed_deg_s"}
+
+
+@dataclass(frozen=True, eq=False)
+class ModelText:
+    """What a model file holds."""
+
+    fields: dict[str, Any]  # of `RobotModel.from_dh`, with DH ``rows`` (n, 4)
+    tips: dict[str, Array] = field(default_factory=dict)  # (4, 4): further frames at the flange, seen from it
+    bases: dict[str, Array] = field(
+        default_factory=dict
+    )  # (4, 4): further base frames, seen from the model's base
+
+
+def read_model_text(name: str, text: str) -> ModelText:
+    """Read the text of a model file; refuses unknown keys, missing sources and columns of another length.
+
+    Raises
+    ------
+    CalibrationError
+        With the name of the model and what is wrong.
+    """
+    try:
+        data = parse_toml(text)
+    except DocumentError as error:
+        raise CalibrationError(f"robot model {name}: {error.message}", remedy=error.remedy) from error
+    wanted = _NEEDED | ({"speed_source"} & _sourced(data))
+    missing, unknown = wanted - data.keys(), data.keys() - _NEEDED - _OPTIONAL
+    if missing or unknown:
+        raise CalibrationError(
+            f"robot model {name}: missing {sorted(missing)}, unknown {sorted(unknown)} keys",
+            remedy="calibration/arm/robot_models/README.md lists the keys of a model file.",
+        )
+    if "interaction" in data and "interaction_source" not in data:
+        raise CalibrationError(
+            f"robot model {name}: where does the interaction come from? Give interaction_source"
+        )
+    return model_of_data(name, data)
+
+
+def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
+    """Return the numbers of one robot in SI.
+
+    Raises
+    ------
+    CalibrationError
+        A column of another length, a number that is not finite, a type of joint that is none.
+    """
+    n = len(data["joints"])
+    types = tuple(data.get("joint_types", ()))
+    if types and (len(types) != n or not set(types) <= set(JOINT_TYPES)):
+        raise CalibrationError(f"robot model {name}: joint_types needs {n} of {', '.join(JOINT_TYPES)}")
+    slides = np.array([kind == PRISMATIC for kind in types or ("",) * n])
+    fields: dict[str, Any] = {
+        "title": data["title"],
+        "rows": np.stack(
+            [
+                np.deg2rad(_column(name, data, "theta_deg", n)),
+                _column(name, data, "d_mm", n) / 1e3,
+                _column(name, data, "a_mm", n) / 1e3,
+                np.deg2rad(_column(name, data, "alpha_deg", n)),
+            ],
+            axis=1,
+        ),
+        "joint_coupling": _coupling(name, data, n),
+        "lower_rad": _of_joints(name, data, "lower", slides),
+        "upper_rad": _of_joints(name, data, "upper", slides),
+        "max_speed_rad_s": _speeds(name, data, slides),
+        "joint_names": tuple(data["joints"]),
+    }
+    if "mounting" in data:
+        fields["gravity_in_base"] = gravity_of(data["mounting"])
+    if types:
+        fields["joint_types"] = types
+    if "combined_limits" in data:
+        fields["combined_limits"] = _combined(name, data["combined_limits"], slides)
+    fields |= {key: _frame(name, key, data[key]) for key in ("base", "flange") if key in data}
+    further = {key: _frames(name, key, data.get(key, {})) for key in ("tips", "bases")}
+    return ModelText(fields, further["tips"], further["bases"])
+
+
+def _sourced(data: Mapping[str, Any]) -> set[str]:
+    return {"speed_source"} if {"speed", "speed_deg_s"} & data.keys() else set()
+
+
+def _column(name: str, data: Mapping[str, Any], key: str, n: int) -> Array:
+    try:
+        values = np.array(data[key], dtype=float)
+    except (TypeError, ValueError) as broken:
+        raise CalibrationError(f"robot model {name}: {key} needs {n} finite numbers") from broken
+    if values.shape != (n,) or not np.isfinite(values).all():
+        raise CalibrationError(f"robot model {name}: {key} needs {n} finite numbers")
+    return values
+
+
+def _of_joints(name: str, data: Mapping[str, Any], key: str, slides: Any) -> Array:
+    """Return a column in rad, or metres of the joints that slide."""
+    plain = _PLAIN[key]
+    if slides.any() and plain in data:
+        raise CalibrationError(
+            f"robot model {name}: {plain} cannot hold a joint that slides.",
+            remedy=f"Write {key}, in degrees, and in millimetres of a prismatic joint.",
+        )
+    used = key if key in data else plain
+    if used not in data:
+        raise CalibrationError(f"robot model {name}: missing ['{plain}'], unknown [] keys")
+    values = _column(name, data, used, len(slides))
+    return np.where(slides, values / 1e3, np.deg2rad(values))
+
+
+def _speeds(name: str, data: Mapping[str, Any], slides: Any) -> Array:
+    if not {"speed", "speed_deg_s"} & data.keys():
+        return np.where(slides, UNKNOWN_SPEED[1], UNKNOWN_SPEED[0])
+    return _of_joints(name, data, "speed", slides)
+
+
+def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
+    """DH angle = sign * joint; ``interaction = [[3, 2, 1.0]]``: DH angle 3 also turns with joint 2."""
+    signs = np.array(data.get("sign", [1] * n), dtype=float)
+    if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():
+        raise CalibrationError(f"robot model {name}: sign needs {n} times 1 or -1")
+    coupling = np.diag(signs)
+    for angle, joint, factor in data.get("interaction", []):
+        if not (1 <= angle <= n and 1 <= joint <= n):
+            raise CalibrationError(f"robot model {name}: the interaction names an axis that is not there")
+        coupling[angle - 1, joint - 1] += factor
+    return coupling
+
+
+def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tuple[CombinedLimit, ...]:
+    """Read ``{weights = [0, 1, 1, 0, 0, 0], lower_deg = -79, upper_deg = 180}``: limits of a sum of joints."""
+    found = []
+    for table in tables:
+        if set(table) != {"weights", "lower_deg", "upper_deg"}:
+            raise CalibrationError(
+                f"robot model {name}: a combined limit has weights, lower_deg and upper_deg"
+            )
+        weights = _column(name, table, "weights", len(slides))
+        if weights[slides].any():
+            raise CalibrationError(f"robot model {name}: a combined limit is of joints that turn")
+        ends = (radians(table["lower_deg"]), radians(table["upper_deg"]))
+        found.append(CombinedLimit(tuple(float(w) for w in weights), *ends))
+    return tuple(found)
+
+
+def _frame(name: str, key: str, table: Any) -> Array:
+    """Read ``{xyz_mm = [x, y, z], rpy_deg = [r, p, y]}``, as a description of ROS writes an origin."""
+    if not isinstance(table, Mapping) or not set(table) <= {"xyz_mm", "rpy_deg"}:
+        raise CalibrationError(f"robot model {name}: {key} has xyz_mm and rpy_deg")
+    where = {"xyz_mm": [0.0] * 3, "rpy_deg": [0.0] * 3} | dict(table)
+    angles = np.deg2rad(_column(f"{name}, {key}", where, "rpy_deg", 3))
+    return homogeneous_matrix(
+        rotation_from("ros_rpy", angles), _column(f"{name}, {key}", where, "xyz_mm", 3) / 1e3
+    )
+
+
+def _frames(name: str, key: str, table: Any) -> dict[str, Array]:
+    if not isinstance(table, Mapping):
+        raise CalibrationError(f"robot model {name}: {key} names frames")
+    return {str(frame): _frame(name, f"{key}.{frame}", place) for frame, place in table.items()}

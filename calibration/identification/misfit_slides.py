@@ -1,0 +1,59 @@
+"""A joint that slides, described as one that turns: the same rows with that joint along its axis."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from cellcal.calibration.arm.joint_kinds import PRISMATIC, rotations_about_z
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
+
+_DEGREES = float(np.degrees(1.0))
+_LENGTHS = (("m", 1.0), ("mm", 1e-3))
+_LONGEST_M = 100.0
+
+
+def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+    """Return, for each joint that turns, the rows as if it slid by the numbers of the file."""
+    raw = {"deg": (_DEGREES,), "rad": (1.0,)}.get(names.angle_unit, (_DEGREES, 1.0))
+    for joint in range(model.axes):
+        if model.kinds[joint] == PRISMATIC:
+            continue
+        sliding = with_slide(model, joint)
+        for number in raw:
+            for unit, metres in _LENGTHS:
+                moved = joints_rad.copy()
+                moved[:, joint] *= number * metres
+                if float(np.abs(moved[:, joint]).max()) > _LONGEST_M:
+                    continue
+                yield JointInterpretation(
+                    "slide",
+                    1,
+                    moved,
+                    f"{names.joints[joint]} slides, by {unit}, and does not turn",
+                    f"Describe joint {model.joint_names[joint]} as prismatic, with limits in metres (URDF) or "
+                    "millimetres (model file).",
+                    model=sliding,
+                )
+
+
+def with_slide(model: RobotModel, joint: int) -> RobotModel:
+    """Return a model one of whose joints slides along the axis about which it turned."""
+    placements, zeros = model.placements.copy(), model.theta0_rad.copy()
+    placements[joint] = placements[joint] @ rotations_about_z(zeros[joint : joint + 1])[0]
+    zeros[joint] = 0.0
+    kinds = tuple(PRISMATIC if i == joint else kind for i, kind in enumerate(model.kinds))
+    lower, upper = model.lower_rad.copy(), model.upper_rad.copy()
+    lower[joint], upper[joint] = -_LONGEST_M, _LONGEST_M
+    return replace(
+        model,
+        dh=None,
+        placements=placements,
+        theta0_rad=zeros,
+        joint_types=kinds,
+        lower_rad=lower,
+        upper_rad=upper,
+        combined_limits=(),
+    )

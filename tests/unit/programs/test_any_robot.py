@@ -1,0 +1,105 @@
+"""Programs of robots by reference: the catalogue, a model file, a description; and of which make they may be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.programs.cell_of_program import refuse_foreign
+from cellcal.service.engineering.programs.project import ProjectError, read_project
+from cellcal.service.engineering.programs.robot_makes import lacks_coupling, runs_programs_of
+
+PROJECT = """format = 1
+name = "c"
+[robot]
+serial = "1"
+model = "{model}"
+"""
+LS = b"""/PROG  A
+/MN
+   1:J P[1] 20% FINE ;
+/POS
+P[1]{
+   GP1:
+    UF : 0, UT : 1,
+    J1=    10.000 deg,    J2=    20.000 deg,    J3=   -30.000 deg,
+    J4=     0.000 deg,    J5=   -60.000 deg,    J6=     0.000 deg
+};
+/END
+"""
+
+
+def project(tmp_path: Path, model: str):
+    path = tmp_path / "project.toml"
+    path.write_text(PROJECT.format(model=model))
+    return read_project(path)
+
+
+@pytest.mark.parametrize(
+    ("model", "brands"),
+    [
+        ("kuka_kr210_r2700_2", {"kuka"}),
+        ("fanuc_crx10ia", {"fanuc"}),
+        ("ur20", {"universal_robots"}),
+        ("staubli_tx2_90l", set()),
+        ("kawasaki_rs007n", set()),
+    ],
+)
+def test_a_robot_of_the_catalogue_runs_programs_of_its_maker(model, brands):
+    some = ("fanuc", "kuka", "abb", "yaskawa", "universal_robots")
+    assert {brand for brand in some if runs_programs_of(load_model(model), brand)} == brands
+
+
+def test_a_program_on_another_makers_robot_is_refused(tmp_path):
+    program = brand_named("fanuc").read("A.LS", LS)
+    with pytest.raises(ProgramFileError, match="a program of fanuc"):
+        refuse_foreign(program, project(tmp_path, "staubli_tx2_90l"))
+    refuse_foreign(program, project(tmp_path, "fanuc_crx10ia"))
+
+
+def test_a_description_of_a_fanuc_is_not_taken_for_its_controllers_joints(tmp_path):
+    """ROS counts joint 3 against the upper arm, the pendant against the horizon: 20 degrees apart in this program."""
+    model = load_model("fanuc_m6ib")
+    (tmp_path / "arm.urdf").write_text(bare_urdf(model, geometric_joints=True))
+    own = project(tmp_path, "arm.urdf?tip=flange")
+    assert lacks_coupling(own.nominal, "fanuc")
+    assert not lacks_coupling(own.nominal, "kuka")
+    with pytest.raises(ProgramFileError, match="does not couple J3 with J2") as refused:
+        refuse_foreign(brand_named("fanuc").read("A.LS", LS), own)
+    assert "interaction" in refused.value.remedy
+
+
+def test_a_project_takes_a_description_beside_it(tmp_path, monkeypatch):
+    model = load_model("kuka_kr10_r1100_2")
+    (tmp_path / "arm.urdf").write_text(bare_urdf(model))
+    monkeypatch.chdir("/")
+    found = project(tmp_path, "arm.urdf?tip=flange,base=base").nominal
+    joints = np.random.default_rng(1).uniform(-1, 1, (5, 6))
+    assert np.allclose(found.base_flange(joints), model.base_flange(joints))
+
+
+def test_a_project_says_what_is_wrong_with_its_robot(tmp_path):
+    with pytest.raises(ProjectError, match="states no licence"):
+        project(tmp_path, "jaka_a5")
+    with pytest.raises(ProjectError, match=r"none\.urdf cannot be read"):
+        project(tmp_path, "none.urdf?tip=a")
+
+
+def test_points_beyond_a_sum_of_joints_are_named(tmp_path, capsys):
+    """J2 and J3 are each inside their limits, and J2 + J3 is 40 degrees beyond what the arm allows."""
+    far = LS.replace(b"20.000 deg,    J3=   -30.000", b"90.000 deg,    J3=   170.000")
+    (tmp_path / "A.LS").write_bytes(far)
+    path = tmp_path / "project.toml"
+    path.write_text(
+        PROJECT.format(model="fanuc_m20_25_18d") + "[tools.1.entered]\nposition_mm = [0, 0, 100]\n"
+    )
+    words = ["program", "inspect", "--project", str(path), str(tmp_path / "A.LS"), "--points", "--json"]
+    assert run_command_line(words) == 4
+    told = json.dumps(json.loads(capsys.readouterr().out))
+    assert "J2+J3 beyond its limit" in told
