@@ -322,8 +322,8 @@ async def _resume_run(
 ) -> "RunOutcome":
     from cellcal.service.cli.progress import live_progress
     from cellcal.service.cli.run_arguments import operator_of
-    from cellcal.service.runs.launch import RunTarget, go_on
+    from cellcal.service.runs.launch import RunTarget, resume_run
 
     with live_progress("resume") as show_event:
         where = RunTarget(config, operator_of(answers), robot, show_event, _user_name(), accept_missing_end)
-        return await go_on(where, run_id, redo_from)
+        return await resume_run(where, run_id, redo_from)

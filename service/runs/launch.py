@@ -45,7 +45,7 @@ async def start_run(where: RunTarget, procedure: str, settings: dict[str, Any]) 
         return await start_run_on(where.config, cell, procedure, spec, how)
 
 
-async def go_on(where: RunTarget, run_id: str, redo_from: str | None = None) -> RunOutcome:
+async def resume_run(where: RunTarget, run_id: str, redo_from: str | None = None) -> RunOutcome:
     """Resume a run; ``last`` is the newest. ``redo_from`` is a step whose finding and all after it are done again.
 
     Raises
@@ -74,7 +74,7 @@ async def start_run_on(
 async def resume_run_on(
     config: CellConfig, cell: Cell, run_id: str, how: RunConditions, *, redo_from: str | None = None
 ) -> RunOutcome:
-    """Resume a run on a cell that is connected already; as `go_on`."""
+    """Resume a run on a cell that is connected already; as `resume_run`."""
     with open_journal(config) as journal:
         missing_end = refuse_missing_end(config, journal, accepted=how.accept_missing_end)
         how = replace(how, missing_end=missing_end)
