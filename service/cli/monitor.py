@@ -102,7 +102,7 @@ def _serve_fleet(listener: "FleetListener", folder: Path, port: int) -> int:
     listening = bind_address("127.0.0.1", port)
     app = create_fleet_app(listener, folder, on_console_token=print_address)
     STDERR_CONSOLE.print(f"The cells of {listener.fleet.site} on {address} (Ctrl+C ends it).", markup=False)
-    print_address(app.state.house.authenticator.console_token())
+    print_address(app.state.context.authenticator.console_token())
     freeze_startup_objects()
     config = uvicorn.Config(
         app, host="127.0.0.1", port=port, log_level="warning", log_config=None, ws="websockets-sansio",

@@ -66,7 +66,7 @@ def serve(
         f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True
     )
     if listening.on_loopback:
-        print_address(app.state.house.authenticator.console_token())
+        print_address(app.state.context.authenticator.console_token())
     freeze_startup_objects()
     config = uvicorn.Config(
         app, host=host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",

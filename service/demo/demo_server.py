@@ -116,7 +116,7 @@ async def _serve_demo(folder: Path, options: DemoOptions, listening: socket.sock
         server = _DemoServer(app)
         freeze_startup_objects()
         opening = start_task(
-            "opening of the demo", DemoStartup(app.state.house.link, options.time_factor).record_mastering
+            "opening of the demo", DemoStartup(app.state.context.link, options.time_factor).record_mastering
         )
         telling = start_task("address of the demo", partial(_announce_address, server, listening, options))
         try:

@@ -69,7 +69,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             yield
 
     app = FastAPI(title="cellcal", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
-    app.state.house, app.state.meter = context, event_sinks.meter
+    app.state.context, app.state.meter = context, event_sinks.meter
     app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
     rooms = (screen, commands, control, outlook, history, exports, sign_in, models, points, programs)

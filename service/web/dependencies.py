@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def app_context(connection: HTTPConnection) -> "AppContext":
     """Return what the routes of this service share."""
-    return cast("AppContext", connection.app.state.house)
+    return cast("AppContext", connection.app.state.context)
 
 
 def cookie_of(connection: HTTPConnection) -> str:

@@ -179,7 +179,7 @@ def create_fleet_app(
     app = FastAPI(
         title="cellcal monitor", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS
     )
-    app.state.house = context
+    app.state.context = context
     app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
     app.include_router(router)
@@ -213,4 +213,4 @@ async def _update_forever(context: FleetContext) -> None:
 
 
 def _fleet_context(connection: HTTPConnection) -> FleetContext:
-    return cast("FleetContext", connection.app.state.house)
+    return cast("FleetContext", connection.app.state.context)

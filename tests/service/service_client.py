@@ -107,7 +107,7 @@ class ServiceClient:
 
     @property
     def authenticator(self) -> Authenticator:
-        found: Authenticator = self.app.state.house.authenticator
+        found: Authenticator = self.app.state.context.authenticator
         return found
 
     async def post_json(self, path: str, content: dict[str, Any]) -> httpx.Response:
@@ -125,7 +125,7 @@ class ServiceClient:
 
     def show_question(self, key: str, *, rev: int = 1, prompt_id: str = "run:1") -> dict[str, Any]:
         """Let the desk have asked a question; return the order that says yes."""
-        self.app.state.house.link.session = {"rev": rev, "prompt": {"id": prompt_id, "key": key}}
+        self.app.state.context.link.session = {"rev": rev, "prompt": {"id": prompt_id, "key": key}}
         return {"op": "answer", "prompt_id": prompt_id}
 
 
@@ -137,12 +137,12 @@ async def open_service_client(
     app, clock = create_app(ServiceSettings(path, **settings)), ServiceClock()
     data_dir, is_open = read_cell_file(path).cell.data_dir, bool(settings.get("open_access"))
     authenticator = Authenticator(data_dir, is_open, clock=clock, wall_clock=clock, make_hasher=cheap_hasher)
-    app.state.house = replace(
-        app.state.house, entrance=with_people(authenticator) if people else authenticator
+    app.state.context = replace(
+        app.state.context, authenticator=with_people(authenticator) if people else authenticator
     )
     async with (
         what_was_begun_ends(app),
-        another_browser(app, "https://127.0.0.1" if app.state.house.settings.tls else ORIGIN) as client,
+        another_browser(app, "https://127.0.0.1" if app.state.context.settings.tls else ORIGIN) as client,
     ):
         yield ServiceClient(app, client, clock)
 

@@ -41,7 +41,7 @@ class ServiceWithTablets:
 
     def last_session(self) -> dict[str, Any] | None:
         """Return what the desk told last."""
-        session: dict[str, Any] | None = self.app.state.house.link.session
+        session: dict[str, Any] | None = self.app.state.context.link.session
         return session
 
     async def wait_until(self, true: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class ServiceWithTablets:
 
     def release_control(self) -> None:
         """Let go what somebody who left without signing out still has."""
-        control = self.app.state.house.control
+        control = self.app.state.context.control
         if control.current_holder is not None:
             control.release_control(control.current_holder.id)
 
@@ -126,11 +126,11 @@ async def open_service_with_tablets(
     """Serve a cell to people; ``process_double`` puts a double in the place of the desk's process; ``clock`` is of sessions."""
     app = create_app(ServiceSettings(cell_file))
     authenticator = with_people(
-        Authenticator(app.state.house.config.cell.data_dir, clock=clock, make_hasher=cheap_hasher)
+        Authenticator(app.state.context.config.cell.data_dir, clock=clock, make_hasher=cheap_hasher)
     )
-    app.state.house = replace(app.state.house, entrance=authenticator)
+    app.state.context = replace(app.state.context, authenticator=authenticator)
     if process_double is not None:
-        app.state.house = replace(app.state.house, link=process_double(app))
+        app.state.context = replace(app.state.context, link=process_double(app))
     async with AsyncExitStack() as stack:
         how = {"log_level": "critical", "lifespan": "off" if process_double else "on"}
         await stack.enter_async_context(what_was_begun_ends(app))

@@ -36,7 +36,7 @@ class FakePendant:
 
     def release_control(self) -> None:
         """Let whoever pressed last leave: a browser that is closed keeps the session in hand."""
-        control = self._app.state.house.control
+        control = self._app.state.context.control
         if control.current_holder is not None:
             control.release_control(control.current_holder.id)
 

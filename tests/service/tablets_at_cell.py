@@ -27,7 +27,7 @@ class TabletsAtCell(ServiceWithTablets):
 
     async def send_order(self, **order: Any) -> None:
         """Give an order past the pages, in nobody's name."""
-        link = self.app.state.house.link
+        link = self.app.state.context.link
         async with asyncio.timeout(PATIENCE_S):
             while True:
                 rev = link.session["rev"]

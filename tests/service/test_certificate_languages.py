@@ -30,7 +30,7 @@ def _tables_of_the_source(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     languages.translations_in.cache_clear()
     monkeypatch.setattr(
         languages,
-        "sayings",
+        "load_translations",
         lambda locale: languages.build_translations(locale, source_table(locale) if locale != "en" else {}),
     )
     yield

@@ -296,7 +296,7 @@ async def viewer_client(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     app.include_router(history.router, prefix="/api")
     app.add_exception_handler(CellError, respond_to_error)
     app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")
-    app.state.house = SimpleNamespace(config=config)
+    app.state.context = SimpleNamespace(config=config)
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
         yield client

@@ -132,7 +132,7 @@ async def page_of(
             "request",
             lambda request: complaints.append(request.url) if not request.url.startswith(url) else None,
         )
-        await page.goto(f"{url}/api/sign-in/console?token={app.state.house.authenticator.console_token()}")
+        await page.goto(f"{url}/api/sign-in/console?token={app.state.context.authenticator.console_token()}")
         await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
         yield page
         await context.close()
@@ -327,13 +327,13 @@ async def test_access_needs_sign_in_and_no_route_commands_a_cell(tmp_path: Path)
         else:
             assert isinstance(route, APIWebSocketRoute) or route.name in ("assets", "openapi"), route
     async with another_browser(app) as browser:
-        app.state.house.look()
+        app.state.context.look()
         for path in ("/api/fleet", "/api/fleet/cell-000/certificates/x.json", "/openapi.json"):
             assert (await browser.get(path)).status_code == 401, path
         assert (await browser.get("/api/fleet", headers={"host": "evil.example"})).status_code == 421
         assert (await browser.get("/api/fleet", headers={"origin": "http://evil.example"})).status_code == 403
         assert (await browser.get("/api/sign-in/console", params={"token": "guess"})).status_code >= 400
-        token = app.state.house.authenticator.console_token()
+        token = app.state.context.authenticator.console_token()
         assert (await browser.get("/api/sign-in/console", params={"token": token})).status_code == 303
         assert len((await browser.get("/api/fleet")).json()["rows"]) == 2
         assert (

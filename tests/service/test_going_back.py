@@ -52,7 +52,7 @@ async def test_the_values_are_those_of_the_old_version_byte_for_byte(tmp_path: P
 async def test_undo_is_refused_without_control(tmp_path: Path) -> None:
     async with open_service_client(tmp_path) as service_client:
         sets = two_versions(tmp_path)
-        control = service_client.app.state.house.control
+        control = service_client.app.state.context.control
         await service_client.from_console()
         other = service_client.authenticator.sessions.open_session("console")
         other = service_client.authenticator.sign_in(other, "Tina", "141421")

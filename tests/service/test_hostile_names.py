@@ -114,7 +114,7 @@ async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_pa
         page = await context.new_page()
         await page.route("**/api/runs", _answer_runs)
         async with _signed_in_under_hostile_name(tablet_service, page) as ran:
-            process_double = tablet_service.app.state.house.link
+            process_double = tablet_service.app.state.context.link
             for place in ("#/", "#/history", "#/devices", "#/parameters", "#/sign-in"):
                 await go_to_page(page, place)
                 assert await page.evaluate(MADE) == [], place

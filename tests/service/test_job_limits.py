@@ -19,7 +19,7 @@ ENOUGH = Limits()
 
 async def ended(folder: Path, limits: Limits, **wanted: Any) -> dict[str, Any]:
     async with an_engineer(folder) as door:
-        door.app.state.programs = Jobs(read_cell_file(door.app.state.house.settings.cell_file), limits)
+        door.app.state.programs = Jobs(read_cell_file(door.app.state.context.settings.cell_file), limits)
         return await run_job(door, **(WANTED | wanted))
 
 

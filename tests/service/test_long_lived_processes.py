@@ -77,7 +77,7 @@ def test_a_router_that_cannot_listen_again_is_named_and_tries_until_it_can(
             raise OSError(28, "No space left on device")
         return opens(*given, **named)
 
-    monkeypatch.setattr(router, "_opened", opened)
+    monkeypatch.setattr(router, "_open_session", opened)
     with hosting(site) as said:
         before = SUPERVISOR.failure_counts().get(ROUTER, 0)
         refusing.set()

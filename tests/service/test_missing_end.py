@@ -114,7 +114,7 @@ async def test_going_on_with_a_run_is_accepted_in_its_journal_too(tmp_path: Path
 
 async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: Path) -> None:
     async with at_the_pages(tmp_path) as pendant:
-        config = read_cell_file(pendant._app.state.house.settings.cell_file)
+        config = read_cell_file(pendant._app.state.context.settings.cell_file)
         await _record_by(pendant)
         cut_off(journal_path(config))
         for locale, said in SAID.items():

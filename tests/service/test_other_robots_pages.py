@@ -64,7 +64,9 @@ class TwoRobotsProcess(OneQuestionProcess):
         devices = [fine | {"role": "robot", "name": self.selected}]
         devices += [stopped | {"role": "other_robot", "name": name} for name in (other, "third")]
         self.live = {"rev": self.rev, "at_s": 0.0, "devices": devices, "record": None}
-        self._app.state.house.screens.broadcast("live", self.live)  # and to a page whose line opens just now
+        self._app.state.context.screens.broadcast(
+            "live", self.live
+        )  # and to a page whose line opens just now
 
     async def order(self, command: dict[str, Any]) -> dict[str, Any]:
         if command["order"]["op"] == "select_robot":
@@ -91,7 +93,7 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
 async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_named(
     tablet_service: ServiceWithTablets,
 ) -> None:
-    process_double: TwoRobotsProcess = tablet_service.app.state.house.link
+    process_double: TwoRobotsProcess = tablet_service.app.state.context.link
     async with tablet_service.signed_in_tablet("Tom") as page:
         process_double.ask_question("saved_counts")
         for locale in LOCALES:

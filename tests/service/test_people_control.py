@@ -98,13 +98,13 @@ def test_a_word_that_was_long_on_its_way_holds_the_button_only_for_what_is_left_
     assert hold.is_held
     clock.pass_by(DEAD_MAN_S - 0.25)
     assert not hold.is_held
-    hold.update_state(held=True, age_s=DEAD_MAN_S + 0.01)  # late words do not press
+    hold.update_state(is_held=True, age_s=DEAD_MAN_S + 0.01)  # late words do not press
     assert not hold.is_held
-    hold.update_state(held=True)
-    hold.update_state(held=True, age_s=0.3)  # and an older one takes nothing from a newer one
+    hold.update_state(is_held=True)
+    hold.update_state(is_held=True, age_s=0.3)  # and an older one takes nothing from a newer one
     clock.pass_by(0.2)
     assert hold.is_held
-    hold.update_state(held=False)
+    hold.update_state(is_held=False)
     assert not hold.is_held
 
 
@@ -131,7 +131,7 @@ async def test_only_one_of_two_screens_orders_and_both_may_stop(tmp_path: Path) 
         assert (await tina.post_json("/api/control", {"do": "give"})).json()["holder"] == "Tom"
         assert (await tom.post_json("/api/control", {"do": "refuse"})).json()["mine"]
         await tina.post_json("/api/control", {"do": "ask"})
-        tom.app.state.house.control.clock = lambda: float("inf")
+        tom.app.state.context.control.clock = lambda: float("inf")
         assert (await tina.post_json("/api/control", {"do": "ask"})).json()[
             "mine"
         ] is False  # it is long forgotten

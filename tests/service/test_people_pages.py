@@ -73,7 +73,7 @@ class OneQuestionProcess:
 
     def _publish_session(self) -> None:
         self.rev += 1
-        self._app.state.house.screens.broadcast("session", self.session)
+        self._app.state.context.screens.broadcast("session", self.session)
 
     async def order(self, command: dict[str, Any]) -> dict[str, Any]:
         order = command["order"]
@@ -96,7 +96,7 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
 
 @pytest_asyncio.fixture(loop_scope="module", autouse=True)
 async def one_question(tablet_service: ServiceWithTablets) -> AsyncIterator[OneQuestionProcess]:
-    double: OneQuestionProcess = tablet_service.app.state.house.link
+    double: OneQuestionProcess = tablet_service.app.state.context.link
     double.orders.clear()
     tablet_service.release_control()
     yield double

@@ -102,7 +102,7 @@ def test_what_is_no_whole_picture_is_refused(raw: bytes) -> None:
 
 async def test_a_photo_is_kept_named_and_served_safely(tmp_path: Path) -> None:
     async with open_service_client(tmp_path) as service_client:
-        config = service_client.app.state.house.config
+        config = service_client.app.state.context.config
         under_way(config)
         await service_client.from_console()
         await _only_runners_take(service_client)
@@ -152,7 +152,7 @@ async def test_a_run_that_does_not_exist_gets_no_folder(tmp_path: Path) -> None:
             assert (
                 await service_client.post_json(f"/api/runs/{name}/pictures", upload_body(png_bytes()))
             ).status_code >= 400
-        assert not (service_client.app.state.house.config.cell.data_dir / "pictures").exists()
+        assert not (service_client.app.state.context.config.cell.data_dir / "pictures").exists()
 
 
 async def test_photos_are_named_on_every_form_and_a_finished_run_takes_none(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ async def open_service_client(config: CellConfig) -> AsyncIterator[ServiceClient
     )
     if not authenticator.accounts.list_people():
         with_people(authenticator)
-    app.state.house = replace(app.state.house, entrance=authenticator)
+    app.state.context = replace(app.state.context, authenticator=authenticator)
     async with another_browser(app) as browser:
         yield ServiceClient(app, browser, clock)
 

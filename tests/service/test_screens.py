@@ -72,7 +72,7 @@ async def a_hall(folder: Path) -> AsyncIterator[ScreenServer]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     app = create_app(ServiceSettings(path, open_access=True))
     screens = CountedScreens()
-    app.state.house = replace(app.state.house, screens=screens)
+    app.state.context = replace(app.state.context, screens=screens)
     async with serve_app(app, lifespan="off") as url:
         yield ScreenServer(screens, int(url.rpartition(":")[2]))
 

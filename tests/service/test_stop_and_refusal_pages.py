@@ -35,8 +35,8 @@ def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: str
     """Let the desk say how the robot is."""
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
     live_message = {"devices": [robot | {"value": None, "settle": None} | trouble]}
-    tablet_service.app.state.house.link.live = live_message
-    tablet_service.app.state.house.screens.broadcast("live", live_message)
+    tablet_service.app.state.context.link.live = live_message
+    tablet_service.app.state.context.screens.broadcast("live", live_message)
 
 
 async def _bounding_box(place: Locator) -> FloatRect:
@@ -59,7 +59,7 @@ async def test_a_stopped_robot_is_shown_everywhere_until_it_is_released(
     tablet_service: ServiceWithTablets, size: tuple[int, int]
 ) -> None:
     publish_state(tablet_service, "ready")
-    tablet_service.app.state.house.link.ask_question("wire_is_hooked")
+    tablet_service.app.state.context.link.ask_question("wire_is_hooked")
     tablet_service.release_control()
     async with tablet_service.signed_in_tablet("Tom", size=size) as page:
         await page.evaluate("location.hash = '#/'")
@@ -111,7 +111,7 @@ async def test_a_refusal_is_written_in_the_reader_s_language(
     )
     async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
-        tablet_service.app.state.house.link.end("refused", REASON, REMEDY)
+        tablet_service.app.state.context.link.end("refused", REASON, REMEDY)
         reason, remedy = SAID[locale]
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
@@ -122,7 +122,9 @@ async def test_a_refusal_is_written_in_the_reader_s_language(
         await expect(banner).to_contain_text("SRVO-023 Stop error", timeout=PATIENCE_MS)
         if locale != "en":
             await expect(banner).not_to_contain_text("the robot refused", timeout=PATIENCE_MS)
-    tablet_service.app.state.house.screens.broadcast("session", tablet_service.app.state.house.link.session)
+    tablet_service.app.state.context.screens.broadcast(
+        "session", tablet_service.app.state.context.link.session
+    )
 
 
 NOT_CONFIRMED = {
@@ -145,9 +147,9 @@ async def test_a_stop_that_nobody_confirms_is_not_said_to_be_done(
         raise unanswered
 
     publish_state(tablet_service, "ready")
-    tablet_service.app.state.house.link.ask_question("wire_is_hooked")
+    tablet_service.app.state.context.link.ask_question("wire_is_hooked")
     tablet_service.release_control()
-    monkeypatch.setattr(tablet_service.app.state.house.link, "order", silent)
+    monkeypatch.setattr(tablet_service.app.state.context.link, "send_order", silent)
     async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
         await page.get_by_test_id("stop").click()

@@ -274,7 +274,7 @@ async def test_one_cell_that_says_what_cannot_be_does_not_blind_the_view_of_the_
         hall.publish_state(hall.names[0])
         hall.publish_state(hall.names[0], **odd)
         hall.publish_state(hall.names[1], asks={"key": "k", "step": "now"})
-        app_context = app.state.house
+        app_context = app.state.context
         await poll_until(lambda: b'"step":"now"' in app_context.rows.get(hall.names[1], b""))
         assert hall.names[0] in {flaw["cell"] for flaw in hall.fleet.flaws}
         await failed_and_back("monitor: view of the cells")

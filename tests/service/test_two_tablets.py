@@ -48,7 +48,7 @@ async def open_tablets(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterato
 @pytest_asyncio.fixture(loop_scope="module")
 async def tablets(open_tablets: TabletsAtCell) -> AsyncIterator[TabletsAtCell]:
     await open_tablets.wait_until(lambda session: session["connection"]["connected"])
-    open_tablets.app.state.house.control.asked_s = 3600.0
+    open_tablets.app.state.context.control.asked_s = 3600.0
     open_tablets.release_control()
     open_tablets.silent_link.mend_link()  # a test that failed may have left the link broken
     for page in (open_tablets.tom, open_tablets.tina):
@@ -82,7 +82,7 @@ async def test_one_orders_the_other_sees_and_takes_over(tablets: TabletsAtCell) 
     await tom.get_by_test_id("give").click()
     await expect_enabled(tina, "yes")
     await expect_enabled(tom, "yes", be_pressed=False)
-    tablets.app.state.house.control.asked_s = 0.0
+    tablets.app.state.context.control.asked_s = 0.0
     await tom.get_by_test_id("take-over").click()  # Tina looks elsewhere and answers nothing
     await expect_enabled(tom, "yes")
     await expect_enabled(tina, "yes", be_pressed=False)
@@ -269,7 +269,7 @@ class TestHoldToMove:
 
     async def test_control_that_passes_on_lets_the_button_go(self, tablets: TabletsAtCell) -> None:
         await tablets.waits_for_hold()
-        tablets.app.state.house.control.asked_s = 0.0
+        tablets.app.state.context.control.asked_s = 0.0
         await expect_enabled(tablets.tom, "hold")
         fingers, at = await touch_session(tablets.tom)
         await press_points(fingers, at)

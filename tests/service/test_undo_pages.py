@@ -64,7 +64,7 @@ def journal_write(
 
 
 def config_of(pendant: FakePendant) -> CellConfig:
-    return read_cell_file(pendant._app.state.house.settings.cell_file)
+    return read_cell_file(pendant._app.state.context.settings.cell_file)
 
 
 async def start_undo(page: Page) -> None:

@@ -156,10 +156,10 @@ async def _context_of(
         context.set_default_timeout(PATIENCE_MS)
         await context.add_init_script(_STAMP % _CELLS)
         page = await context.new_page()
-        await page.goto(f"/api/sign-in/console?token={app.state.house.authenticator.console_token()}")
+        await page.goto(f"/api/sign-in/console?token={app.state.context.authenticator.console_token()}")
         await page.wait_for_function("() => window.__seenMs !== undefined")
         await page.close()
-        yield context, app.state.house
+        yield context, app.state.context
 
 
 async def _open_page(context: BrowserContext) -> Page:
