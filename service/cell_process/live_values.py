@@ -160,12 +160,12 @@ class LivePoller:
         if shown.live:
             await self._query_device(shown, self._read_length(device))
         if self._clock() - shown.asked_at_s >= CONDITION_EVERY_S:
-            condition = await device.read_for_screen(lambda instrument: instrument.condition())
+            condition = await device.read_for_screen(lambda instrument: instrument.read_condition())
             if condition is not None:
                 shown.take_condition(condition, self._clock())
 
     async def _read_length(self, device: SharedInstrument) -> Any:
-        reading = await device.read_for_screen(lambda instrument: instrument.distance())
+        reading = await device.read_for_screen(lambda instrument: instrument.read_distance())
         return None if reading is None else _value_of(reading)
 
     async def _query_device(self, shown: DeviceStatus, question: Awaitable[Any]) -> None:
