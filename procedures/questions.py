@@ -72,7 +72,9 @@ def with_cell_state(cell: Cell, instruction: Instruction) -> Instruction:
 
 def _with_tips(cell: Cell, model: RobotModel, poses: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
-    found = tips_at(model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axes), tip)
+    found = tips_at(
+        model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axis_count), tip
+    )
     return [{**pose, "tip_in_base_m": place.tolist()} for pose, place in zip(poses, found, strict=True)]
 
 

@@ -45,7 +45,7 @@ class ExampleCell:
     def real_model(self) -> RobotModel:
         """The arm that stands there."""
         nominal, rng = load_model(MODEL), np.random.default_rng(self.seed)
-        errors = rng.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axes, 5))
+        errors = rng.normal(scale=[8e-4, 3e-4, 3e-4, 3e-4, 2e-4], size=(nominal.axis_count, 5))
         return nominal.with_dh_errors(np.where(_identifiable_errors(nominal), errors, 0.0))
 
 
@@ -287,7 +287,7 @@ CONTROL_CODE\t= 00000000 00000000;
 
 def _identifiable_errors(nominal: RobotModel) -> Array:
     """Return (n, 5): where the arm's geometry has a parameter of its own; the other errors nobody could find."""
-    free = np.zeros((nominal.axes, 5), dtype=bool)
+    free = np.zeros((nominal.axis_count, 5), dtype=bool)
     for entry in np.ndindex(free.shape):
         errors = np.zeros(free.shape)
         errors[entry] = 1e-3

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.geometry import Array
 
 
-def turned_frames(
+def frames_of_placements(
     placements: Array,
     angles_rad: Array,
     *,
@@ -65,7 +65,7 @@ def placement_columns(rotations: Array, origins: Array, tip: Array, *, out: Arra
     axes = rotations.swapaxes(1, 2)
     columns = np.empty((len(rotations), 6, *origins.shape[1:])) if out is None else out
     columns[:, :3] = axes
-    cross(axes, (tip - origins)[:, None], out=columns[:, 3:])
+    cross_product(axes, (tip - origins)[:, None], out=columns[:, 3:])
     return columns
 
 
@@ -81,13 +81,13 @@ def independent_columns(rotations: Array, origins: Array, *, out: Array, scale: 
     factor = np.ones(count) if scale is None else scale
     columns = out[: 4 * n].reshape(n, 4, 3, count)
     np.multiply(rotations[:-1].swapaxes(1, 2)[:, :2], factor, out=columns[:, :2])
-    cross(columns[:, :2], (origins[-1] - origins[:-1])[:, None], out=columns[:, 2:])
+    cross_product(columns[:, :2], (origins[-1] - origins[:-1])[:, None], out=columns[:, 2:])
     np.multiply(rotations[-1].swapaxes(0, 1), factor, out=out[4 * n : 4 * n + 3])
     out[4 * n + 3 :] = 0.0
     return out
 
 
-def along_next(placements: Array) -> Array:
+def by_independent_columns(placements: Array) -> Array:
     """Return (6 (n + 1), 4 n + 6): every twist of a placement by those of `independent_columns`.
 
     Behind the tip's three ways stand its three turns, which move nothing but an attitude.
@@ -107,7 +107,7 @@ def along_next(placements: Array) -> Array:
     return combine.reshape(6 * (n + 1), -1)
 
 
-def cross(a: Array, b: Array, *, out: Array | None = None) -> Array:
+def cross_product(a: Array, b: Array, *, out: Array | None = None) -> Array:
     """Return a x b for arrays (…, 3, N) whose components are next to last, without numpy's axis shuffling."""
     result = np.empty(np.broadcast_shapes(a.shape, b.shape)) if out is None else out
     part = np.empty_like(result[..., 0, :])

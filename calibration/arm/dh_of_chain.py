@@ -32,16 +32,18 @@ def dh_of_chain(model: RobotModel) -> ChainTable:
     if model.sliding is not None:
         raise CalibrationError(f"{model.name}: a joint slides, and rows are of joints that turn")
     if model.dh is not None:
-        return ChainTable(model.dh.rows()[:, :4], model.placements[0].copy(), np.eye(4))
-    rotations, origins = chain_frames(model, np.zeros((1, model.axes)))
+        return ChainTable(model.dh.to_rows()[:, :4], model.placements[0].copy(), np.eye(4))
+    rotations, origins = chain_frames(model, np.zeros((1, model.axis_count)))
     axes, points = rotations[:, :, 2, 0], origins[:, :, 0]
     frame = _frame(rotations[0, :, 0, 0], axes[0], points[0])
-    base, rows = frame, np.zeros((model.axes, 4))
-    for k in range(model.axes - 1):
+    base, rows = frame, np.zeros((model.axis_count, 4))
+    for k in range(model.axis_count - 1):
         following = _next_frame(frame, axes[k + 1], points[k + 1])
         rows[k] = _row(inverse_transform(frame) @ following)
         frame = following
-    return ChainTable(rows, base, inverse_transform(frame) @ model.base_flange(np.zeros((1, model.axes)))[0])
+    return ChainTable(
+        rows, base, inverse_transform(frame) @ model.base_flange(np.zeros((1, model.axis_count)))[0]
+    )
 
 
 def _next_frame(frame: Array, axis: Array, point: Array) -> Array:

@@ -27,7 +27,7 @@ class DhTable:
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
             raise CalibrationError("the columns of a DH table must be as long as each other")
 
-    def rows(self) -> Array:
+    def to_rows(self) -> Array:
         """Return (n, 5) in the order theta, d, a, alpha, beta [rad, m]."""
         return np.stack([self.theta_rad, self.d_m, self.a_m, self.alpha_rad, self.beta_rad], axis=1)
 
@@ -40,7 +40,7 @@ class DhTable:
         columns = list(rows.T) if rows.shape[1] == 5 else [*rows.T, np.zeros(len(rows))]
         return cls(*(read_only(column) for column in columns))
 
-    def placements(self) -> Array:
+    def to_placements(self) -> Array:
         """Return (n, 4, 4): ``Trans(z, d) Trans(x, a) Rot(x, alpha) Rot(y, beta)`` of each row."""
         ca, sa = np.cos(self.alpha_rad), np.sin(self.alpha_rad)
         cb, sb = np.cos(self.beta_rad), np.sin(self.beta_rad)

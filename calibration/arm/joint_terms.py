@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
 from cellcal.calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
@@ -50,7 +50,7 @@ def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     at or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link
     along the joint's own axis has none either.
     """
-    n = model.axes
+    n = model.axis_count
     turning = _turning(model)
     candidates = tuple(
         JointTerm("gravity", joint, link)
@@ -68,7 +68,7 @@ def wrist_gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     A payload's centre of mass along the flange's axis is the last link's weight; beside the axis it is a lever of
     100 mm along x or y of the flange, so that a coefficient means as much as that of a link.
     """
-    n = model.axes
+    n = model.axis_count
     near = {(term.joint, term.link) for term in gravity_terms(model)}
     turning = _turning(model)
     links = [(j, k) for j in range(n) if turning[j] for k in range(j, n) if (j, k) not in near]
@@ -96,7 +96,7 @@ def gear_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     Those are J3 behind J2 (a linkage, or a motor at the shoulder), and the wrist's last two joints, whose shafts
     run through the joints before them.
     """
-    n = model.axes
+    n = model.axis_count
     coupled = [(2, 1)] if n > 2 else []
     coupled += [(joint, source) for joint in range(max(n - 2, 3), n) for source in range(n - 3, joint)]
     turning = _turning(model)
@@ -107,7 +107,7 @@ def gear_terms(model: RobotModel) -> tuple[JointTerm, ...]:
 
 def _turning(model: RobotModel) -> NDArray[np.bool_]:
     """Return which joints turn: one that slides has no lever, and no periods of a turn."""
-    return np.ones(model.axes, dtype=bool) if model.sliding is None else ~model.sliding
+    return np.ones(model.axis_count, dtype=bool) if model.sliding is None else ~model.sliding
 
 
 def term_values(
@@ -130,7 +130,7 @@ def term_values(
         # z . (l x g) = g . (z x l)
         beside = {axis: _ASIDE_M * rotations[-1][:, i] for i, axis in enumerate(_ASIDE)}
         across = {
-            t: down @ cross(axes[t.joint], beside[t.aside] if t.aside else links[t.link])
+            t: down @ cross_product(axes[t.joint], beside[t.aside] if t.aside else links[t.link])
             for t in terms
             if t.kind == "gravity"
         }

@@ -1,12 +1,12 @@
 """What is known of arms in one place: models, their frames and derivatives, and models by name."""
 
 from cellcal.calibration.arm.chain_columns import (
-    along_next,
+    by_independent_columns,
     cosine_and_sine,
-    cross,
+    cross_product,
+    frames_of_placements,
     independent_columns,
     placement_columns,
-    turned_frames,
 )
 from cellcal.calibration.arm.dh_table import DhTable
 from cellcal.calibration.arm.model_references import load_model
@@ -16,14 +16,14 @@ from cellcal.calibration.arm.robot_models import model_names
 __all__ = [
     "DhTable",
     "RobotModel",
-    "along_next",
+    "by_independent_columns",
     "chain_frames",
     "cosine_and_sine",
-    "cross",
+    "cross_product",
+    "frames_of_placements",
     "independent_columns",
     "joint_columns",
     "load_model",
     "model_names",
     "placement_columns",
-    "turned_frames",
 ]

@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.chain_columns import cross, placement_columns, turned_frames
+from cellcal.calibration.arm.chain_columns import cross_product, frames_of_placements, placement_columns
 from cellcal.calibration.arm.dh_table import DhTable, read_only
 from cellcal.calibration.arm.joint_kinds import (
     PRISMATIC,
@@ -97,7 +97,7 @@ class RobotModel:
         """
         n = len(dh.theta_rad)
         slides = np.array([kind == PRISMATIC for kind in joint_types or (REVOLUTE,) * n])
-        rows = dh.placements()
+        rows = dh.to_placements()
         if slides.shape == (n,):  # other numbers of types are refused below
             rows[slides] = rotations_about_z(dh.theta_rad[slides]) @ rows[slides]
         if flange is not None:
@@ -121,14 +121,14 @@ class RobotModel:
         )
 
     @property
-    def axes(self) -> int:
+    def axis_count(self) -> int:
         """The number of joints."""
         return len(self.joint_names)
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """The type of every joint."""
-        return self.joint_types or (REVOLUTE,) * self.axes
+        return self.joint_types or (REVOLUTE,) * self.axis_count
 
     @property
     def sliding(self) -> NDArray[np.bool_] | None:
@@ -143,17 +143,17 @@ class RobotModel:
     def base_flange(self, joints_rad: Array) -> Array:
         """Return (N, 4, 4): the flange in the base for each of (N, n) joint vectors."""
         rotations, origins = chain_frames(self, joints_rad)
-        return _matrices(rotations[-1], origins[-1])
+        return _stack_matrices(rotations[-1], origins[-1])
 
     def tip_positions(self, joints_rad: Array, tip_in_flange_m: Array) -> Array:
         """Return (N, 3): where a point of the flange, (3,) or one per pose (N, 3), is in the base [m]."""
         rotations, origins = chain_frames(self, joints_rad)
-        return _tip(rotations, origins, tip_in_flange_m).T
+        return _tip_positions(rotations, origins, tip_in_flange_m).T
 
     def tip_jacobian(self, joints_rad: Array, tip_in_flange_m: Array) -> tuple[Array, Array]:
         """Return positions (N, 3) [m] and d position / d controller joint (N, 3, n) [m/rad]."""
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         columns = joint_columns(self, rotations, origins, tip)
         return tip.T, columns.transpose(2, 1, 0)
 
@@ -164,14 +164,14 @@ class RobotModel:
         turning = rotations[:-1, :, 2]
         if self.sliding is not None:
             turning = np.where(self.sliding[:, None, None], 0.0, turning)
-        angular = _couple(self, turning)
+        angular = _by_controller_joints(self, turning)
         jacobian = np.concatenate([linear, angular], axis=1).transpose(2, 1, 0)
-        return _matrices(rotations[-1], origins[-1]), jacobian
+        return _stack_matrices(rotations[-1], origins[-1]), jacobian
 
     def placement_regressor(self, joints_rad: Array, tip_in_flange_m: Array) -> tuple[Array, Array]:
         """Return positions (N, 3) and d position / d twist (N, 3, n + 1, 6): ``P_k <- P_k exp(v, w)``."""
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         columns = placement_columns(rotations, origins, tip)
         return tip.T, columns.transpose(3, 2, 0, 1)
 
@@ -179,7 +179,7 @@ class RobotModel:
         """Return positions (N, 3) and d position / d (theta, d, a, alpha, beta) of each row (N, 3, n, 5)."""
         dh = self._dh_table()
         rotations, origins = chain_frames(self, joints_rad)
-        tip = _tip(rotations, origins, tip_in_flange_m)
+        tip = _tip_positions(rotations, origins, tip_in_flange_m)
         lever = tip - origins
         # Of the row's axes after Rot(z, theta), z is the joint's, and x the next frame's before Rot(y, beta).
         z, y = rotations[:-1, :, 2], rotations[1:, :, 1]
@@ -187,13 +187,13 @@ class RobotModel:
             rotations[1:, :, 0] * np.cos(dh.beta_rad)[:, None, None]
             + rotations[1:, :, 2] * np.sin(dh.beta_rad)[:, None, None]
         )
-        turns = [cross(z, lever[:-1]), z, x, cross(x, lever[1:]), cross(y, lever[1:])]
+        turns = [cross_product(z, lever[:-1]), z, x, cross_product(x, lever[1:]), cross_product(y, lever[1:])]
         return tip.T, np.stack(turns, axis=1).transpose(3, 2, 0, 1)
 
     def with_dh_errors(self, errors: Array) -> "RobotModel":
         """Return the model whose DH rows are changed by ``errors`` (n, 5) [rad, m]."""
-        dh = DhTable.from_rows(self._dh_table().rows() + np.asarray(errors, dtype=float))
-        placements = np.concatenate([self.placements[:1], dh.placements()])
+        dh = DhTable.from_rows(self._dh_table().to_rows() + np.asarray(errors, dtype=float))
+        placements = np.concatenate([self.placements[:1], dh.to_placements()])
         return replace(self, dh=dh, placements=placements, theta0_rad=dh.theta_rad)
 
     def with_twists(self, twists: Array) -> "RobotModel":
@@ -202,8 +202,10 @@ class RobotModel:
         The result has no DH table any more: apply DH errors first.
         """
         twists = np.asarray(twists, dtype=float)
-        if twists.shape != (self.axes + 1, 6):
-            raise CalibrationError(f"{self.name}: twists must be ({self.axes + 1}, 6), not {twists.shape}")
+        if twists.shape != (self.axis_count + 1, 6):
+            raise CalibrationError(
+                f"{self.name}: twists must be ({self.axis_count + 1}, 6), not {twists.shape}"
+            )
         return replace(self, dh=None, placements=self.placements @ exp_twist(twists))
 
     def _dh_table(self) -> DhTable:
@@ -239,21 +241,21 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
         Joint angles of another shape, or not finite.
     """
     joints = np.asarray(joints_rad, dtype=float)
-    if joints.ndim != 2 or joints.shape[1] != model.axes:
-        raise CalibrationError(f"{model.name}: joints must be (N, {model.axes}), not {joints.shape}")
+    if joints.ndim != 2 or joints.shape[1] != model.axis_count:
+        raise CalibrationError(f"{model.name}: joints must be (N, {model.axis_count}), not {joints.shape}")
     if not np.isfinite(joints).all():
         raise CalibrationError(f"{model.name}: joint angles must be finite")
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
-    return turned_frames(model.placements, angles, sliding=model.sliding)
+    return frames_of_placements(model.placements, angles, sliding=model.sliding)
 
 
 def joint_columns(model: RobotModel, rotations: Array, origins: Array, tip: Array) -> Array:
     """Return (n, 3, N): d tip / d controller joint, from the frames of `chain_frames` and tips (3, N)."""
     axes = rotations[:-1, :, 2]
-    columns = cross(axes, tip - origins[:-1])
+    columns = cross_product(axes, tip - origins[:-1])
     if model.sliding is not None:
         columns[model.sliding] = axes[model.sliding]
-    return _couple(model, columns)
+    return _by_controller_joints(model, columns)
 
 
 def _refuse_table_of_slides(name: str, dh: DhTable | None, types: tuple[str, ...]) -> None:
@@ -261,7 +263,7 @@ def _refuse_table_of_slides(name: str, dh: DhTable | None, types: tuple[str, ...
         raise CalibrationError(f"{name}: a model with a prismatic joint is given by its placements")
 
 
-def _tip(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
+def _tip_positions(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
     tip = np.asarray(tip_in_flange_m, dtype=float)
     if tip.shape not in ((3,), (origins.shape[-1], 3)) or not np.isfinite(tip).all():
         raise CalibrationError(
@@ -273,13 +275,13 @@ def _tip(rotations: Array, origins: Array, tip_in_flange_m: Array) -> Array:
     return position
 
 
-def _couple(model: RobotModel, columns: Array) -> Array:
+def _by_controller_joints(model: RobotModel, columns: Array) -> Array:
     """Turn derivatives by axis positions (n, …) into derivatives by controller joints."""
     coupled = model.joint_coupling.T @ columns.reshape(len(columns), -1)
     return coupled.reshape(columns.shape)
 
 
-def _matrices(rotation: Array, origin: Array) -> Array:
+def _stack_matrices(rotation: Array, origin: Array) -> Array:
     matrix = np.zeros((origin.shape[-1], 4, 4))
     matrix[:, :3, :3] = rotation.transpose(2, 0, 1)
     matrix[:, :3, 3] = origin.T

@@ -75,7 +75,7 @@ def parallel_rows(nominal: RobotModel) -> tuple[int, ...]:
     """Return the rows (0-based) whose axis and the next are parallel, but not one line, in a table."""
     if nominal.dh is None:
         return ()
-    rows = nominal.dh.rows()[:-1]
+    rows = nominal.dh.to_rows()[:-1]
     return tuple(
         i for i, row in enumerate(rows) if abs(math.sin(row[3])) < _NEARLY and abs(row[2]) > _APART_M
     )
@@ -83,16 +83,16 @@ def parallel_rows(nominal: RobotModel) -> tuple[int, ...]:
 
 def _standard_table(model: RobotModel, nominal: RobotModel, hayati: frozenset[int]) -> StandardTable:
     same_base = np.allclose(model.placements[0], nominal.placements[0], rtol=0, atol=1e-12)
-    if nominal.dh is None or model.axes != nominal.axes or not same_base:
+    if nominal.dh is None or model.axis_count != nominal.axis_count or not same_base:
         raise CalibrationError(f"{model.name}: a table needs a nominal model with a table and the same base")
     if not np.allclose(model.joint_coupling, nominal.joint_coupling):
         raise CalibrationError(f"{model.name} couples its joints in another way than {nominal.name}")
-    expected = nominal.dh.rows()
-    rows = np.zeros((model.axes, 5))
+    expected = nominal.dh.to_rows()
+    rows = np.zeros((model.axis_count, 5))
     carried = np.eye(4)
-    for i in range(model.axes):
+    for i in range(model.axis_count):
         step = _turn_about_z(float(model.theta0_rad[i])) @ carried @ model.placements[i + 1]
-        if i + 1 < model.axes:
+        if i + 1 < model.axis_count:
             if i in hayati:
                 rows[i] = _row_from_plane(step, expected[i])
             else:
@@ -147,7 +147,7 @@ def _last_row(step: Array, expected: Array) -> Array:
 
 
 def _row_matrix(row: Array) -> Array:
-    matrix: Array = _turn_about_z(float(row[0])) @ DhTable.from_rows(row[None]).placements()[0]
+    matrix: Array = _turn_about_z(float(row[0])) @ DhTable.from_rows(row[None]).to_placements()[0]
     return matrix
 
 

@@ -35,7 +35,7 @@ class FactoryCalibration:
     def to_absolute(self, nominal: DhTable) -> DhTable:
         """Return the absolute table: nominal plus deltas."""
         deltas = [self.delta_theta_rad, self.delta_d_m, self.delta_a_m, self.delta_alpha_rad]
-        return DhTable.from_rows(nominal.rows()[:, :4] + np.array(deltas).T)
+        return DhTable.from_rows(nominal.to_rows()[:, :4] + np.array(deltas).T)
 
 
 def parse_calibration_conf(text: str) -> FactoryCalibration:
@@ -79,10 +79,10 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         The table does not belong to this type: a rewritten length is more than 20 mm, or an angle more than
         3 degrees, away from nominal.
     """
-    if nominal.dh is None or len(absolute.theta_rad) != nominal.axes:
+    if nominal.dh is None or len(absolute.theta_rad) != nominal.axis_count:
         raise CalibrationError(f"{nominal.name}: a factory table needs a nominal DH model with as many axes")
     table = to_well_conditioned(absolute, nominal.dh)
-    change = np.abs(table.rows() - nominal.dh.rows()).max(axis=0)
+    change = np.abs(table.to_rows() - nominal.dh.to_rows()).max(axis=0)
     if not (change[[1, 2]].max() <= 0.02 and change[[0, 3, 4]].max() <= math.radians(3)):
         raise CalibrationError(
             f"the factory table does not belong to a {nominal.title}.",
@@ -111,7 +111,7 @@ def to_well_conditioned(table: DhTable, nominal: DhTable) -> DhTable:
     """
     rows = np.zeros((len(table.theta_rad), 5))
     turn = travel = 0.0
-    for i, (theta, d, a, alpha) in enumerate(table.rows()[:, :4]):
+    for i, (theta, d, a, alpha) in enumerate(table.to_rows()[:, :4]):
         row = np.array([theta + turn, d + travel, a, alpha, 0.0])
         turn = travel = 0.0
         parallel = abs(math.sin(nominal.alpha_rad[i])) < 0.1 and i + 1 < len(rows)
@@ -128,7 +128,7 @@ def calibration_hash(absolute: DhTable) -> str:
     Equal names prove that a kinematics file belongs to the connected arm. The text that is hashed holds
     theta, d, a, alpha joint by joint with six significant digits; the hash is C++'s ``std::hash``.
     """
-    text = "".join(f"{value:g}" for value in absolute.rows()[:, :4].ravel())
+    text = "".join(f"{value:g}" for value in absolute.to_rows()[:, :4].ravel())
     return f"calib_{_libstdcxx_hash(text.encode())}"
 
 
@@ -150,7 +150,7 @@ def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
 def _row_matrix(row: Array) -> Array:
     c, s = math.cos(row[0]), math.sin(row[0])
     turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-    matrix: Array = turn @ DhTable.from_rows(row[None]).placements()[0]
+    matrix: Array = turn @ DhTable.from_rows(row[None]).to_placements()[0]
     return matrix
 
 

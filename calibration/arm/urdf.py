@@ -31,7 +31,7 @@ def calibrated_urdf(arm: UrdfArm, calibrated: RobotModel) -> str:
     """
     if calibrated.joint_names != arm.model.joint_names:
         raise CalibrationError("the calibrated model has other joints than the description")
-    if not np.allclose(calibrated.joint_coupling, np.eye(calibrated.axes)):
+    if not np.allclose(calibrated.joint_coupling, np.eye(calibrated.axis_count)):
         raise CalibrationError(
             "a description cannot hold coupled joints", remedy="Calibrate the model read from it."
         )
@@ -72,23 +72,23 @@ def bare_urdf(model: RobotModel, *, geometric_joints: bool = False) -> str:
             f"{model.name} couples joints, which a description cannot hold.",
             remedy="Write it with geometric joints, and convert the angles where it is used.",
         )
-    axes = np.ones(model.axes) if coupled else signs
+    axes = np.ones(model.axis_count) if coupled else signs
     root = ET.Element("robot", name=model.name)
     if coupled:
         root.append(ET.Comment(" Joint angles are geometric: joint_coupling @ (angles on the pendant). "))
-    links = ["base", *(f"link_{i + 1}" for i in range(model.axes)), "flange"]
+    links = ["base", *(f"link_{i + 1}" for i in range(model.axis_count)), "flange"]
     for link in links:
         ET.SubElement(root, "link", name=link)
     # A motion along the joint's own z, so it commutes with the axis written below.
     origins = model.placements.copy()
     origins[:-1] = origins[:-1] @ joint_motions(model.theta0_rad, model.sliding)
     for i, joint_name in enumerate([*model.joint_names, "flange_fixed"]):
-        kind = model.kinds[i] if i < model.axes else "fixed"
+        kind = model.kinds[i] if i < model.axis_count else "fixed"
         joint = ET.SubElement(root, "joint", name=joint_name, type=kind)
         ET.SubElement(joint, "parent", link=links[i])
         ET.SubElement(joint, "child", link=links[i + 1])
         _set_origin(joint, origins[i])
-        if i < model.axes:
+        if i < model.axis_count:
             ET.SubElement(joint, "axis", xyz=f"0 0 {axes[i]:g}")
             ET.SubElement(joint, "limit", _limit_attributes(model, i))
     ET.indent(root)

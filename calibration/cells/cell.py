@@ -153,7 +153,7 @@ class CalibrationCell:
         here = f"series {series.name!r}"
         _require_name("device", series.device, [d.name for d in self.devices], here)
         _require_name("target", series.target, self._target_names(), here)
-        axes, joints = self.robot_of(series.target).model.axes, series.observations.joints_rad.shape[1]
+        axes, joints = self.robot_of(series.target).model.axis_count, series.observations.joints_rad.shape[1]
         if axes != joints:
             raise CalibrationError(f"{here}: its robot has {axes} joints, its rows have {joints}")
         places, last = len(self.find_device(series.device).places), int(series.observations.mounting.max())

@@ -92,7 +92,7 @@ class CellTrial:
         terms = []
         for robot in cell.robots:
             joints = [s.observations.joints_rad for s in cell.series if cell.robot_of(s.target) is robot]
-            whole = np.concatenate(joints) if joints else np.zeros((0, robot.model.axes))
+            whole = np.concatenate(joints) if joints else np.zeros((0, robot.model.axis_count))
             terms.append(terms_of_level(robot.model, whole, level))
         return without_fixed(cell_layout(self.frames, level, terms, self.options.priors), self.options)
 

@@ -65,9 +65,13 @@ def tip_covariance(fit: CellFit, target: str, joints_rad: Array, *, seen_from: s
     """
     joints = np.asarray(joints_rad, dtype=float)
     chain = _target_chain(fit.layout, fit.state, target, seen_from)
-    if joints.ndim != 2 or joints.shape[1] != chain.along.arm.nominal.axes or not np.isfinite(joints).all():
+    if (
+        joints.ndim != 2
+        or joints.shape[1] != chain.along.arm.nominal.axis_count
+        or not np.isfinite(joints).all()
+    ):
         raise CalibrationError(
-            f"joints must be finite and (N, {chain.along.arm.nominal.axes}), not {joints.shape}"
+            f"joints must be finite and (N, {chain.along.arm.nominal.axis_count}), not {joints.shape}"
         )
     _, linear, _ = chain.motion_columns(
         PreparedPostures.from_joints(chain.along.arm, joints), np.arange(len(joints)), turning=False

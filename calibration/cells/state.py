@@ -241,7 +241,7 @@ class CellLayout:
     def tangent_rows(self, state: CellState, route: FrameRoute, device: int, own: tuple[str, ...]) -> Array:
         """Return (p, 6 (n + 1) + K + D): each free unknown as twists of a route's chain, terms, device columns."""
         along = state.along_route(route)
-        n, terms = along.arm.nominal.axes, len(along.arm.terms)
+        n, terms = along.arm.nominal.axis_count, len(along.arm.terms)
         last = 6 * n
         matrix = np.zeros((len(self.whole), last + 6 + terms + len(own)))
         matrix[_slot_slice(route.base), :6] = adjoint_matrix(

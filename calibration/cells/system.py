@@ -6,7 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.kinematics import along_next, independent_columns, turned_frames
+from cellcal.calibration.arm.kinematics import (
+    by_independent_columns,
+    frames_of_placements,
+    independent_columns,
+)
 from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations, scaled_sigma
 from cellcal.calibration.cells.state import ArmAlongRoute, CellFrames, CellLayout, CellState, FrameRoute
@@ -148,7 +152,7 @@ class RouteChain:
         along = state.along_route(route, device)
         tangent = layout.tangent_rows(state, route, device, own)
         twists = 6 * len(along.placements)
-        arm = tangent[:, :twists] @ along_next(along.placements)
+        arm = tangent[:, :twists] @ by_independent_columns(along.placements)
         return cls(along, np.concatenate([arm, tangent[:, twists:]], axis=1))
 
     def compute_frames(self, postures: PreparedPostures, rows: Rows) -> tuple[Array, Array]:
@@ -157,7 +161,7 @@ class RouteChain:
         angles = postures.angles_rad[:, rows] + arm.arm_model.theta0_rad[:, None]
         for term, coefficient, values in zip(arm.terms, arm.coefficients, postures.values, strict=True):
             angles[term.joint] += coefficient * values[rows]
-        return turned_frames(self.along.placements, angles, sliding=arm.arm_model.sliding)
+        return frames_of_placements(self.along.placements, angles, sliding=arm.arm_model.sliding)
 
     def motion_columns(
         self, postures: PreparedPostures, rows: Rows, *, turning: bool
@@ -176,7 +180,9 @@ class RouteChain:
             parts.append(angular)
         if terms:
             twists = self.along.arm.arm_model.joint_twists
-            turns = along_next(self.along.placements)[[6 * term.joint + twists[term.joint] for term in terms]]
+            turns = by_independent_columns(self.along.placements)[
+                [6 * term.joint + twists[term.joint] for term in terms]
+            ]
             for part in parts:
                 part[size:] = np.tensordot(turns, part[:size], axes=1) * postures.values[:, rows][:, None]
         return (origins[-1], rotations[-1]), linear, parts[1] if turning else None

@@ -316,9 +316,11 @@ def _as_arm(arm: TipArm | RobotModel) -> TipArm:
 
 
 def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: CompensationLimits) -> None:
-    n = moved.model.axes
-    if followed.model.axes != n:
-        raise CalibrationError(f"arms of {n} and {followed.model.axes} joints cannot stand in for each other")
+    n = moved.model.axis_count
+    if followed.model.axis_count != n:
+        raise CalibrationError(
+            f"arms of {n} and {followed.model.axis_count} joints cannot stand in for each other"
+        )
     held = set(limits.held)
     if not held <= set(range(n)) or n - len(held) < _POSE:
         raise CalibrationError(

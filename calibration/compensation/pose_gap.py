@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 from cellcal.calibration.identification.parameters import ArmState
@@ -31,9 +31,9 @@ class TipArm:
     def __post_init__(self) -> None:
         if np.shape(self.flange_tip) != (4, 4) or not is_rigid(self.flange_tip):
             raise CalibrationError(f"{self.model.name}: the tip is not a rigid transform (4, 4)")
-        if self.model.axes < 6:
+        if self.model.axis_count < 6:
             raise CalibrationError(
-                f"{self.model.name} has {self.model.axes} joints: a pose can be kept by six or more only."
+                f"{self.model.name} has {self.model.axis_count} joints: a pose can be kept by six or more only."
             )
 
     @classmethod
@@ -57,7 +57,7 @@ class TipArm:
     def joint_coupling(self) -> Array | None:
         """The joints' coupling, or None where each joint turns alone."""
         coupling = self.model.joint_coupling
-        return None if np.array_equal(coupling, np.eye(self.model.axes)) else coupling
+        return None if np.array_equal(coupling, np.eye(self.model.axis_count)) else coupling
 
     def compute_frames(self, joints_rad: Array) -> tuple[Array, Array]:
         """Return the frames of `chain_frames` for joints (n, N), sag and ripple included."""
@@ -131,7 +131,7 @@ class PoseGap:
         """Return d tip / d controller joint (n, 6, N) in the units of ``error``."""
         axes = self.rotations[:-1, :, 2]
         columns = np.empty((len(axes), 6, axes.shape[-1]))
-        cross(axes, self.origins[-1] - self.origins[:-1], out=columns[:, :3])
+        cross_product(axes, self.origins[-1] - self.origins[:-1], out=columns[:, :3])
         np.multiply(axes, LEVER_M, out=columns[:, 3:])
         slides = arm.model.sliding
         if slides is not None:
@@ -150,7 +150,7 @@ def gap_between(arm: TipArm, joints_rad: Array, target: TargetPoses) -> PoseGap:
     axes = rotations[-1].swapaxes(0, 1)
     error = np.empty((6, joints_rad.shape[1]))
     np.subtract(target.place_m, origins[-1], out=error[:3])
-    np.sum(cross(axes, target.axes), axis=0, out=error[3:])
+    np.sum(cross_product(axes, target.axes), axis=0, out=error[3:])
     error[3:] *= 0.5 * LEVER_M
     cosine = 0.5 * (np.einsum("ijn,ijn->n", axes, target.axes) - 1.0)
     return PoseGap(error, cosine, rotations, origins)

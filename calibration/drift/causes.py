@@ -112,7 +112,8 @@ def drift_causes(task: ArmTask, joints_rad: Array, values_m: Array | None = None
         _cause_of_motions(DEVICE, DEVICE, look, moved),
     ]
     found += [
-        _cause_of_motions(f"J{k + 1}", "joint", look, jacobian[:, :, k : k + 1]) for k in range(model.axes)
+        _cause_of_motions(f"J{k + 1}", "joint", look, jacobian[:, :, k : k + 1])
+        for k in range(model.axis_count)
     ]
     return (*found, DriftCause(OTHER, OTHER, np.eye(look.shape[0] * look.shape[1])))
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
-from cellcal.calibration.arm.kinematics import chain_frames, cross
+from cellcal.calibration.arm.kinematics import chain_frames, cross_product
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.observations import Observations, Rows
@@ -196,7 +196,7 @@ def _bending_levers(state: ArmState, joints_rad: Array, parameter: Parameter) ->
     axis = rotations[frame, :, 0 if parameter.name.endswith(_ABOUT_X) else 1]
     lever = origins[-1] - origins[frame]
     down = np.array(state.nominal.gravity_in_base)[:, None] * np.ones_like(lever)
-    moment: Array = (cross(lever, down) * axis).sum(axis=0)
+    moment: Array = (cross_product(lever, down) * axis).sum(axis=0)
     return moment
 
 

@@ -9,7 +9,12 @@ from typing import TypeAlias
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import JointTerm, term_values
-from cellcal.calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
+from cellcal.calibration.arm.kinematics import (
+    RobotModel,
+    by_independent_columns,
+    frames_of_placements,
+    independent_columns,
+)
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Observations, Rows
@@ -257,7 +262,7 @@ class _MountingChain:
     @classmethod
     def at_mounting(cls, layout: ParameterLayout, state: ArmState, mounting: int) -> "_MountingChain":
         placements = _chain_placements(state, mounting)
-        combine = along_next(placements)
+        combine = by_independent_columns(placements)
         if layout.kind != "pose":
             combine = combine[:, :-3]
         joints = np.array([term.joint for term in state.terms], dtype=np.intp)
@@ -282,7 +287,7 @@ def _chain_frames(
     for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
         angles[term.joint] += coefficient * value
     out = _WORKSPACE.get_array("frames", len(placements), 4, 3, angles.shape[1])
-    return turned_frames(placements, angles, out=out, sliding=state.nominal.sliding)
+    return frames_of_placements(placements, angles, out=out, sliding=state.nominal.sliding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,7 +156,7 @@ def starting_state(
     whole = make_layout(model, "point", 1, level=GEOMETRY)
     names = [p.name for p in whole.parameters if p.role in ("offset", "geometry")]
     entries = dict(zip(names, whole.geometry, strict=True))
-    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    geometry = np.zeros((model.axis_count, 5) if model.dh is not None else (model.axis_count + 1, 6))
     rest = {name: value for name, value in start.values.items() if name not in entries}
     for name in start.values.keys() & entries.keys():
         geometry[entries[name]] = start.values[name]

@@ -252,7 +252,7 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
     sizes = errors_m(fit.state, problem)
     freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
     score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axes), np.full(model.axes, _UNKNOWN_RAD)
+    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
     spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
     for at, parameter in enumerate(layout.parameters):
         if parameter.role == "offset" and parameter.unit == "rad":  # not of a slide

@@ -82,7 +82,7 @@ def model_readings(
 ) -> Iterator[JointInterpretation]:
     """Return the same joints as those of other robots, as a controller counts them and against the link before."""
     for other in others:
-        if other.axes != joints_rad.shape[1] or other.sliding is not None:
+        if other.axis_count != joints_rad.shape[1] or other.sliding is not None:
             continue
         says, cure = f"this is a {other.name}", f"Name the robot that was measured: `--robot {other.name}`."
         yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
@@ -104,7 +104,7 @@ def columns_option(columns: Sequence[str]) -> str:
 
 def _turning(model: RobotModel) -> NDArray[np.bool_]:
     """Return which joints turn (n,)."""
-    return np.ones(model.axes, dtype=bool) if model.sliding is None else ~model.sliding
+    return np.ones(model.axis_count, dtype=bool) if model.sliding is None else ~model.sliding
 
 
 def _slide_units(
@@ -166,7 +166,7 @@ def _coupled_readings(
     model: RobotModel, joints_rad: Array, names: FileNames
 ) -> Iterator[JointInterpretation]:
     """Return joints with one of them counted against the one before, or no longer: both directions."""
-    if model.axes < 3 or not _turning(model)[1:3].all():
+    if model.axis_count < 3 or not _turning(model)[1:3].all():
         return
     coupling = model.joint_coupling
     signs = np.sign(np.diag(coupling))
@@ -205,7 +205,7 @@ def _coupled_readings(
 
 
 def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
-    axes = model.axes
+    axes = model.axis_count
     for count in range(1, axes + 1):
         for turned in itertools.combinations(range(axes), count):
             sign = np.ones(axes)

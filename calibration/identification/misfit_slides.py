@@ -18,7 +18,7 @@ _LONGEST_M = 100.0
 def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     """Return, for each joint that turns, the rows as if it slid by the numbers of the file."""
     raw = {"deg": (_DEGREES,), "rad": (1.0,)}.get(names.angle_unit, (_DEGREES, 1.0))
-    for joint in range(model.axes):
+    for joint in range(model.axis_count):
         if model.kinds[joint] == PRISMATIC:
             continue
         sliding = with_slide(model, joint)

@@ -106,7 +106,7 @@ class ArmState:
         """Return the controller joints that carry sag and ripple; ``values`` (K, N) from `term_values`."""
         if not len(self.terms):
             return joints_rad
-        extra = np.zeros((self.nominal.axes, len(joints_rad)))
+        extra = np.zeros((self.nominal.axis_count, len(joints_rad)))
         for term, coefficient, value in zip(self.terms, self.coefficients, values, strict=True):
             extra[term.joint] += coefficient * value
         moved: Array = joints_rad + np.linalg.solve(self.nominal.joint_coupling, extra).T
@@ -117,7 +117,7 @@ def nominal_state(
     model: RobotModel, devices: tuple[DevicePlacement, ...], flange_tool: Array | None = None
 ) -> ArmState:
     """Return the nominal arm with these devices and tool."""
-    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    geometry = np.zeros((model.axis_count, 5) if model.dh is not None else (model.axis_count + 1, 6))
     tool = np.eye(4) if flange_tool is None else flange_tool
     return ArmState(model, geometry, (), np.zeros(0), tool, devices)
 
@@ -187,7 +187,7 @@ class ParameterLayout:
 
     def tangent_rows(self, state: ArmState, mounting: int) -> Array:
         """Return (p, 6 (n + 1) + K + D): each parameter as twists of placements, terms, device columns."""
-        n = state.nominal.axes
+        n = state.nominal.axis_count
         own = 5 if self.kind == "length" else 0
         matrix = np.zeros((len(self), 6 * (n + 1) + len(state.terms) + own))
         device = 0 if self.further else mounting
@@ -311,7 +311,7 @@ def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parame
 
 def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
     """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
-    n = arm.axes
+    n = arm.axis_count
     if arm.dh is None:
         maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
     else:
@@ -369,7 +369,7 @@ def geometry_parameters(
     """Return the entries of `ArmState.geometry` that a level frees, and the unknowns they are."""
     if level == FRAMES:
         return [], []
-    n = model.axes
+    n = model.axis_count
     sizes = {"m": priors.length_m, "rad": priors.angle_rad}
     if model.dh is not None:
         entries = [(i, column) for i in range(n) for column in range(5 if level >= GEOMETRY else 1)]

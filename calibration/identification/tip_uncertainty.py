@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross, placement_columns
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product, placement_columns
 from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
@@ -44,7 +44,7 @@ def tip_slopes(layout: ParameterLayout, state: ArmState, joints_rad: Array, *, m
     values = term_values(state.nominal, joints_rad, state.terms)
     rotations, origins = chain_frames(state.seen_from(at), state.moved_joints(joints_rad, values))
     placed = placement_columns(rotations, origins, origins[-1])
-    turned = cross(rotations[:-1, :, 2], origins[-1] - origins[:-1])
+    turned = cross_product(rotations[:-1, :, 2], origins[-1] - origins[:-1])
     if (slides := state.nominal.sliding) is not None:
         turned[slides] = rotations[:-1, :, 2][slides]
     joints = np.array([term.joint for term in state.terms], dtype=np.intp)
@@ -62,11 +62,11 @@ def offset_slopes(fit: ArmFit) -> dict[str, Array]:
     left out.
     """
     free = [p.name for p in fit.layout.parameters]
-    names = [f"J{i + 1} offset" for i in range(fit.state.nominal.axes)]
+    names = [f"J{i + 1} offset" for i in range(fit.state.nominal.axis_count)]
     if fit.state.nominal.dh is None:
         return {name: np.eye(len(free))[free.index(name)] for name in names if name in free}
     nominal = fit.state.nominal
-    slopes = _parameter_slopes(fit, lambda state: hayati_dh(state.arm_model, nominal).table.rows()[:, 0])
+    slopes = _parameter_slopes(fit, lambda state: hayati_dh(state.arm_model, nominal).table.to_rows()[:, 0])
     return {name: slopes[:, i] for i, name in enumerate(names) if name in free}
 
 
@@ -100,13 +100,13 @@ def hayati_table(fit: ArmFit) -> HayatiTable:
     nominal = fit.state.nominal
 
     def table_of(state: ArmState) -> Array:
-        return hayati_dh(state.arm_model, nominal).table.rows()
+        return hayati_dh(state.arm_model, nominal).table.to_rows()
 
     found, slopes = table_of(fit.state), _parameter_slopes(fit, table_of)
     covariance = np.einsum("pab,pq,qcd->abcd", slopes, fit.covariance, slopes)
     shown = _table_entries(nominal)
     sigma = {(i, j): float(np.sqrt(max(covariance[i, j, i, j], 0.0))) for i, j in shown}
-    nominal_rows = nominal.dh.rows() if nominal.dh is not None else found
+    nominal_rows = nominal.dh.to_rows() if nominal.dh is not None else found
     entries = tuple(
         TableEntry(
             f"J{i + 1} {_COLUMNS[j][0]}",
@@ -133,10 +133,10 @@ def hayati_table(fit: ArmFit) -> HayatiTable:
 def _table_entries(nominal: RobotModel) -> list[tuple[int, int]]:
     """Return the entries that a table of four numbers a joint has; the last row ends in the tool."""
     parallel = parallel_rows(nominal)
-    last = nominal.axes - 1
+    last = nominal.axis_count - 1
     return [
         (i, j)
-        for i in range(nominal.axes)
+        for i in range(nominal.axis_count)
         for j in range(5)
         if (i != last and j != (1 if i in parallel else 4)) or (i == last and j < 2)
     ]

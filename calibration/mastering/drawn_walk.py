@@ -40,7 +40,7 @@ def drawn_walk(
     measured_rad : (N, n)
         Its captures, in order [rad].
     """
-    measured = np.asarray(measured_rad, dtype=float).reshape(-1, model.axes)
+    measured = np.asarray(measured_rad, dtype=float).reshape(-1, model.axis_count)
     worst = float(predict_turns(model, record, measured)[1].max())
     predictor, hook = WirePredictor(model, *record.wire_lengths()), record.wire_lengths()[1].hook_in_flange_m
     found: list[tuple[float, float]] = []

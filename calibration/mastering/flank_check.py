@@ -90,7 +90,7 @@ def compare_flanks(
     )
     other = np.array([again[k].settled_from == OTHER_SIDE for k, _ in pairs], dtype=bool)
     loaded, _ = flank_values(model, now.poses.joints_rad)
-    loose = [joint for joint in range(model.axes) if joint not in loaded]
+    loose = [joint for joint in range(model.axis_count) if joint not in loaded]
     lever = np.array([now.by_joint[k, loose].sum() for k, _ in pairs])
     flanks = np.array([np.linalg.norm(now.by_joint[k, loose]) for k, _ in pairs])
     limits = SIGMAS * np.sqrt(noise + (2.0 * prior.sigma_backlash_rad * flanks) ** 2)

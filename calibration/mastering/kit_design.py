@@ -84,7 +84,7 @@ def predict_kit_recovery(
         _check_sigmas(model, kit, robot, checks, covariance),
         len(fitted),
         len(checks),
-        sum(6 if kinds[number] == "seat" else 3 for number in fitted) - model.axes,
+        sum(6 if kinds[number] == "seat" else 3 for number in fitted) - model.axis_count,
     )
 
 
@@ -223,7 +223,7 @@ def _check_sigmas(
         problem = PlaceProblem(model, kit, robot, [*nests, *checks])
     except CalibrationError:
         return 0.0
-    local = problem.linearise_at(np.zeros(model.axes))
+    local = problem.linearise_at(np.zeros(model.axis_count))
     spread = local.by_turn @ covariance @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
     return float(detection_deviations(problem, local).max(axis=0).min())

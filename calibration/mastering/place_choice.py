@@ -31,7 +31,7 @@ class PlaceChoice:
     ) -> "PlaceChoice":
         """Look at every place of a kit."""
         problem = PlaceProblem(model, kit, robot, kit.places)
-        local = problem.linearise_at(np.zeros(model.axes))
+        local = problem.linearise_at(np.zeros(model.axis_count))
         wrong_turns = detection_deviations(problem, local) * np.sqrt(np.diag(local.scatter))[:, None]
         return cls(local.by_turn, local.scatter, wrong_turns, tuple(local.rows), robot[0].radians_per_turn())
 

@@ -62,15 +62,15 @@ class PlaceProblem:
         ]
         if unknown := numbers - {place.place for place in reference_places}:
             raise CalibrationError(f"the record does not know the places {sorted(unknown)}")
-        if any(len(c.counts) != model.axes for c in (*reference_places, *captures)):
-            raise CalibrationError(f"every capture needs the counts of all {model.axes} motors")
+        if any(len(c.counts) != model.axis_count for c in (*reference_places, *captures)):
+            raise CalibrationError(f"every capture needs the counts of all {model.axis_count} motors")
         self._model, self._kit, self._healthy = model, kit, len(reference_places)
         # fixed targets tell where the instrument stands, whatever turns were lost: given like the record
         self._all_captures = (*reference_places, *(c for c in captures if c.kind == "nest"))
         self._now = tuple(c for c in captures if c.kind != "nest")
         self._per_turn = drive.radians_per_turn()
-        self._then_joints = _capture_joints(drive, zero, self._all_captures, model.axes)
-        self._read_joints = _capture_joints(drive, zero, self._now, model.axes)
+        self._then_joints = _capture_joints(drive, zero, self._all_captures, model.axis_count)
+        self._read_joints = _capture_joints(drive, zero, self._now, model.axis_count)
         self.capture_count = len(self._now)
         self._stations = self._registered_stations()
 
@@ -100,7 +100,7 @@ class PlaceProblem:
             by_turn=_stack_rows(every[len(self._all_captures) :], by_joint[len(self._all_captures) :])
             @ self._per_turn,
             scatter=(conditioned + conditioned.T) / 2.0,
-            parts={_TIP: columns[first:, :3] * _KNOCKED_M, **bent_links(geometry, self._model.axes)},
+            parts={_TIP: columns[first:, :3] * _KNOCKED_M, **bent_links(geometry, self._model.axis_count)},
             rows=rows,
             equipment=Equipment(_TIP, (_TIP,), columns[first:, :3] * _TIP_CHANGED_M, ()),
         )
@@ -116,11 +116,11 @@ class PlaceProblem:
         return _ArmPoses(frames[:, :3, 3] + frames[:, :3, :3] @ at, frames[:, :3, :3])
 
     def _model_errors(self) -> int:
-        return 5 * self._model.axes if self._model.dh is not None else 6 * (self._model.axes + 1)
+        return 5 * self._model.axis_count if self._model.dh is not None else 6 * (self._model.axis_count + 1)
 
     def _by_joint(self, joints: Array) -> Array:
         """Return (N, 6, n): tip and attitude by joint, central differences."""
-        axes = self._model.axes
+        axes = self._model.axis_count
         ways = [
             self._arm_poses(joints + _STEP * e) - self._arm_poses(joints - _STEP * e) for e in np.eye(axes)
         ]

@@ -71,9 +71,11 @@ def place_covariance(
 ) -> Array:
     """Return the covariance (n, n) [turns^2] of real estimates of the turns, were these places visited again."""
     again = [place for place in kit.places if place.place in set(numbers) or place.kind == "nest"]
-    local = PlaceProblem(model, kit, robot, again).linearise_at(np.zeros(model.axes))
+    local = PlaceProblem(model, kit, robot, again).linearise_at(np.zeros(model.axis_count))
     information = local.by_turn.T @ np.linalg.solve(local.scatter, local.by_turn)
-    return np.asarray(np.linalg.inv(information + np.eye(model.axes) / TURN_UNCERTAINTY**2), dtype=float)
+    return np.asarray(
+        np.linalg.inv(information + np.eye(model.axis_count) / TURN_UNCERTAINTY**2), dtype=float
+    )
 
 
 def choose_places(

@@ -95,7 +95,7 @@ def next_poses(
     V. V. Fedorov, Theory of optimal experiments, 1972: the criterion.
     """
     candidates = np.asarray(candidates_joints, dtype=float)
-    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
+    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axis_count)
     predictor = WirePredictor(model, *record.wire_lengths())
     terms = predictor.wire_terms(
         WirePoses.from_record_side(np.vstack([measured, candidates]), predictor.sigma_m)
@@ -216,7 +216,7 @@ def candidate_joints(
     low, high = drawn_range(model)
     accepted: list[Array] = []
     for _ in range(40):
-        drawn = generator.uniform(low, high, (4 * count, model.axes))
+        drawn = generator.uniform(low, high, (4 * count, model.axis_count))
         accepted.append(drawn[allowed_postures(model, drawn, limits, hook_in_flange_m)])
         if sum(map(len, accepted)) >= count:
             break

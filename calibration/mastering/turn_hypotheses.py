@@ -62,11 +62,11 @@ class LossProblem:
     """Captures of a robot with lost counts, seen with its healthy record: lengths against turns."""
 
     def __init__(self, model: RobotModel, record: MasteringRecord, captures: Sequence[WireCapture]) -> None:
-        if any(len(c.counts) != model.axes for c in captures):
-            raise CalibrationError(f"every capture needs the counts of all {model.axes} motors")
+        if any(len(c.counts) != model.axis_count for c in captures):
+            raise CalibrationError(f"every capture needs the counts of all {model.axis_count} motors")
         self.predictor = WirePredictor(model, *record.wire_lengths())
         self._per_turn = record.drive.radians_per_turn()
-        counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axes)
+        counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axis_count)
         self._read_joints = record.drive.to_joints(counts, np.array(record.counts_at_zero))
         self._lengths = np.array([c.length_m for c in captures])
         self._sigma = np.array([c.sigma_m for c in captures])

@@ -152,11 +152,13 @@ def recover_from(
     """
     model = robot.model
     guess = np.asarray(provisional_turns, dtype=float)
-    if guess.shape != (model.axes,) or not np.isfinite(guess).all():
-        raise CalibrationError(f"{model.axes} provisional turns are needed")
+    if guess.shape != (model.axis_count,) or not np.isfinite(guess).all():
+        raise CalibrationError(f"{model.axis_count} provisional turns are needed")
     if problem is None:
         raise CalibrationError("nothing was captured")
-    local = solve_real(problem, guess, free=range(model.axes), towards=guess, uncertainty_turns=max_turns)
+    local = solve_real(
+        problem, guess, free=range(model.axis_count), towards=guess, uncertainty_turns=max_turns
+    )
     hypothesis_test = HypothesisTest(local, max_turns, replaced_axes)
     return _RecoveryTest(robot, problem, local, hypothesis_test, guess, max_turns, further).recover_turns()
 
@@ -183,7 +185,7 @@ class _RecoveryTest:
             hypothesis_test.test_all_lost(),
             self._refine_hypothesis(hypothesis_test.test_whole_turns()),
         )
-        if self._row_count - self.robot_model.axes < SPARE_CAPTURES:
+        if self._row_count - self.robot_model.axis_count < SPARE_CAPTURES:
             words = f"{self.problem.capture_count} captures are too few to notice a mistake"
             return self._undecided_result(whole, real, words)
         if whole.fix.success_probability <= SUCCESS_PROBABILITY:
@@ -253,7 +255,10 @@ class _RecoveryTest:
             names = " and ".join(self.robot_model.joint_names[j] for j in near)
             words = f"{names} would be less than {_NEAR_WHOLE_TURNS} turn from a whole one: not decidable yet"
             return self._undecided_result(hypothesis, real, words)
-        if hypothesis.kind == "equipment" and self._row_count - self.robot_model.axes < _SPARE_FOR_EQUIPMENT:
+        if (
+            hypothesis.kind == "equipment"
+            and self._row_count - self.robot_model.axis_count < _SPARE_FOR_EQUIPMENT
+        ):
             return self._undecided_result(
                 hypothesis, real, f"{self._describe_hypothesis(hypothesis)}: not decidable yet"
             )
@@ -334,7 +339,7 @@ class _RecoveryTest:
 
     def _changed_result(self, hypothesis: Hypothesis, real: Hypothesis) -> TurnRecovery:
         part = hypothesis.subject
-        if self._row_count - self.robot_model.axes < _SPARE_FOR_CHANGE:
+        if self._row_count - self.robot_model.axis_count < _SPARE_FOR_CHANGE:
             return self._undecided_result(
                 hypothesis, real, f"{part} may not be where it was: not decidable yet"
             )
@@ -356,7 +361,7 @@ class _RecoveryTest:
             again = (tuple(float(v) for v in self.local.joints_rad[hypothesis.capture]),)
             return self._make_result(hypothesis, real, ("undecided", False, words), gate=gate, further=again)
         further = self.further(
-            self.local.joints_rad, self.robot_model.axes + SPARE_CAPTURES - self._row_count
+            self.local.joints_rad, self.robot_model.axis_count + SPARE_CAPTURES - self._row_count
         )
         words = f"{words}; measure {len(further)} more"
         return self._make_result(hypothesis, real, ("undecided", False, words), gate=gate, further=further)

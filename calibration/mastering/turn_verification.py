@@ -109,7 +109,7 @@ def verification_power(
         variances = variances + np.einsum("vi,ij,vj->v", by_turn, np.array(offset_covariance), by_turn)
     deviations = np.sqrt(variances)
     shifts = []
-    for turn in _wrong_turns(model.axes) @ record.drive.radians_per_turn().T:
+    for turn in _wrong_turns(model.axis_count) @ record.drive.radians_per_turn().T:
         moved = predictor.wire_terms(
             WirePoses.from_record_side(terms.poses.joints_rad + turn, predictor.sigma_m)
         ).lengths

@@ -124,7 +124,7 @@ def arm_shape(
     if radius_m is None:
         radius_m = _LINK_RADIUS_SHARE * float(np.linalg.norm(model.placements[1:, :3, 3], axis=1).sum())
     capsules = []
-    for link in range(model.axes + 1):
+    for link in range(model.axis_count + 1):
         end = model.placements[link][:3, 3]
         corner = np.array([0.0, 0.0, end[2]])
         back = inverse_transform(model.placements[link])
@@ -133,7 +133,7 @@ def arm_shape(
                 ends = [_to_place(back[:3, :3] @ point + back[:3, 3]) for point in (start, stop)]
                 capsules.append(LinkCapsule(_link_name(model, link), link, ends[0], ends[1], radius_m))
     if tip_in_flange_m is not None and np.linalg.norm(tip_in_flange_m) >= _SHORTEST_M:
-        capsules.append(LinkCapsule("tool", model.axes, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
+        capsules.append(LinkCapsule("tool", model.axis_count, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
     return tuple(capsules)
 
 
@@ -164,11 +164,11 @@ class CollisionCheck:
     @classmethod
     def from_model(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
         """Find the pairs of links that touch by construction, from random postures, and leave them out."""
-        if any(not 0 <= capsule.link <= model.axes for capsule in shape.arm):
-            raise CalibrationError(f"{model.name} has links 0 to {model.axes}")
+        if any(not 0 <= capsule.link <= model.axis_count for capsule in shape.arm):
+            raise CalibrationError(f"{model.name} has links 0 to {model.axis_count}")
         generator = np.random.default_rng(seed)
         low, high = drawn_range(model)
-        segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axes)))
+        segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axis_count)))
         near: dict[tuple[int, int], NDArray[np.bool_]] = {}
         for i, j in _capsule_pairs(shape.arm, frozenset()):
             links = _link_pair(shape.arm, i, j)
@@ -267,9 +267,9 @@ class CollisionCheck:
             wire = _wire_segment(self.model, shape.wire, joints)
             axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.wire_rad)
             columns += [
-                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axes)
+                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axis_count)
                 for capsule, segment in zip(arm, segments, strict=True)
-                if capsule.link < self.model.axes
+                if capsule.link < self.model.axis_count
             ]
         return np.array(columns).T.reshape(len(joints), len(columns))
 
@@ -321,7 +321,7 @@ class CollisionCheck:
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
             for capsule, segment in zip(arm, segments, strict=True):
-                if capsule.link < self.model.axes:
+                if capsule.link < self.model.axis_count:
                     clearance = segment_distance(wire, segment) - capsule.radius_m
                     yield capsule.name, "draw-wire", clearance, shape.wire_margin_m
 
@@ -336,7 +336,7 @@ class CollisionCheck:
         beside = [
             capsule.radius_m
             + max(float(np.linalg.norm(end)) for end in (capsule.start_m, capsule.end_m))
-            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axes else 0.0)
+            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axis_count else 0.0)
             for capsule in self.shape.arm
         ]
         thick = max([0.0, *beside])

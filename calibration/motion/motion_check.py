@@ -150,9 +150,9 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     flange and every joint's centre (elbow and wrist among them) are held to one cap.
     """
     targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
-    if start.shape != (model.axes,) or targets.shape[1] != model.axes:
+    if start.shape != (model.axis_count,) or targets.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{model.name}: a start ({model.axes},) and targets (N, {model.axes}) are needed"
+            f"{model.name}: a start ({model.axis_count},) and targets (N, {model.axis_count}) are needed"
         )
     invalid = _not_finite(start, targets, (speed_rad_s, *tip_in_flange_m))
     if invalid:
@@ -200,11 +200,11 @@ def seems_free(
 
     What is chosen is checked by ``check_moves``. Targets are finite.
     """
-    targets = np.asarray(targets_rad, dtype=float).reshape(-1, model.axes)
+    targets = np.asarray(targets_rad, dtype=float).reshape(-1, model.axis_count)
     share = np.linspace(0.0, 1.0, looks + 1)[1:, None]
     ways = start_rad + share * (targets[:, None] - start_rad)
     free = np.ones(ways.shape[:2], dtype=bool)
-    for excess in _posture_excesses(model, ways.reshape(-1, model.axes), limits, (0.0, 0.0, 0.0)):
+    for excess in _posture_excesses(model, ways.reshape(-1, model.axis_count), limits, (0.0, 0.0, 0.0)):
         free &= ~excess.is_broken().reshape(free.shape)
     if limits.wire is not None:
         wire = limits.wire
@@ -290,7 +290,7 @@ def _posture_excesses(
 
 
 def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> LimitExcess:
-    uncertainty = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axes)
+    uncertainty = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axis_count)
     return joint_limit_excess(model, joints, limits.joint_margin_rad + uncertainty)
 
 

@@ -61,7 +61,7 @@ def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> L
         high = np.concatenate([high, [each.upper_rad for each in model.combined_limits] - margins])
         joints = np.concatenate([joints, joints @ weights], axis=1)
         of_sums = [f"joint limits of {each.name}" for each in model.combined_limits]
-        told = (*("joint limits" for _ in range(model.axes)), *of_sums)
+        told = (*("joint limits" for _ in range(model.axis_count)), *of_sums)
     below, above = low - joints, joints - high
     limit = np.where(below > above, low, high)
     return LimitExcess("joint limits", joints, limit, np.maximum(below, above), "rad", told)
@@ -98,13 +98,13 @@ def _point_uncertainties(
 ) -> Array:
     """Return (N, P, 3): how far each of ``body_points`` may be elsewhere [m]."""
     uncertainty = AxisUncertainty.from_joints(model, joints, uncertainty_rad)
-    links = [*range(2, model.axes + 1), model.axes]
+    links = [*range(2, model.axis_count + 1), model.axis_count]
     far = [uncertainty.displacement_between([points[:, k].T], 0, link) for k, link in enumerate(links)]
     return np.broadcast_to(np.array(far).T[:, :, None], points.shape)
 
 
 def _point_names(model: RobotModel) -> tuple[str, ...]:
-    return (*(f"link {link}" for link in range(2, model.axes)), "flange", "tip")
+    return (*(f"link {link}" for link in range(2, model.axis_count)), "flange", "tip")
 
 
 def singularity_excess(model: RobotModel, joints: Array, limit: float) -> LimitExcess:

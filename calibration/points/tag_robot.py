@@ -167,9 +167,9 @@ def _tag_joints(model: RobotModel, pairs: TagPairs) -> Array:
             remedy="Export the robot's path with the joint values of each tag.",
         )
     joints = np.array(robot.joints_rad)
-    if joints.shape[1] != model.axes:
+    if joints.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axes}.",
+            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axis_count}.",
             remedy="Name the columns of the joints, or another model.",
         )
     if len(joints) < LEAST_TAGS:

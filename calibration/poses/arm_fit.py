@@ -135,7 +135,7 @@ def outlook_of(task: ArmTask, joints_rad: Array) -> MeasurementOutlook:
         priors=task.priors,
     )
     nominal = with_targets(nominal, task.points_in_flange_m, task.priors)
-    joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal_model().axes)
+    joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal_model().axis_count)
     return nominal.with_measured(joints) if len(joints) else nominal
 
 
@@ -171,7 +171,7 @@ def point_covariance(outlook: MeasurementOutlook) -> Array:
     reading is of the flange itself. The controller's last link and zero are what a tool frame is written on top of;
     so they are held, and what they are wrong by is in the tool.
     """
-    layout, last = outlook.layout, outlook.state.nominal.axes - 1
+    layout, last = outlook.layout, outlook.state.nominal.axis_count - 1
     roles = ("offset",) if outlook.state.nominal.dh is None else ("offset", "geometry")
     fixed_parameters = [i for i, p in enumerate(layout.parameters) if p.joint == last and p.role in roles]
     free = np.delete(np.arange(len(layout)), fixed_parameters)

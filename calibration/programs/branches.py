@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import RobotModel, turned_frames
+from cellcal.calibration.arm.kinematics import RobotModel, frames_of_placements
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
 
@@ -48,11 +48,11 @@ class AxesAtZero:
         CalibrationError
             An arm of neither family.
         """
-        if model.axes != 6 or model.sliding is not None:
+        if model.axis_count != 6 or model.sliding is not None:
             raise CalibrationError(
-                f"{model.name} has {model.axes} joints: postures are told apart for six only"
+                f"{model.name} has {model.axis_count} joints: postures are told apart for six only"
             )
-        rotations, origins = turned_frames(model.placements, np.zeros((6, 1)))
+        rotations, origins = frames_of_placements(model.placements, np.zeros((6, 1)))
         axes, points = rotations[:-1, :, 2, 0], origins[:-1, :, 0]
         base_flange = np.eye(4)
         base_flange[:3, :3], base_flange[:3, 3] = rotations[-1, :, :, 0], origins[-1, :, 0]

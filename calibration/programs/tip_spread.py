@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.kinematics import cross, placement_columns
+from cellcal.calibration.arm.kinematics import cross_product, placement_columns
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform, skew_matrix
@@ -52,7 +52,7 @@ class TipSpread:
         root = scale[is_known, None] * vectors[:, is_significant] * np.sqrt(values[is_significant])
         placed = replace(self.state, devices=(DevicePlacement(np.eye(4), np.zeros(3)),))
         tangent: Array = root.T @ self.layout.tangent_rows(placed, 0)[is_known]
-        n, first = self.state.nominal.axes, inverse_transform(self.state.arm_model.placements[0])
+        n, first = self.state.nominal.axis_count, inverse_transform(self.state.arm_model.placements[0])
         if self.of_tool is not None:
             tangent[:, 6 * n : 6 * n + 3] -= self.of_tool
         if self.shared is not None:
@@ -64,11 +64,11 @@ class TipSpread:
         arm, state = self.tip_arm, self.state
         rotations, origins = arm.compute_frames(joints_rad.T)
         columns = placement_columns(rotations, origins, origins[-1])
-        n, count = state.nominal.axes, len(joints_rad)
+        n, count = state.nominal.axis_count, len(joints_rad)
         rows = [columns.reshape(6 * (n + 1), 3 * count)]
         if len(state.terms):
             values = term_values(state.nominal, joints_rad, state.terms)
-            turns = cross(rotations[:-1, :, 2], origins[-1] - origins[:-1])
+            turns = cross_product(rotations[:-1, :, 2], origins[-1] - origins[:-1])
             at = [term.joint for term in state.terms]
             rows.append((turns[at] * values[:, None]).reshape(len(at), 3 * count))
         slopes: Array = (self._combined_roots @ np.concatenate(rows)).reshape(-1, 3, count)
@@ -79,7 +79,7 @@ class TipSpread:
         plain = replace(self, of_tool=None, shared=None)
         model = self.state.nominal
         low, high = np.maximum(model.lower_rad, -_WIDE_RAD), np.minimum(model.upper_rad, _WIDE_RAD)
-        joints = np.random.default_rng(1).uniform(low, high, (_POSTURES, model.axes))
+        joints = np.random.default_rng(1).uniform(low, high, (_POSTURES, model.axis_count))
         rotations = self.tip_arm.compute_frames(joints.T)[0][-1].transpose(2, 0, 1)
         solved = _solve_motions(plain, joints, rotations)
         return replace(plain, of_tool=solved[:, 6:])

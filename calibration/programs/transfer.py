@@ -144,5 +144,5 @@ def smallest_sigma(model: RobotModel, joints_rad: Array, enough: float = np.inf)
 
 
 def _without_limits(arm: TipArm) -> TipArm:
-    wide = np.full(arm.model.axes, _ANY_TURN_RAD)
+    wide = np.full(arm.model.axis_count, _ANY_TURN_RAD)
     return replace(arm, model=replace(arm.model, lower_rad=-wide, upper_rad=wide))

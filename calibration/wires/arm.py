@@ -13,10 +13,10 @@ _FLANK_LEVER_M = 0.02  # of a joint's load: well above, gravity holds it on one 
 def free_geometry(model: RobotModel) -> np.ndarray:
     """Return which geometry errors are sought, flat: those that do more than move base or flange as a whole."""
     if model.dh is None:
-        free = np.ones((model.axes + 1, 6), dtype=bool)
+        free = np.ones((model.axis_count + 1, 6), dtype=bool)
         free[[0, -1]] = False
         return free.ravel()
-    free = np.ones((model.axes, 5), dtype=bool)
+    free = np.ones((model.axis_count, 5), dtype=bool)
     free[:, 4] = np.abs(np.sin(model.dh.alpha_rad)) < _PARALLEL
     free[0, :2] = False
     free[-1, :] = False
@@ -40,7 +40,7 @@ def flank_values(model: RobotModel, joints_rad: Array) -> tuple[list[int], Array
     list of J joints, (J, N) in -1 ... 1
         ``tanh`` of the load's lever. The weights are not known: every link counts alike.
     """
-    last = model.axes - 1
+    last = model.axis_count - 1
     terms = (*gravity_terms(model), JointTerm("gravity", last - 1, last))  # the wrist bends under the tool
     values = term_values(model, joints_rad, terms)
     loaded = sorted({term.joint for term in terms})

@@ -107,7 +107,7 @@ class WireEquations:
         self.model, self.belief, self.mountings = model, belief, mountings
         self.free = free_geometry(model)
         self.sag = gravity_terms(model)
-        joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axes) for m in mountings]
+        joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axis_count) for m in mountings]
         sigmas = [np.array(m.sigma_m, dtype=float) for m in mountings]
         self.rows = np.cumsum([0, *map(len, joints)])
         self._mouths = self._mouth_directions()
@@ -120,9 +120,9 @@ class WireEquations:
         self.first = 3 * len(places)  # zero, scale, lip, slow linearity; then geometry, sag, flanks
         angle, length = wire.sigma_angle_rad, wire.sigma_length_m
         sizes = (
-            np.tile([angle, length, length, angle, angle], model.axes)
+            np.tile([angle, length, length, angle, angle], model.axis_count)
             if model.dh is not None
-            else np.tile([length] * 3 + [angle] * 3, model.axes + 1)
+            else np.tile([length] * 3 + [angle] * 3, model.axis_count + 1)
         )
         self.nominal = np.concatenate(
             [
@@ -151,7 +151,7 @@ class WireEquations:
 
     def wire_terms(self, x: Array) -> WireTerms:
         """Return lengths (N,), and derivatives by joint (N, n) and by parameter (N, p)."""
-        lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axes))
+        lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axis_count))
         by_x = np.zeros((self.rows[-1], len(x)))
         geometry = np.zeros(len(self.free))
         geometry[self.free] = x[

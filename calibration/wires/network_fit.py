@@ -216,8 +216,8 @@ def _check_mountings(model: RobotModel, belief: WireBelief, mountings: Sequence[
             )
         if {len(mounting.joints_rad), len(mounting.sigma_m)} != {count}:
             raise CalibrationError(f"mounting {m}: every length needs its joints and its deviation")
-        if any(len(joints) != model.axes for joints in mounting.joints_rad):
-            raise CalibrationError(f"mounting {m}: every length needs {model.axes} joint angles")
+        if any(len(joints) != model.axis_count for joints in mounting.joints_rad):
+            raise CalibrationError(f"mounting {m}: every length needs {model.axis_count} joint angles")
         if not (0 <= mounting.exit < len(belief.exits) and 0 <= mounting.hook < len(belief.hooks)):
             raise CalibrationError(f"mounting {m} names an exit or a hook that nobody described")
         _check_numbers(mounting, m)

@@ -66,8 +66,8 @@ def parameter_sigmas(model: RobotModel, prior: WirePrior) -> Array:
     length, angle = prior.sigma_length_m, prior.sigma_angle_rad
     frames = [prior.sigma_anchor_m] * 3 + [prior.sigma_hook_m] * 3 + [prior.sigma_zero_m, prior.sigma_scale]
     if model.dh is None:
-        return np.array(frames + ([length] * 3 + [angle] * 3) * (model.axes + 1))
-    return np.array(frames + [angle, length, length, angle, angle] * model.axes)
+        return np.array(frames + ([length] * 3 + [angle] * 3) * (model.axis_count + 1))
+    return np.array(frames + [angle, length, length, angle, angle] * model.axis_count)
 
 
 def fit_wire_reference(
@@ -179,15 +179,17 @@ def _disturbance_factor(fit: _ReferenceFit, prior: WirePrior) -> float:
 
 
 def _check_record(model: RobotModel, joints: Array, lengths: Array, sigmas: Array) -> None:
-    if joints.ndim != 2 or joints.shape != (len(lengths), model.axes):
-        raise CalibrationError(f"{len(lengths)} lengths need ({len(lengths)}, {model.axes}) joint angles")
+    if joints.ndim != 2 or joints.shape != (len(lengths), model.axis_count):
+        raise CalibrationError(
+            f"{len(lengths)} lengths need ({len(lengths)}, {model.axis_count}) joint angles"
+        )
     if not (np.isfinite(joints).all() and np.isfinite(lengths).all() and np.isfinite(sigmas).all()):
         raise CalibrationError("a record must be finite")
     if (sigmas <= 0).any():
         raise CalibrationError("the sensor's deviation must be above zero")
-    if len(lengths) < model.axes + 2:
+    if len(lengths) < model.axis_count + 2:
         raise DegenerateDataError(
-            f"{len(lengths)} captures cannot describe a wire on {model.axes} joints",
+            f"{len(lengths)} captures cannot describe a wire on {model.axis_count} joints",
             remedy="Take at least 24 captures over the whole reach.",
         )
 

@@ -29,10 +29,10 @@ def arm_shape(model: RobotModel, joints: Array) -> ArmShape:
     ProgramFileError
         The arm has not six axes.
     """
-    if model.axes != 6:
+    if model.axis_count != 6:
         raise ProgramFileError(
             model.name,
-            f"flags and turns are known for six axes, not {model.axes}.",
+            f"flags and turns are known for six axes, not {model.axis_count}.",
             remedy="Give the nominal or identified model of the robot that runs the program.",
         )
     rotations, origins = chain_frames(model, np.vstack([np.zeros(6), joints]))

@@ -202,7 +202,9 @@ def joints_of(captures: tuple[ArmCapture, ...], axes: int) -> Array:
 def observations_of(task: ArmTask, captures: tuple[ArmCapture, ...]) -> Observations:
     """Return captures as rows of a fit."""
     targets = [capture.target for capture in captures]
-    return task.to_observations(joints_of(captures, task.nominal_model().axes), values_of(captures), targets)
+    return task.to_observations(
+        joints_of(captures, task.nominal_model().axis_count), values_of(captures), targets
+    )
 
 
 def of_target(captures: tuple[ArmCapture, ...], target: int) -> tuple[ArmCapture, ...]:
@@ -233,7 +235,7 @@ def declared_bench(knowledge: Knowledge, method: Method) -> Bench | None:
         method=method,
         serial="" if knowledge.record is None else knowledge.record.robot_serial,
         model=knowledge.model.name,
-        joints_rad=(0.0,) * knowledge.model.axes,
+        joints_rad=(0.0,) * knowledge.model.axis_count,
         counts_at_zero=(),
         drive=None,
         epoch=None,

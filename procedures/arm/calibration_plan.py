@@ -300,7 +300,7 @@ def current_outlook(series: CalibrationSeries, captures: tuple[ArmCapture, ...])
     if task.enough_for_a_fit(len(captures)):
         return outlook_from(task, fit_captures(task, captures))
     rows = observations_of(task, captures) if captures else None
-    before = outlook_of(task, np.empty((0, task.nominal_model().axes)))
+    before = outlook_of(task, np.empty((0, task.nominal_model().axis_count)))
     return before if rows is None else with_readings(before, rows.joints_rad, rows.mounting)
 
 

@@ -223,7 +223,7 @@ def _corrected_mastering(
     fit = fit_captures(series.make_task(), captures, OFFSETS).fit
     known_offsets = {p.name: p.value for p in found_parameters(fit) if p.role == "offset" and p.is_determined}
     model = load_model(series.bench.model)
-    coupled = np.array([known_offsets.get(f"J{k + 1} offset", 0.0) for k in range(model.axes)])
+    coupled = np.array([known_offsets.get(f"J{k + 1} offset", 0.0) for k in range(model.axis_count)])
     return _written_counts(drive, zero, np.linalg.solve(model.joint_coupling, coupled))
 
 

@@ -116,7 +116,7 @@ class _CheckSearch:
     def _turn_power(self, joints_rad: Array) -> Array:
         """Return what postures (N, n) show of every wrong turn (N, m), 1 being enough."""
         model = load_model(self.record.model)
-        postures = joints_rad.reshape(-1, model.axes)
+        postures = joints_rad.reshape(-1, model.axis_count)
         power: Array = verification_power(model, self.record, postures, self.context.offset_covariance)
         return power / self.sigmas
 

@@ -66,7 +66,7 @@ def plan_first(
             break
     else:  # hard by a limit: the record's own poses, as many as can be reached
         kit = record.capture_joints_rad()
-        order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
+        order = next_poses(model, record, np.empty((0, model.axis_count)), kit, min(poses, len(kit)))
         walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
     if not walk:
         raise unreachable_error(here, limits)
@@ -123,7 +123,7 @@ class _NextPose:
         record, speed = self.record, self.state.limits.jog_speed_rad_s
         model, limits = load_model(record.model), self.motion_limits()
         here = np.array(self.here_rad)
-        measured_rad = np.array(self.measured).reshape(-1, model.axes)
+        measured_rad = np.array(self.measured).reshape(-1, model.axis_count)
         near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
         found = unmeasured_postures(candidate_postures(model, record, limits, near), self.measured)
         planner = walk_planner(model, record, limits, self.state)
@@ -156,7 +156,7 @@ def plan_finals(
     """
     model, limits = load_model(record.model), lost_limits(state, record, room, doubt_turns)
     here = np.array(checks[-1])
-    earlier = np.array(checks[:-1]).reshape(-1, model.axes)
+    earlier = np.array(checks[:-1]).reshape(-1, model.axis_count)
     ordered = travel_order(model, checks[-1], earlier, limits)[:poses] or [here]
     ways: list[Array] = []
     sides: list[bool] = []
@@ -202,15 +202,15 @@ def index_travel(
     middle = (model.lower_rad + model.upper_rad) / 2.0
     per_turn = np.abs(np.diag(record.drive.radians_per_turn())) * turns
     here, travel = np.array(here_rad), np.where(np.array(here_rad) > middle, -per_turn, per_turn)
-    for axis in range(model.axes):
+    for axis in range(model.axis_count):
         for turn in (travel[axis], -travel[axis]):
             beyond = turn if turn > 0 else turn - OVERSHOOT_RAD
-            there = here + np.eye(model.axes)[axis] * beyond
+            there = here + np.eye(model.axis_count)[axis] * beyond
             verdict = check_moves(model, here, there[None], limits, speed_rad_s=1e-3, stops=[False])
             if verdict.allowed:
                 travel[axis] = turn
                 break
-        here = here + np.eye(model.axes)[axis] * travel[axis]
+        here = here + np.eye(model.axis_count)[axis] * travel[axis]
     return tuple(float(v) for v in travel)
 
 

@@ -126,7 +126,7 @@ def plan_kit(state: MotorState, room: MotionBounds, poses: int, seed: int) -> Mo
         ),
     )
     ways = ways_through(state.joints_rad, kit, partial(winding_after, model, limits))
-    if len(ways) < min(poses, model.axes + 6):
+    if len(ways) < min(poses, model.axis_count + 6):
         raise DegenerateDataError(
             f"only {len(ways)} of {poses} planned poses can be reached without breaking a limit",
             remedy="Move the robot nearer to the middle of its range, or move the wire's anchor.",

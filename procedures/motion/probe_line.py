@@ -67,8 +67,8 @@ def probe_line(model: RobotModel, tip_in_flange_m: Place, start_rad: Joints, end
     """
     start, end = np.array(start_rad, dtype=float), np.array(end_rad, dtype=float)
     tip = np.array(tip_in_flange_m, dtype=float)
-    if start.shape != (model.axes,) or end.shape != start.shape:
-        raise DegenerateDataError(f"start and end of an approach are {model.axes} joints each")
+    if start.shape != (model.axis_count,) or end.shape != start.shape:
+        raise DegenerateDataError(f"start and end of an approach are {model.axis_count} joints each")
     if not np.isfinite([*start, *end, *tip]).all():
         raise DegenerateDataError("an approach needs finite joints and a finite tip")
     joints = start + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - start)

@@ -211,7 +211,7 @@ def _design_offers(knowledge: Knowledge, room: MotionBounds, own: KitSpec | None
     assert knowledge.model is not None
     record = knowledge.record
     drive = _nominal_drive(knowledge.model) if record is None else record.drive
-    zero = (0,) * knowledge.model.axes if record is None else record.counts_at_zero
+    zero = (0,) * knowledge.model.axis_count if record is None else record.counts_at_zero
     tool = knowledge.instruments.tool_tip_m or ASSUMED_TIP_M
     found = replace(knowledge.instruments, tool_tip_m=tool)
     return design_offers(knowledge.model.name, (drive, zero), found, room, (own, seed))
@@ -319,7 +319,7 @@ def state_of(knowledge: Knowledge) -> MotorState | None:
     if model is None or setup is None or gauge is None:
         return None
     drive = _nominal_drive(model) if record is None else record.drive
-    zero = (0,) * model.axes if record is None else record.counts_at_zero
+    zero = (0,) * model.axis_count if record is None else record.counts_at_zero
     here = (
         _middle_joints(model)
         if record is None or not record.is_measured
@@ -343,8 +343,10 @@ def state_of(knowledge: Knowledge) -> MotorState | None:
 
 def _nominal_drive(model: RobotModel) -> DriveTrain:
     per_count = 2.0 * math.pi / ASSUMED_RATIO / ASSUMED_COUNTS
-    rows = np.eye(model.axes) * per_count
-    return DriveTrain(tuple(tuple(float(v) for v in row) for row in rows), (ASSUMED_COUNTS,) * model.axes)
+    rows = np.eye(model.axis_count) * per_count
+    return DriveTrain(
+        tuple(tuple(float(v) for v in row) for row in rows), (ASSUMED_COUNTS,) * model.axis_count
+    )
 
 
 def _middle_joints(model: RobotModel) -> Joints:

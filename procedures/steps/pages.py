@@ -118,7 +118,7 @@ def axis_levers(
 ) -> list[dict[str, Any]]:
     """Return for each axis by how much a tenth of a degree displaces the tip in a posture [m]."""
     here = np.array([joints_rad])
-    turned = here + np.eye(model.axes) * TENTH_RAD
+    turned = here + np.eye(model.axis_count) * TENTH_RAD
     away = tips_at(model, turned, tip_in_flange_m) - tips_at(model, here, tip_in_flange_m)
     lengths = np.linalg.norm(away, axis=1)
     return [

@@ -33,7 +33,7 @@ def state_before(knowledge: Knowledge) -> SurveyState:
     return SurveyState(
         serial="" if knowledge.record is None else knowledge.record.robot_serial,
         model=knowledge.model.name,
-        joints_rad=(0.0,) * knowledge.model.axes,
+        joints_rad=(0.0,) * knowledge.model.axis_count,
         counts_at_zero=zero,
         epoch=None,
         gauge_setup=knowledge.gauge_setup,

@@ -162,9 +162,9 @@ def _print_origin(console: "Console", origin: "Mapping[str, Any]") -> None:
 
 
 def _as_object(model: "RobotModel", origin: "Mapping[str, Any]") -> dict[str, Any]:
-    dh = [] if model.dh is None else [_row(model, model.dh, i) for i in range(model.axes)]
-    found: dict[str, Any] = {"name": model.name, "title": model.title, "axes": model.axes, "dh": dh}
-    found["joints"] = [_joint(model, i) for i in range(model.axes)]
+    dh = [] if model.dh is None else [_row(model, model.dh, i) for i in range(model.axis_count)]
+    found: dict[str, Any] = {"name": model.name, "title": model.title, "axes": model.axis_count, "dh": dh}
+    found["joints"] = [_joint(model, i) for i in range(model.axis_count)]
     found["joint_coupling"] = model.joint_coupling.tolist()
     found["combined_limits"] = [
         {

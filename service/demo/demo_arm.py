@@ -145,7 +145,7 @@ def refuse_unplayable(model: RobotModel) -> None:
     CellError
         It has not six axes, or one of them slides.
     """
-    if model.axes != _AXES or model.sliding is not None:
+    if model.axis_count != _AXES or model.sliding is not None:
         raise CellError(
             f"the fakes play arms of six turning axes; {model.title} is none.",
             remedy="Choose a six-axis robot (`cellcal models`); identification and poses take any.",
@@ -162,9 +162,9 @@ def _radii(model: RobotModel) -> list[float]:
 def _size(model: RobotModel) -> tuple[float, float]:
     """Return how far the flange gets from the first axis, and how high the second axis is [m]."""
     low, high = drawn_range(model)
-    joints = np.random.default_rng(1).uniform(low, high, (_POSTURES, model.axes))
+    joints = np.random.default_rng(1).uniform(low, high, (_POSTURES, model.axis_count))
     places = model.base_flange(joints)[:, :3, 3]
-    _, origins = chain_frames(model, np.zeros((1, model.axes)))
+    _, origins = chain_frames(model, np.zeros((1, model.axis_count)))
     return float(np.hypot(places[:, 0], places[:, 1]).max()), float(origins[1, 2, 0])
 
 
@@ -210,8 +210,11 @@ def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: Rob
         place = np.array([0.55 * reach, -0.2 * reach, height])
         return _parked(model, free, height - 2.0 * reach, place, _radii(model)[0]).joints_rad
     values: Array = np.radians(np.asarray(stated, dtype=float))
-    if values.shape != (model.axes,) or not ((values > model.lower_rad) & (values < model.upper_rad)).all():
+    if (
+        values.shape != (model.axis_count,)
+        or not ((values > model.lower_rad) & (values < model.upper_rad)).all()
+    ):
         raise CalibrationError(
-            f"[fake.park_deg] of {name} needs {model.axes} angles within the limits of {model.title}."
+            f"[fake.park_deg] of {name} needs {model.axis_count} angles within the limits of {model.title}."
         )
     return values

@@ -36,8 +36,8 @@ def tip_uncertainty(
     """
     entry = config.robot_named(robot)
     model, joints = load_model(entry.model), np.asarray(joints_rad, dtype=float)
-    if joints.shape != (model.axes,) or not np.isfinite(joints).all():
-        raise ReviewError(f"{robot} has {model.axes} joints.", remedy="Load the page again.")
+    if joints.shape != (model.axis_count,) or not np.isfinite(joints).all():
+        raise ReviewError(f"{robot} has {model.axis_count} joints.", remedy="Load the page again.")
     tool = newest_stored_result(config, entry.serial, "tool_frame")
     arm = newest_stored_result(config, entry.serial, "parameter_set")
     tip = _tip_in_flange(tool, arm)

@@ -128,7 +128,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
         # The capsule's frame lies behind the placement that ends the link, the description's link before it.
         _draw_capsule(links[at], capsule, model.placements[capsule.link])
     radius = min((c.radius_m for c in shapes if c.name != _TOOL), default=_SMALL_RADIUS_M)
-    for joint in range(1, model.axes + 1):
+    for joint in range(1, model.axis_count + 1):
         _draw_cylinder(
             links[f"link_{joint}"],
             np.zeros(3),

@@ -196,7 +196,7 @@ def _lean_equations(
 ) -> tuple[Array, Array]:
     """Do nothing in the loop but call Pinocchio and copy what it says."""
     chain, twin, frame, angles = _pinocchio_twin(state, observations)
-    data, count, joints = twin.createData(), len(observations), 6 * chain.axes
+    data, count, joints = twin.createData(), len(observations), 6 * chain.axis_count
     design, residual = np.zeros((count, 3, joints + 6)), np.empty((count, 3))
     for i in range(count):
         pin.forwardKinematics(twin, data, angles[i])

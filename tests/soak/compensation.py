@@ -34,9 +34,9 @@ def compensation(points: int) -> CampaignFigures:
     for seed in range(-(-points // _BLOCK)):
         nominal = load_model(_ROBOTS[seed % len(_ROBOTS)])
         rng = np.random.default_rng(seed)
-        errors = rng.normal(size=(nominal.axes, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
+        errors = rng.normal(size=(nominal.axis_count, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
         count = min(_BLOCK, points - done)
-        start = rng.uniform(nominal.lower_rad, nominal.upper_rad, (count, nominal.axes))
+        start = rng.uniform(nominal.lower_rad, nominal.upper_rad, (count, nominal.axis_count))
         _judge_points(tally, nominal.with_dh_errors(errors), nominal, start, rng)
         done += count
     line = (

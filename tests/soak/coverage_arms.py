@@ -54,12 +54,12 @@ class DrawnArm:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "DrawnArm":
         model = load_model(_ROBOT)
-        errors = rng.standard_normal((model.axes, 5)) * _SPREAD
+        errors = rng.standard_normal((model.axis_count, 5)) * _SPREAD
         return cls(model, model.with_dh_errors(errors), errors)
 
     def draw_joints(self, rng: np.random.Generator, count: int) -> Array:
         low, high = np.maximum(self.model.lower_rad, -1.5), np.minimum(self.model.upper_rad, 1.5)
-        return rng.uniform(low, high, (count, self.model.axes))
+        return rng.uniform(low, high, (count, self.model.axis_count))
 
     def true_tips(self, joints: Array) -> Array:
         return self.real.tip_positions(joints, TIP)
@@ -140,7 +140,7 @@ def _reach_joints(
 ) -> Array:
     """Return joints at which nothing is missed, by damped Newton from random postures; those that arrive."""
     model = load_model(_ROBOT)
-    joints = rng.uniform(-1.2, 1.2, (count, model.axes))
+    joints = rng.uniform(-1.2, 1.2, (count, model.axis_count))
     for _ in range(60):
         tips, slopes = model.tip_jacobian(joints, TIP)
         miss, turned = missed(tips)

@@ -326,7 +326,7 @@ def _state_deviations(layout: CellLayout, answer: CellState, truth: CellState) -
 
 def _cell_tips(fit: CellFit, arm: DrawnArm, tool: str, places: Array, rng: np.random.Generator) -> Array:
     """Score the tip in the robot's base."""
-    joints = rng.uniform(-1.2, 1.2, (CHECKED, arm.model.axes))
+    joints = rng.uniform(-1.2, 1.2, (CHECKED, arm.model.axis_count))
     there = arm.real.base_flange(joints) @ places[fit.layout.frames.names["tool", tool]]
     spread = np.sqrt(np.diagonal(tip_covariance(fit, tool, joints), axis1=1, axis2=2))
     return ((there[:, :3, 3] - target_positions(fit, tool, joints)) / spread).reshape(-1)

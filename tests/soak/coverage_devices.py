@@ -92,7 +92,7 @@ def _score_alone(
         off, layout, "anchor", truth.devices[0].anchor_in_base_m - fit.state.devices[0].anchor_in_base_m
     )
     _put_values(off, layout, "tool", small_difference(fit.state.flange_tool, truth.flange_tool))
-    joints = rng.uniform(-1.2, 1.2, (CHECKED, truth.nominal.axes))
+    joints = rng.uniform(-1.2, 1.2, (CHECKED, truth.nominal.axis_count))
     predicted_tips, there = (
         predict_tips(fit, joints, mounting=0),
         truth.seen_from(0).base_flange(joints)[:, :3, 3],

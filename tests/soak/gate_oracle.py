@@ -70,7 +70,7 @@ class MoveOracle:
 
     def _hook_position(self, joints: Array) -> Array:
         self._place_bodies(joints)
-        flange = self._data.oMi[self._arm.axes] * pin.SE3(np.array(self._arm.placements[-1]))
+        flange = self._data.oMi[self._arm.axis_count] * pin.SE3(np.array(self._arm.placements[-1]))
         return np.asarray(flange.act(np.array(self._at.hook_in_flange_m)))
 
     def _fastest_speed_m_s(self, way: Array, hooks: Array, speed_rad_s: float) -> float:
@@ -88,7 +88,7 @@ class MoveOracle:
         pin.updateGeometryPlacements(self._twin, self._data, self._shapes, self._geometry)
         wire, where = _capsule_between(anchor, hook, 1e-4)
         for bar, link in zip(self._bars, self._links, strict=True):
-            if link < self._arm.axes:
+            if link < self._arm.axis_count:
                 at, shape = self._geometry.oMg[bar], self._shapes.geometryObjects[bar].geometry
                 placed = coal.Transform3s(at.rotation, at.translation)
                 request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -133,7 +133,7 @@ class MoveOracle:
         own = [k for k, pair in enumerate(pairs) if max(pair.first, pair.second) < len(self._bars)]
         links = {k: (self._links[pairs[k].first], self._links[pairs[k].second]) for k in own}
         counts: Counter[tuple[int, int]] = Counter()
-        for joints in rng.uniform(low, high, (_TRIALS, self._arm.axes)):
+        for joints in rng.uniform(low, high, (_TRIALS, self._arm.axis_count)):
             self._place_bodies(joints)
             pin.updateGeometryPlacements(self._twin, self._data, self._shapes, geometry)
             near = [k for k in own if pin.computeDistance(self._shapes, geometry, k).min_distance < _MARGIN_M]

@@ -61,11 +61,11 @@ def measure_rows(robot: str, seed: int) -> MeasuredRows:
         np.array([*(rng.choice([-1, 1], 2) * rng.uniform(0.03, 0.1, 2)), rng.uniform(0.05, 0.2)]),
     )
     start = nominal_state(model, (DevicePlacement(device, np.zeros(3)),), tool)
-    geometry = rng.standard_normal((model.axes, 5)) * _ERRORS
+    geometry = rng.standard_normal((model.axis_count, 5)) * _ERRORS
     truth = ArmState(model, geometry, (), np.zeros(0), start.flange_tool, start.devices)
     low, high = np.maximum(model.lower_rad, -_REACH_RAD), np.minimum(model.upper_rad, _REACH_RAD)
     count = int(rng.integers(30, 61))
-    joints = rng.uniform(low, high, (count, model.axes))
+    joints = rng.uniform(low, high, (count, model.axis_count))
     positions_m = truth.seen_from(0).base_flange(joints)[:, :3, 3] + _SIGMA_M * rng.standard_normal(
         (count, 3)
     )
@@ -91,14 +91,14 @@ def _swapped_columns(true: MeasuredRows) -> SpoiltRows:
 
 
 def _flip_joint_sign(true: MeasuredRows) -> SpoiltRows:
-    joint, sign = int(true.rng.integers(true.model.axes)), np.ones(true.model.axes)
+    joint, sign = int(true.rng.integers(true.model.axis_count)), np.ones(true.model.axis_count)
     sign[joint] = -1.0
     rows = true.with_joints(true.rows.joints_rad * sign)
     return SpoiltRows(true.model, rows, "sign", (f"{true.joint_names()[joint]} counts the other way",))
 
 
 def _shift_home(true: MeasuredRows, angle_deg: float) -> SpoiltRows:
-    joint, zero = int(true.rng.choice(_INNER)), np.zeros(true.model.axes)
+    joint, zero = int(true.rng.choice(_INNER)), np.zeros(true.model.axis_count)
     zero[joint] = np.deg2rad(angle_deg)
     rows = true.with_joints(true.rows.joints_rad - zero)
     return SpoiltRows(true.model, rows, "home", (f"that of {true.joint_names()[joint]} by {angle_deg:+.0f}",))
@@ -114,8 +114,8 @@ def _free_home(true: MeasuredRows) -> SpoiltRows:
 
 
 def _swap_joints(true: MeasuredRows) -> SpoiltRows:
-    a, b = true.rng.choice(true.model.axes, 2, replace=False)
-    order = np.arange(true.model.axes)
+    a, b = true.rng.choice(true.model.axis_count, 2, replace=False)
+    order = np.arange(true.model.axis_count)
     order[[a, b]] = order[[b, a]]
     columns = ", ".join(true.joint_names()[i] for i in order)
     return SpoiltRows(true.model, true.with_joints(true.rows.joints_rad[:, order]), "order", (columns,))

@@ -33,7 +33,7 @@ def outliers(trials: int) -> CampaignFigures:
         truth = _draw_arm(model, rng)
         rows, checks = (
             _measure_points(truth, rng, _ROWS),
-            rng.uniform(-_REACH_RAD, _REACH_RAD, (_CHECKS, model.axes)),
+            rng.uniform(-_REACH_RAD, _REACH_RAD, (_CHECKS, model.axis_count)),
         )
         clean.append(_squared_error(truth, _fit_arm(model, rows)[0], checks))
         for share in _SHARES:
@@ -53,12 +53,12 @@ def outliers(trials: int) -> CampaignFigures:
 
 def _draw_arm(model: RobotModel, rng: np.random.Generator) -> ArmState:
     state = nominal_state(model, (DevicePlacement(_PLACE, np.zeros(3)),), _TOOL)
-    geometry = rng.standard_normal((model.axes, 5)) * _ERRORS
+    geometry = rng.standard_normal((model.axis_count, 5)) * _ERRORS
     return ArmState(model, geometry, (), np.zeros(0), state.flange_tool, state.devices)
 
 
 def _measure_points(truth: ArmState, rng: np.random.Generator, count: int) -> PointObservations:
-    joints = rng.uniform(-_REACH_RAD, _REACH_RAD, (count, truth.nominal.axes))
+    joints = rng.uniform(-_REACH_RAD, _REACH_RAD, (count, truth.nominal.axis_count))
     measured_m = _tips_of(truth, joints) + _SIGMA_M * rng.standard_normal((count, 3))
     return PointObservations(joints, measured_m, np.full(count, _SIGMA_M), np.zeros(count, dtype=np.intp))
 

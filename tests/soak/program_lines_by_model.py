@@ -63,7 +63,7 @@ def line_by_model(maker: RobotMaker, folder: Path, programs: int, points: int, s
 
 def _draw_points(maker: RobotMaker, count: int, rng: np.random.Generator) -> ProgramPoints:
     model = load_model(maker.model)
-    joints = np.array(maker.middle_rad) + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axes))
+    joints = np.array(maker.middle_rad) + rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axis_count))
     base_tip = model.base_flange(joints)
     places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(maker.frame_mm)
     turned = values_from(maker.convention, base_tip[:, :3, :3])

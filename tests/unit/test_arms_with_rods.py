@@ -33,7 +33,7 @@ def forearm_rad(motor_2, motor_3, longer_rod_m):
 
 def postures(model, count, seed):
     dice, low, high = np.random.default_rng(seed), 0.9 * model.lower_rad, 0.9 * model.upper_rad
-    drawn = dice.uniform(low, high, (40 * count, model.axes))
+    drawn = dice.uniform(low, high, (40 * count, model.axis_count))
     crossing = (
         np.pi / 2 + drawn[:, 2] - drawn[:, 1]
     )  # between lever and rod: no arm goes near to a dead centre

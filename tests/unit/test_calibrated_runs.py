@@ -80,7 +80,9 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
     moved = calibrated_model(load_model("fanuc_m6ib"), sets.load_set(SERIAL))
     assert moved.left_out == ()
     assert moved.model.dh is not None
-    assert moved.model.dh.rows()[1, 0] == pytest.approx(load_model("fanuc_m6ib").dh.rows()[1, 0] + 0.002)  # type: ignore[union-attr]
+    assert moved.model.dh.to_rows()[1, 0] == pytest.approx(
+        load_model("fanuc_m6ib").dh.to_rows()[1, 0] + 0.002
+    )  # type: ignore[union-attr]
     with pytest.raises(ParameterSetError, match="version 1 already"):
         save_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
 

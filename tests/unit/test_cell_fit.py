@@ -47,7 +47,7 @@ def one_arm(world, series, devices, *, tool=None, targets=(), **robot):
 
 def normalized_error(world, found, *, target="tip", offset=(0.0, 0.0, 0.0), seen_from=None, frame=None):
     """Return mean e' C^-1 e / 3 of predicted places in new postures: about one if the covariance tells the truth."""
-    joints = np.random.default_rng(77).uniform(-1.8, 1.8, (80, world.model.axes))
+    joints = np.random.default_rng(77).uniform(-1.8, 1.8, (80, world.model.axis_count))
     truth = inverse_transform(np.eye(4) if frame is None else frame) @ world.flange_frames(joints, offset)
     fit = found.robust.fit
     error = target_positions(fit, target, joints, seen_from=seen_from) - truth[:, :3, 3]
@@ -106,7 +106,7 @@ def test_derivatives_by_every_unknown_agree_with_finite_differences():
     )
     frames = CellFrames.from_cell(whole_cell(world, other))
     wide = np.linspace(-1, 1, 60)[:, None]
-    terms = [terms_of_level(w.model, wide * np.ones(w.model.axes), GRAVITY) for w in (world, other)]
+    terms = [terms_of_level(w.model, wide * np.ones(w.model.axis_count), GRAVITY) for w in (world, other)]
     layout = cell_layout(frames, GRAVITY, terms, Priors())
     rng = np.random.default_rng(0)
     start = replace(layout.expected, places=first_places(frames))

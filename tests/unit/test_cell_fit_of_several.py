@@ -365,7 +365,7 @@ def test_the_unit_of_length_does_not_matter():
     joints, sigma = random_joints(world.model, np.random.default_rng(3), 40), 5e-5
     usual = mixed_cell(world)
     lengths = np.array([1.0, 1e3, 1e3, 1.0, 1.0])
-    dh = DhTable.from_rows(world.model.dh.rows() * lengths)
+    dh = DhTable.from_rows(world.model.dh.to_rows() * lengths)
     first = world.model.placements[0].copy()
     first[:3, 3] *= 1e3
     in_mm = RobotModel.from_dh(dh, base=first, name="in mm", joint_coupling=world.model.joint_coupling)

@@ -27,7 +27,7 @@ TOOL = homogeneous_matrix(exp_rotation(np.array([0.3, -0.8, 0.1])), np.array([0.
 def errors_of(model, seed):
     """DH errors of a real arm's size: 0.4 mm, 0.03 degrees, offsets of 0.15 degrees."""
     rng = np.random.default_rng(seed)
-    errors = rng.normal(size=(model.axes, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
+    errors = rng.normal(size=(model.axis_count, 5)) * [2.6e-3, 4e-4, 4e-4, 5e-4, 5e-4]
     return model.with_dh_errors(errors)
 
 
@@ -38,7 +38,7 @@ def model_pair(name="ur10", seed=3):
 
 def random_joints(model, count, seed, share=1.0):
     rng = np.random.default_rng(seed)
-    return share * rng.uniform(model.lower_rad, model.upper_rad, (count, model.axes))
+    return share * rng.uniform(model.lower_rad, model.upper_rad, (count, model.axis_count))
 
 
 def remaining_error(moved, followed, found, start, tip=None):

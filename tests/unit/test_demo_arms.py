@@ -153,7 +153,7 @@ def test_a_cell_file_with_any_robot_is_played(tmp_path, kind):
 
 def toml_of(model):
     """Return a model file of an arm, as people write one."""
-    rows = model.dh.rows()
+    rows = model.dh.to_rows()
     columns = {
         "theta_deg": np.degrees(rows[:, 0]),
         "d_mm": rows[:, 1] * 1e3,
@@ -189,8 +189,8 @@ def test_any_chain_of_turning_joints_is_a_table(name):
         joint_coupling=model.joint_coupling, lower_rad=model.lower_rad, upper_rad=model.upper_rad,
         max_speed_rad_s=model.max_speed_rad_s, joint_names=model.joint_names,
     )  # fmt: skip
-    moved = bare.with_twists(np.random.default_rng(1).normal(size=(model.axes + 1, 6)) * 0.01)
-    joints = np.random.default_rng(2).uniform(-2, 2, (10, model.axes))
+    moved = bare.with_twists(np.random.default_rng(1).normal(size=(model.axis_count + 1, 6)) * 0.01)
+    joints = np.random.default_rng(2).uniform(-2, 2, (10, model.axis_count))
     for arm in (bare, moved):
         table = dh_of_chain(arm)
         rows = DhTable.from_rows(table.rows)

@@ -40,14 +40,14 @@ def collision_check(model: RobotModel) -> CollisionCheck:
 
 def draw_postures(model: RobotModel, count: int, seed: int) -> np.ndarray:
     low, high = np.maximum(model.lower_rad, -3.0), np.minimum(model.upper_rad, 3.0)
-    return np.random.default_rng(seed).uniform(low, high, (count, model.axes))
+    return np.random.default_rng(seed).uniform(low, high, (count, model.axis_count))
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_no_posture_within_the_doubt_is_nearer_than_the_margin_foresees(name: str) -> None:
     model, rng = load_model(name), np.random.default_rng(3)
     check, nominal = collision_check(model), draw_postures(model, 40, 1)
-    doubt = tuple(float(v) for v in rng.uniform(0.0, 0.2, model.axes))
+    doubt = tuple(float(v) for v in rng.uniform(0.0, 0.2, model.axis_count))
     clearances = check.compute_clearances(nominal, PositionUncertainty(doubt, doubt))
     assert clearances.uncertainty is not None
     used = np.zeros(clearances.uncertainty.shape)
@@ -84,11 +84,11 @@ def test_one_axis_alone_swings_a_point_by_its_chord() -> None:
     doubt = AxisUncertainty.from_joints(model, stretched, (0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
     flange = model.base_flange(stretched)[0, :3, 3]
     lever = float(np.hypot(flange[0], flange[1]))
-    assert doubt.displacement_between([flange[:, None]], 0, model.axes)[0] == pytest.approx(
+    assert doubt.displacement_between([flange[:, None]], 0, model.axis_count)[0] == pytest.approx(
         2 * np.sin(0.05) * lever
     )
     assert (
-        doubt.displacement_between([flange[:, None]], 1, model.axes)[0] == 0.0
+        doubt.displacement_between([flange[:, None]], 1, model.axis_count)[0] == 0.0
     )  # seen from the first link nothing moves
 
 

@@ -138,13 +138,13 @@ def test_tilted_parallel_axes_stay_near_nominal_in_hayatis_form(robot):
         errors[row, 3:] = np.deg2rad(0.3)
     real = nominal.with_dh_errors(errors)
     found = hayati_dh(real, nominal)
-    change = found.table.rows() - nominal.dh.rows()
+    change = found.table.to_rows() - nominal.dh.to_rows()
     assert np.abs(change[:, 1:3]).max() < 2e-3
     assert np.abs(change).max() < 0.02
     joints = random_joints(nominal, np.random.default_rng(2), 30)
     again = nominal.with_dh_errors(change).base_flange(joints) @ found.flange_rest
     assert np.abs(again - real.base_flange(joints)).max() < 1e-12
-    assert np.abs(standard_dh(real, nominal).table.rows() - nominal.dh.rows()[:, :5])[:, 1].max() > 10.0
+    assert np.abs(standard_dh(real, nominal).table.to_rows() - nominal.dh.to_rows()[:, :5])[:, 1].max() > 10.0
 
 
 def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is():
@@ -164,7 +164,7 @@ def test_the_table_of_an_identified_arm_does_not_blow_up_and_says_how_sure_it_is
     assert "J2 d" not in names
     assert "J4 beta" not in names
     assert all(abs(e.value - e.nominal) < 4e-3 for e in table.entries if e.unit == "m")
-    expected = hayati_dh(truth.arm_model, UR10).table.rows()
+    expected = hayati_dh(truth.arm_model, UR10).table.to_rows()
     known_entries = [
         entry for entry in table.entries if entry.name in ("J2 beta", "J3 alpha", "J3 a", "J4 offset")
     ]

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from cellcal.calibration.arm.kinematics import (
-    along_next,
+    by_independent_columns,
     chain_frames,
     cosine_and_sine,
     independent_columns,
@@ -20,12 +20,14 @@ _POSTURES = 40
 
 def bent_model(name, seed=8):
     model, rng = load_model(name), np.random.default_rng(seed)
-    model = model.with_dh_errors(rng.normal(scale=0.02, size=(model.axes, 5)))
-    return model.with_twists(rng.normal(scale=0.02, size=(model.axes + 1, 6)))
+    model = model.with_dh_errors(rng.normal(scale=0.02, size=(model.axis_count, 5)))
+    return model.with_twists(rng.normal(scale=0.02, size=(model.axis_count + 1, 6)))
 
 
 def some_joints(model, seed=3):
-    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (_POSTURES, model.axes))
+    return np.random.default_rng(seed).uniform(
+        model.lower_rad, model.upper_rad, (_POSTURES, model.axis_count)
+    )
 
 
 def columns_of(model, joints, scale=None):
@@ -40,8 +42,10 @@ def test_every_twist_is_a_combination_of_the_independent_columns(name):
     joints = some_joints(model)
     rotations, origins = chain_frames(model, joints)
     every = placement_columns(rotations, origins, origins[-1]).reshape(-1, 3 * _POSTURES)
-    columns = columns_of(model, joints)[: 4 * model.axes + 3].reshape(-1, 3 * _POSTURES)
-    rebuilt_columns = along_next(model.placements)[:, :-3] @ columns  # the tip's own turns move no tip
+    columns = columns_of(model, joints)[: 4 * model.axis_count + 3].reshape(-1, 3 * _POSTURES)
+    rebuilt_columns = (
+        by_independent_columns(model.placements)[:, :-3] @ columns
+    )  # the tip's own turns move no tip
     assert np.abs(rebuilt_columns - every).max() < 1e-13
 
 
@@ -54,16 +58,16 @@ def test_pinocchios_regressor_is_a_combination_of_the_independent_columns(name):
     tip = pin.SE3(np.array(model.placements[-1]))
     frame = twin.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
     data, joints = twin.createData(), some_joints(model)
-    columns = columns_of(model, joints)[: 4 * model.axes + 3]
-    rebuilt_columns = np.tensordot(along_next(model.placements)[:, :-3], columns, axes=1)
+    columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
+    rebuilt_columns = np.tensordot(by_independent_columns(model.placements)[:, :-3], columns, axes=1)
     for i, angles in enumerate(joints @ model.joint_coupling.T + model.theta0_rad):
         pin.forwardKinematics(twin, data, angles)
         pin.updateFramePlacements(twin, data)
         regressor = pin.computeFrameKinematicRegressor(twin, data, frame, pin.LOCAL_WORLD_ALIGNED)
-        assert np.abs(rebuilt_columns[: 6 * model.axes, :, i].T - regressor[:3]).max() < 1e-13
+        assert np.abs(rebuilt_columns[: 6 * model.axis_count, :, i].T - regressor[:3]).max() < 1e-13
         assert (
             np.abs(
-                rebuilt_columns[6 * model.axes :, :, i].T - np.eye(3, 6) @ _tip_motions(data.oMf[frame])
+                rebuilt_columns[6 * model.axis_count :, :, i].T - np.eye(3, 6) @ _tip_motions(data.oMf[frame])
             ).max()
             < 1e-13
         )
@@ -80,18 +84,18 @@ def _tip_motions(place):
 def test_all_combinations_are_derivatives_of_place_and_attitude(name):
     model = bent_model(name)
     joints, step = some_joints(model), 1e-6
-    columns = columns_of(model, joints)[: 4 * model.axes + 3]
-    combine = along_next(model.placements)
+    columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
+    combine = by_independent_columns(model.placements)
     places = np.tensordot(combine[:, :-3], columns, axes=1)
     rotations, _ = chain_frames(model, joints)
     # Of the motions behind the columns, turning about x and y of a frame turns the tip, and so do its own turns.
-    turns = np.zeros((4 * model.axes + 6, 3, _POSTURES))
-    for k in range(model.axes):
+    turns = np.zeros((4 * model.axis_count + 6, 3, _POSTURES))
+    for k in range(model.axis_count):
         turns[4 * k + 2], turns[4 * k + 3] = rotations[k, :, 0], rotations[k, :, 1]
     turns[-3:] = rotations[-1].swapaxes(0, 1)
     attitudes = np.tensordot(combine, turns, axes=1)
-    for i in range(6 * (model.axes + 1)):
-        twists = np.zeros((model.axes + 1, 6))
+    for i in range(6 * (model.axis_count + 1)):
+        twists = np.zeros((model.axis_count + 1, 6))
         twists.flat[i] = step
         there, back = (
             replace_placements(model, model.placements @ exp_twist(sign * twists)).base_flange(joints)

@@ -23,18 +23,18 @@ TIP = np.array([0.06, 0.05, 0.12])
 
 
 def some_joints(model: RobotModel, count: int = 12, seed: int = 3) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (count, model.axes))
+    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (count, model.axis_count))
 
 
 def bent_model(model: RobotModel, seed: int = 8) -> RobotModel:
     """Return the model with large errors in every DH parameter and placement."""
     rng = np.random.default_rng(seed)
-    return model.with_dh_errors(rng.normal(scale=0.02, size=(model.axes, 5)))
+    return model.with_dh_errors(rng.normal(scale=0.02, size=(model.axis_count, 5)))
 
 
 def twisted_model(model: RobotModel, seed: int = 9) -> RobotModel:
     return bent_model(model).with_twists(
-        np.random.default_rng(seed).normal(scale=0.02, size=(model.axes + 1, 6))
+        np.random.default_rng(seed).normal(scale=0.02, size=(model.axis_count + 1, 6))
     )
 
 
@@ -100,7 +100,7 @@ def test_the_dh_regressor_is_the_derivative(name, change):
     joints = some_joints(model)
     positions, regressor = model.dh_regressor(joints, TIP)
     numeric = central_differences(
-        lambda e: model.with_dh_errors(e.reshape(-1, 5)).tip_positions(joints, TIP), model.axes * 5
+        lambda e: model.with_dh_errors(e.reshape(-1, 5)).tip_positions(joints, TIP), model.axis_count * 5
     )
     assert np.allclose(positions, model.tip_positions(joints, TIP), atol=1e-15)
     assert np.allclose(regressor.reshape(*numeric.shape), numeric, atol=1e-8)
@@ -111,7 +111,7 @@ def test_the_placement_regressor_is_the_derivative(name):
     model = twisted_model(load_model(name))
     joints = some_joints(model)
     _, regressor = model.placement_regressor(joints, TIP)
-    size = (model.axes + 1) * 6
+    size = (model.axis_count + 1) * 6
     numeric = central_differences(
         lambda e: model.with_twists(e.reshape(-1, 6)).tip_positions(joints, TIP), size
     )
@@ -126,11 +126,11 @@ def test_the_jacobians_are_the_derivatives_by_what_the_pendant_shows(name):
     flange, jacobian = model.flange_jacobian(joints)
     assert np.allclose(
         tip_jacobian,
-        central_differences(lambda e: model.tip_positions(joints + e, TIP), model.axes),
+        central_differences(lambda e: model.tip_positions(joints + e, TIP), model.axis_count),
         atol=1e-8,
     )
     body = central_differences(
-        lambda e: log_transform(np.linalg.inv(flange) @ model.base_flange(joints + e)), model.axes
+        lambda e: log_transform(np.linalg.inv(flange) @ model.base_flange(joints + e)), model.axis_count
     )
     world = np.concatenate([flange[:, :3, :3] @ body[:, :3], flange[:, :3, :3] @ body[:, 3:]], axis=1)
     assert np.allclose(jacobian, world, atol=1e-8)
@@ -143,7 +143,7 @@ def test_fifty_digits_agree():
     with mpmath.workdps(50):
         for q, ours in zip(joints, flange, strict=True):
             exact = mpmath.eye(4)
-            for (theta, d, a, alpha, beta), angle in zip(model.dh.rows(), q, strict=True):
+            for (theta, d, a, alpha, beta), angle in zip(model.dh.to_rows(), q, strict=True):
                 exact = (
                     exact * axis_rotation("z", mpmath.mpf(theta) + mpmath.mpf(angle)) * translation(a, 0, d)
                 )

@@ -191,7 +191,7 @@ def test_a_reference_means_the_same_from_any_folder(urdf, monkeypatch, tmp_path)
     fixed = fixed_reference("gantry.urdf?tip=flange", urdf.parent)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert load_model(fixed).axes == 2
+    assert load_model(fixed).axis_count == 2
     assert fixed_reference("ur10e", urdf.parent) == "ur10e"
 
 

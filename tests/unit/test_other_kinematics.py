@@ -163,7 +163,7 @@ def test_a_wrong_scale_of_a_track_is_found(tmp_path):
     moved[:, 0] *= 1.0005
     places = hidden.measured(moved)
     heads = [
-        *(f"J{i + 1} ({'mm' if i == 0 else 'deg'})" for i in range(model.axes)),
+        *(f"J{i + 1} ({'mm' if i == 0 else 'deg'})" for i in range(model.axis_count)),
         "x (mm)",
         "y (mm)",
         "z (mm)",
@@ -241,7 +241,7 @@ def test_poses_are_planned_for_any_kind(tmp_path, robot, capsys):
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 12
-    assert document["joint_columns"] == list(rows[0])[: model.axes]
+    assert document["joint_columns"] == list(rows[0])[: model.axis_count]
     for i, kind in enumerate(model.kinds):
         values = np.array([float(row[document["joint_columns"][i]]) for row in rows])
         values = values / 1e3 if kind == "prismatic" else np.radians(values)

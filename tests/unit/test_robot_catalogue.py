@@ -36,7 +36,7 @@ def table_of(name):
 
 
 def joints_of(model, seed):
-    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (POSTURES, model.axes))
+    return np.random.default_rng(seed).uniform(model.lower_rad, model.upper_rad, (POSTURES, model.axis_count))
 
 
 def seed_of(name):

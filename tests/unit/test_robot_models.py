@@ -39,7 +39,7 @@ def test_the_models_that_ship_are_these():
 @pytest.mark.parametrize("name", NOMINAL)
 def test_every_model_has_six_axes_with_limits_and_speeds(name):
     model = load_model(name)
-    assert (model.name, model.axes) == (name, 6)
+    assert (model.name, model.axis_count) == (name, 6)
     assert len(set(model.joint_names)) == 6
     assert (model.upper_rad - model.lower_rad > np.deg2rad(90)).all()
     assert (model.max_speed_rad_s > 1).all()

@@ -189,7 +189,7 @@ def test_a_robots_zeros_tool_and_device_are_found_and_what_cannot_be_known_is_na
     assert found.is_better
     assert found.device_moved_m is not None
     assert found.device_moved_m > 0.3
-    assert calibrated.axes == 6
+    assert calibrated.axis_count == 6
     base = found.device_base.to_matrix()
     turn_about_z = np.linalg.inv(DEVICE_BASE) @ base  # what J1's zero hides behind
     assert abs(turn_about_z[2, 2] - 1.0) < 1e-6

@@ -45,7 +45,7 @@ def test_the_rewritten_arm_reaches_the_same_poses():
 def test_hundreds_of_metres_become_millimetres():
     nominal = load_model("ur10e")
     model = factory_model(nominal, ABSOLUTE)
-    assert np.abs(model.dh.rows() - nominal.dh.rows())[:, 1:3].max() < 1.5e-3
+    assert np.abs(model.dh.to_rows() - nominal.dh.to_rows())[:, 1:3].max() < 1.5e-3
     # UR's own rewriting gives the forearm at -0.612541 m, pitched by 1.393 mrad, and wrist 1 at 0.174508 m.
     assert model.dh.a_m[1] == pytest.approx(-0.612541, abs=5e-7)
     assert model.dh.beta_rad[1] == pytest.approx(1.393e-3, abs=1e-6)
@@ -64,14 +64,14 @@ def test_this_arm_differs_from_nominal_by_millimetres():
 @pytest.mark.parametrize("name", ["ur3", "ur5e", "ur10", "ur16e", "ur20"])
 def test_a_nominal_table_stays_as_it_is(name):
     nominal = load_model(name)
-    assert np.allclose(factory_model(nominal, nominal.dh).dh.rows(), nominal.dh.rows(), atol=1e-12)
+    assert np.allclose(factory_model(nominal, nominal.dh).dh.to_rows(), nominal.dh.to_rows(), atol=1e-12)
 
 
 def test_any_small_errors_keep_the_pose():
     rng = np.random.default_rng(4)
     nominal = load_model("ur5e")
     for _ in range(20):
-        rows = nominal.dh.rows()[:, :4] + rng.normal(scale=(1e-3, 1e-3, 1e-3, 2e-3), size=(6, 4))
+        rows = nominal.dh.to_rows()[:, :4] + rng.normal(scale=(1e-3, 1e-3, 1e-3, 2e-3), size=(6, 4))
         table = DhTable.from_rows(rows)
         raw = RobotModel.from_dh(table, name="raw")
         rewritten = RobotModel.from_dh(to_well_conditioned(table, nominal.dh), name="rewritten")

@@ -115,7 +115,7 @@ def test_angles_are_turned_about_x_then_y_then_z_of_the_moving_frame():
 def test_calibration_conf_goes_out_and_comes_back():
     read = read_calibration_conf(CONF, NOMINAL)
     back = read_calibration_conf(write_calibration_conf(read, NOMINAL), NOMINAL)
-    assert np.array_equal(back.table.rows(), read.table.rows())
+    assert np.array_equal(back.table.to_rows(), read.table.to_rows())
     assert back.joint_checksum == read.joint_checksum
     assert back.factory_hash == read.factory_hash
 
@@ -133,7 +133,7 @@ def test_the_primary_interface_goes_out_and_comes_back_among_other_messages():
     version = struct.pack(">iB", 9, 20) + b"text"
     other = struct.pack(">iB", 5 + 9, 16) + struct.pack(">IB", 9, 8) + b"\0\0\0\0"
     back = read_primary_kinematics(version + other + message + other[:7])
-    assert np.array_equal(back.table.rows(), ABSOLUTE.rows())
+    assert np.array_equal(back.table.to_rows(), ABSOLUTE.to_rows())
     assert back.joint_checksum == kinematics.joint_checksum
     assert back.status == 2
 
@@ -195,7 +195,7 @@ def test_a_base_that_leans_is_refused():
 
 def test_the_well_conditioned_arm_goes_back_to_the_factorys_own_table():
     table = standard_dh(ARM, NOMINAL).table
-    assert np.allclose(table.rows(), ABSOLUTE.rows(), rtol=1e-9, atol=1e-9)
+    assert np.allclose(table.to_rows(), ABSOLUTE.to_rows(), rtol=1e-9, atol=1e-9)
     assert UrKinematics(table).factory_hash == UrKinematics(ABSOLUTE).factory_hash
 
 
@@ -211,5 +211,5 @@ def test_any_arm_has_a_standard_table_that_reaches_the_same_poses(name):
         )
         assert (found.table.beta_rad == 0).all()
         assert np.allclose(arm_reach_m(plain) @ found.flange_rest, arm_reach_m(model), rtol=0, atol=1e-11)
-    assert np.allclose(standard_dh(nominal, nominal).table.rows(), nominal.dh.rows(), atol=1e-12)
+    assert np.allclose(standard_dh(nominal, nominal).table.to_rows(), nominal.dh.to_rows(), atol=1e-12)
     assert np.abs(found.flange_rest - np.eye(4)).max() < 0.02

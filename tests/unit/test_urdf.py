@@ -110,7 +110,7 @@ def test_signs_become_axes():
 
 def test_reading_needs_no_library_of_robots(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert read_urdf(ARM, tip_link="tool0").model.axes == 3
+    assert read_urdf(ARM, tip_link="tool0").model.axis_count == 3
 
 
 @pytest.mark.parametrize(
@@ -158,4 +158,4 @@ def test_a_description_of_one_joint_is_read() -> None:
         '<robot name="one"><link name="base"/><link name="tip"/><joint name="j" type="revolute"><parent link="base"/>'
         '<child link="tip"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
-    assert read_urdf(text, tip_link="tip").model.axes == 1
+    assert read_urdf(text, tip_link="tip").model.axis_count == 1

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.kinematics import RobotModel, cross, turned_frames
+from cellcal.calibration.arm.kinematics import RobotModel, cross_product, frames_of_placements
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 
@@ -103,7 +103,12 @@ def _write_configuration(text: str, flags: Sequence[int], turns: Sequence[int]) 
 
 def _six_joints(model: RobotModel, joints: Array) -> Array:
     joints = np.atleast_2d(np.asarray(joints, dtype=float))
-    if model.axes != 6 or model.sliding is not None or joints.shape[1] != 6 or not np.isfinite(joints).all():
+    if (
+        model.axis_count != 6
+        or model.sliding is not None
+        or joints.shape[1] != 6
+        or not np.isfinite(joints).all()
+    ):
         raise CalibrationError(
             f"{model.name}: the configuration of a FANUC is known for six finite joints, not {joints.shape[1]}."
         )
@@ -124,13 +129,15 @@ def _posture_sides(model: RobotModel, joints: Array) -> tuple[NDArray[np.int64],
 def _elbow_and_front(model: RobotModel, joints: Array) -> tuple[Array, Array]:
     """Return how far the wrist centre is beside the line shoulder - elbow, and before axis 1 [m], signs arbitrary."""
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
-    rotations, origins = turned_frames(model.placements[: _WRIST + 1], angles[:_WRIST])
+    rotations, origins = frames_of_placements(model.placements[: _WRIST + 1], angles[:_WRIST])
     across = rotations[1, :, 2]
     shoulder, elbow, wrist = origins[1], origins[2], origins[_WRIST]
     upper = elbow - shoulder
     upper = upper - _dot_product(upper, across) * across
-    beside = _dot_product(cross(upper, wrist - shoulder), across) / np.sqrt(_dot_product(upper, upper))
-    return beside, _dot_product(wrist - origins[0], cross(across, rotations[0, :, 2]))
+    beside = _dot_product(cross_product(upper, wrist - shoulder), across) / np.sqrt(
+        _dot_product(upper, upper)
+    )
+    return beside, _dot_product(wrist - origins[0], cross_product(across, rotations[0, :, 2]))
 
 
 def _dot_product(a: Array, b: Array) -> Array:

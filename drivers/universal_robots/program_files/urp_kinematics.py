@@ -58,7 +58,7 @@ def _fit_model(chain: DhChain) -> RobotModel:
         except CalibrationError:
             continue
         if nominal.dh is not None and model.dh is not None:
-            apart = float(np.abs(model.dh.rows() - nominal.dh.rows())[:, 1:3].max())
+            apart = float(np.abs(model.dh.to_rows() - nominal.dh.to_rows())[:, 1:3].max())
             best = (apart, model) if best is None or apart < best[0] else best
     return best[1] if best is not None else _unknown_arm(table)
 

@@ -161,7 +161,7 @@ class UrpProgram:
         ProgramFileError
             No table of six plain rows, or a pose that the other arm does not reach.
         """
-        numbers = table.rows()
+        numbers = table.to_rows()
         if (
             numbers.shape != (6, 5)
             or not np.isfinite(numbers).all()

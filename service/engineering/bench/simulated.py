@@ -30,7 +30,7 @@ def draw_arms(seed: int) -> SimulatedArms:
     nominal = load_model(ROBOT)
     rng = np.random.default_rng(seed)
     scale = [OFFSET_ERROR_RAD, LENGTH_ERROR_M, LENGTH_ERROR_M, ANGLE_ERROR_RAD, 0.0]
-    return SimulatedArms(nominal, nominal.with_dh_errors(rng.normal(size=(nominal.axes, 5)) * scale))
+    return SimulatedArms(nominal, nominal.with_dh_errors(rng.normal(size=(nominal.axis_count, 5)) * scale))
 
 
 def draw_joints(rng: np.random.Generator, count: int) -> Array:
@@ -52,7 +52,7 @@ def model_inputs(model: RobotModel, name: str) -> dict[str, Array]:
 
 def _joint_placements(model: RobotModel) -> Array:
     placements = model.placements.copy()
-    turns = exp_twist(np.concatenate([np.zeros((model.axes, 5)), model.theta0_rad[:, None]], axis=1))
+    turns = exp_twist(np.concatenate([np.zeros((model.axis_count, 5)), model.theta0_rad[:, None]], axis=1))
     placements[:-1] = placements[:-1] @ turns
     return placements
 
@@ -60,4 +60,4 @@ def _joint_placements(model: RobotModel) -> Array:
 def _dh_rows(model: RobotModel) -> Array:
     if model.dh is None:
         return np.empty((0, 4))
-    return model.dh.rows()[:, :4]
+    return model.dh.to_rows()[:, :4]

@@ -60,7 +60,7 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
         raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")
-    axes = arm if isinstance(arm, int) else arm.axes
+    axes = arm if isinstance(arm, int) else arm.axis_count
     names, factors = joint_columns_in(arm)
     attitude = _attitude_columns(options)
     words = {key: tuple(str(row.get(key) or "") for row in rows) for key in ("target",) if key in rows[0]}

@@ -132,7 +132,7 @@ def cell_tips(options: AtOptions, report: IdentifiedCellReport) -> dict[str, Tip
     """
     cell = report.measurements.cell
     targets = list(dict.fromkeys(series.target for series in cell.series))
-    axes = {cell.robot_of(name).model.axes for name in targets}
+    axes = {cell.robot_of(name).model.axis_count for name in targets}
     points = read_points(options, max(axes))
     named = points.words.get("target", tuple(targets[:1]) * len(points.joints_rad))
     if "target" not in points.words and len(targets) > 1:

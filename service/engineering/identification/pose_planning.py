@@ -264,7 +264,7 @@ def _description_check(
         raise PlanError(f"{description.path} cannot be read: {broken}") from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))
-    matrix = np.eye(model.axes) if plain else coupling
+    matrix = np.eye(model.axis_count) if plain else coupling
     _same_arm(model, arm.model, matrix)
     return DescriptionCheck.from_description(
         arm, check.shape.obstacles, mesh_folders=description.mesh_folders, joint_matrix=matrix,
@@ -273,8 +273,8 @@ def _description_check(
 
 
 def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
-    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axes))
-    if described.axes == model.axes:
+    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axis_count))
+    if described.axis_count == model.axis_count:
         apart = model.base_flange(joints) - described.base_flange(joints @ matrix.T)
         if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
             return

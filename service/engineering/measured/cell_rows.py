@@ -249,13 +249,13 @@ class _CellTable:
     def _read_joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
         """Return the joints of all rows as the controller counts them [rad], or [m] where they slide."""
         zeros = [column.zero_deg for column in parse_columns(self._table.names, names)]
-        if len(names) != model.axes:
+        if len(names) != model.axis_count:
             raise MeasurementError(
-                f"the layout names {len(names)} joint columns, {model.name} has {model.axes} joints.",
+                f"the layout names {len(names)} joint columns, {model.name} has {model.axis_count} joints.",
                 remedy="Name one column a joint, in the order of the chain.",
             )
         of_kind = {True: "slides", False: "joints"}
-        slides = [False] * model.axes if model.sliding is None else model.sliding.tolist()
+        slides = [False] * model.axis_count if model.sliding is None else model.sliding.tolist()
         unit = np.array([_UNITS[self._layout.units[of_kind[slide]]] for slide in slides])
         refuse_typed_zeros(np.array(zeros), model)
         angles = self._read_columns(names) * unit + np.deg2rad(zeros)

@@ -73,7 +73,7 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
             remedy="Identify again, or use the release with which the set was made.",
         )
     entries = _geometry_entries(nominal)
-    errors = np.zeros((nominal.axes, 5) if nominal.dh is not None else (nominal.axes + 1, 6))
+    errors = np.zeros((nominal.axis_count, 5) if nominal.dh is not None else (nominal.axis_count + 1, 6))
     left_out = []
     for value in parameter_set.values:
         entry = entries.get(value.name)
@@ -87,9 +87,9 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
 
 def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
     """Return how a model with a DH table deviates from nominal; nobody knows how certainly."""
-    if nominal.dh is None or model.dh is None or model.axes != nominal.axes:
+    if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
         raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
-    errors = model.dh.rows() - nominal.dh.rows()
+    errors = model.dh.to_rows() - nominal.dh.to_rows()
     units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
     return tuple(
         ParameterValue(name, units[entry[1]], float(errors[entry]))
@@ -165,9 +165,9 @@ def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibr
         The axes of the description are not those of the nominal model.
     """
     arm = read_urdf(text, tip_link=tip_link)
-    if arm.model.axes != nominal.axes:
+    if arm.model.axis_count != nominal.axis_count:
         raise CalibrationError(
-            f"the description has {arm.model.axes} joints, {nominal.name} has {nominal.axes}"
+            f"the description has {arm.model.axis_count} joints, {nominal.name} has {nominal.axis_count}"
         )
     ours, theirs = _joint_steps(nominal), _joint_steps(arm.model)
     beside = np.array(

@@ -117,7 +117,7 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
 
 
 def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
-    axes = load_model(model).axes
+    axes = load_model(model).axis_count
     if axes != len(mastering.counts_at_zero):
         raise RecordFileError(
             f"a {model} has {axes} axes, group {mastering.group} of the backup {len(mastering.counts_at_zero)}.",

@@ -258,7 +258,7 @@ def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tup
         )
     text = write_ros_kinematics(RosKinematics(ros_frames(model), factory_hash))
     back = model_of_ros(read_ros_kinematics(text), nominal)
-    still = np.zeros((1, nominal.axes))
+    still = np.zeros((1, nominal.axis_count))
     rest = log_transform(np.linalg.inv(back.base_flange(still)[0]) @ model.base_flange(still)[0])
     return text.encode(), _flange_notes(rest)
 

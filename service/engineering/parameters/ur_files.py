@@ -62,7 +62,7 @@ def read_calibration_conf(text: str, nominal: RobotModel) -> UrKinematics:
 
 def write_calibration_conf(kinematics: UrKinematics, nominal: RobotModel) -> str:
     """Write the form of ``calibration.conf``; the checksum line is left out where nobody knows it."""
-    deltas = kinematics.table.rows() - _dh_table(nominal).rows()
+    deltas = kinematics.table.to_rows() - _dh_table(nominal).to_rows()
     columns = {"theta": 0, "a": 2, "d": 1, "alpha": 3}
     lines = ["[mounting]"]
     for name, column in columns.items():
@@ -102,7 +102,7 @@ def read_primary_kinematics(stream: bytes) -> UrKinematics:
 
 def write_primary_kinematics(kinematics: UrKinematics) -> bytes:
     """Return one robot-state message that holds nothing but the kinematics."""
-    rows = kinematics.table.rows()
+    rows = kinematics.table.to_rows()
     checksum = kinematics.joint_checksum or (0xFFFFFFFF,) * 6
     columns = [rows[:, i] for i in (0, 2, 1, 3)]
     body = _BODY.pack(*checksum, *np.concatenate(columns), kinematics.status)
@@ -147,10 +147,10 @@ def write_ros_kinematics(kinematics: RosKinematics) -> str:
 
 def ros_frames(model: RobotModel) -> Array:
     """Return the frames (6, 4, 4) that ROS wants of an arm with a DH table; the last link's end is not in them."""
-    rows, base = _dh_table(model).rows(), model.placements[0]
+    rows, base = _dh_table(model).to_rows(), model.placements[0]
     rest = rows.copy()
     rest[:, 1] = 0.0
-    before = np.concatenate([base[None], DhTable.from_rows(rest).placements()[:-1]])
+    before = np.concatenate([base[None], DhTable.from_rows(rest).to_placements()[:-1]])
     turns = [
         homogeneous_matrix(elementary_rotation("z", np.array(row[0])), np.array([0.0, 0.0, row[1]]))
         for row in rows
@@ -199,7 +199,7 @@ def belongs_to(file_hash: str, kinematics: UrKinematics) -> bool:
 
 
 def _dh_table(model: RobotModel) -> DhTable:
-    if model.dh is None or model.axes != 6:
+    if model.dh is None or model.axis_count != 6:
         raise CalibrationError(f"{model.name}: a UR arm has a table of six rows")
     return model.dh
 

@@ -299,9 +299,9 @@ def _farthest_frame(project: Project) -> float:
 def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
     """Compare the arm that a file says it was taught on with that of the project's controller."""
     own = program.frames.kinematics
-    if own is None or own.axes != project.controller.axes:
+    if own is None or own.axis_count != project.controller.axis_count:
         return
-    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axes)
+    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axis_count)
     apart = own.base_flange(still)[:, :3, 3] - project.controller.base_flange(still)[:, :3, 3]
     most = float(np.linalg.norm(apart, axis=1).max())
     if most > _ANOTHER_ARM_M:

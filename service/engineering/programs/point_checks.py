@@ -74,8 +74,8 @@ class TransferChecks:
         over = excess > _ROUNDED_RAD
         reasons = {
             int(i): f"joint {joint + 1} would pass its limit by {np.degrees(by):.1f} deg"
-            if joint < model.axes
-            else _past_sum(model, int(joint) - model.axes, float(by))
+            if joint < model.axis_count
+            else _past_sum(model, int(joint) - model.axis_count, float(by))
             for i, joint, by in zip(rows[over], worst[over], excess[over], strict=True)
         }
         points.refuse_points(rows[over], reasons.__getitem__)

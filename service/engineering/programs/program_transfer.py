@@ -117,7 +117,7 @@ class ProgramTransfer:
         programs = in_joints(programs, self._route.source.pulses_per_rad)
         for program in programs:
             refuse_foreign(program, self._route.source)
-        axes = self._route.source.nominal.axes
+        axes = self._route.source.nominal.axis_count
         points = points_of(programs, axes)
         result = PointOutcomes.make_empty(len(points), axes)
         warnings: list[str] = []

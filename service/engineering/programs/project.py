@@ -167,7 +167,7 @@ def read_project(path: Path) -> Project:
         smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
         master=_read_master(data, folder, where),
         programs=_program_patterns(data, where),
-        pulses_per_rad=pulses_per_rad(robot, nominal.axes, f"{where}: [robot]"),
+        pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         backup=backup.folder,
     )
 
@@ -205,7 +205,7 @@ def _read_robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[Rob
 def _with_limits(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotModel:
     def joint_limits(name: str, default: Array) -> Array:
         key = f"{name}_deg"
-        return np.deg2rad(read_numbers(robot, key, model.axes, where)) if key in robot else default
+        return np.deg2rad(read_numbers(robot, key, model.axis_count, where)) if key in robot else default
 
     return replace(
         model,

@@ -57,7 +57,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     programs = in_joints(programs, cell.pulses_per_rad)
     for program in programs:
         refuse_foreign(program, cell)
-    axes = cell.nominal.axes
+    axes = cell.nominal.axis_count
     points = points_of(programs, axes)
     rule = brand_named(programs[0].brand).configurations
     search = PostureSearch(cell.nominal, cell.controller, rule)
@@ -135,7 +135,7 @@ def _judge_points(
         return
     joints, model = found.joints_rad[rows], cell.controller
     beyond = beyond_limits(model, joints) > _ROUNDED_RAD
-    of = [*(f"J{j + 1}" for j in range(model.axes)), *(each.name for each in model.combined_limits)]
+    of = [*(f"J{j + 1}" for j in range(model.axis_count)), *(each.name for each in model.combined_limits)]
     names = [", ".join(of[j] for j in np.flatnonzero(one)) for one in beyond]
     _mark_failed(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
     near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma

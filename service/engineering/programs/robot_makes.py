@@ -51,7 +51,7 @@ def lacks_coupling(model: RobotModel, brand: str) -> bool:
 
     FANUC's J3 is counted against the horizon, the joint of a description against the link before.
     """
-    return brand == _FANUC and model.axes >= 3 and not model.joint_coupling[2, 1]
+    return brand == _FANUC and model.axis_count >= 3 and not model.joint_coupling[2, 1]
 
 
 def make_of(model: RobotModel) -> RobotMake | None:

@@ -30,23 +30,23 @@ class HiddenArm:
 
     def zeros(self) -> np.ndarray:
         """Return what is to be added to the joints shown (n,) [rad, m]."""
-        drawn = np.random.default_rng([self.seed, 1]).normal(size=self.nominal.axes)
+        drawn = np.random.default_rng([self.seed, 1]).normal(size=self.nominal.axis_count)
         return drawn * np.where(self.slides(), _ZERO_M, _ZERO_RAD)
 
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """Return where the target really is in the tracker's frame (N, 3) [m]."""
         dice = np.random.default_rng([self.seed, 2])
         sizes = np.array([_LENGTH_M] * 3 + [_ANGLE_RAD] * 3) * self.geometry
-        arm = self.nominal.with_twists(dice.normal(size=(self.nominal.axes + 1, 6)) * sizes)
+        arm = self.nominal.with_twists(dice.normal(size=(self.nominal.axis_count + 1, 6)) * sizes)
         seen = homogeneous_matrix(exp_rotation(dice.normal(size=3)), np.array([2.5, 0.7, 0.3]))
         return arm.tip_positions(joints + self.zeros(), _TIP_IN_FLANGE_M) @ seen[:3, :3].T + seen[:3, 3]
 
     def postures(self, count: int, salt: int = 3) -> np.ndarray:
         """Return postures within all limits (count, n)."""
-        dice, found = np.random.default_rng([self.seed, salt]), np.zeros((0, self.nominal.axes))
+        dice, found = np.random.default_rng([self.seed, salt]), np.zeros((0, self.nominal.axis_count))
         low, high = drawn_range(self.nominal)
         while len(found) < count:
-            drawn = dice.uniform(0.85 * low, 0.85 * high, (4 * count, self.nominal.axes))
+            drawn = dice.uniform(0.85 * low, 0.85 * high, (4 * count, self.nominal.axis_count))
             drawn = drawn[(beyond_limits(self.nominal, drawn) <= 0).all(axis=1)]
             found = np.vstack([found, drawn])
         return found[:count]

@@ -37,7 +37,7 @@ def dh_errors(model, rng, *, length_m=4e-4, angle_deg=0.03, offset_deg=0.15):
 
 def random_joints(model, rng, count, *, reach=2.0):
     low, high = np.maximum(model.lower_rad, -reach), np.minimum(model.upper_rad, reach)
-    return rng.uniform(low, high, (count, model.axes))
+    return rng.uniform(low, high, (count, model.axis_count))
 
 
 def true_state(model, rng, devices):
