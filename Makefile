@@ -49,6 +49,8 @@ soak: $(VENV)/.dev
 
 bench: $(VENV)/.dev
 	@$(BIN)/cellcal bench $(ARGS)
+	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_commands
+	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_routes
 
 # The locks name packages and hashes, and no registry host.
 lock:

@@ -3,6 +3,8 @@
 Components stand first and the pose last, so that every operation runs along memory.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +17,12 @@ def frames_of_placements(
     *,
     out: Array | None = None,
     sliding: NDArray[np.bool_] | None = None,
+    starts: Sequence[tuple[slice, Array]] | None = None,
 ) -> tuple[Array, Array]:
     """Return the frames of `chain_frames` for placements (n + 1, 4, 4) and their axis positions (n, N) [rad].
 
-    Joints that are ``sliding`` (n,) move along their axes by metres.
+    Joints that are ``sliding`` (n,) move along their axes by metres. ``starts`` are first placements (4, 4) of some
+    rows that differ from those of the others.
 
     ``out``, (n + 1, 4, 3, N), is where the frames are kept: iterations that give the same array again save
     touching fresh memory, which costs more than the arithmetic.
@@ -28,6 +32,8 @@ def frames_of_placements(
     mixers = np.ascontiguousarray(placements[:, :3, :].transpose(0, 2, 1))
     frames = np.empty((len(placements), 4, 3, count)) if out is None else out
     frames[0] = mixers[0][:, :, None]
+    for rows, placement in starts or ():
+        frames[0][:, :, rows] = placement[:3].T[:, :, None]
     turned, part = np.empty((3, 3, count)), np.empty((2, 3, count))
     turning = angles_rad if sliding is None else np.where(sliding[:, None], 0.0, angles_rad)
     for k, (cos, sin) in enumerate(zip(*cosine_and_sine(turning), strict=True)):

@@ -10,6 +10,7 @@ Behind ``@`` stands how the robot is mounted: ``ur10@ceiling``. ``,`` does as we
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +145,9 @@ def model_of_text(name: str, text: ModelText) -> RobotModel:
     return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
 
 
+@lru_cache(maxsize=512)
 def _listed_model(parts: ModelReference, name: str) -> RobotModel:
+    # Shipped models never change, so each is read once.
     text = model_text(parts.where)
     if parts.base is None and parts.tip is None:
         return model_of_text(name, text)

@@ -12,6 +12,7 @@ Inside, arrays have their components first and the pose last, so that every oper
 the fixed placements become one matrix product per joint; at public borders the pose is first.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -194,7 +195,14 @@ class RobotModel:
         """Return the model whose DH rows are changed by ``errors`` (n, 5) [rad, m]."""
         dh = DhTable.from_rows(self._dh_table().to_rows() + np.asarray(errors, dtype=float))
         placements = np.concatenate([self.placements[:1], dh.to_placements()])
-        return replace(self, dh=dh, placements=placements, theta0_rad=dh.theta_rad)
+        if not (np.isfinite(placements).all() and np.isfinite(dh.theta_rad).all()):
+            return replace(self, dh=dh, placements=placements, theta0_rad=dh.theta_rad)  # which refuses them
+        # Finite rows of a DH table are rigid, and nothing else changes: fits make thousands of such models.
+        changed = copy(self)
+        object.__setattr__(changed, "dh", dh)
+        object.__setattr__(changed, "placements", read_only(placements))
+        object.__setattr__(changed, "theta0_rad", read_only(dh.theta_rad))
+        return changed
 
     def with_twists(self, twists: Array) -> "RobotModel":
         """Return the model with ``P_k exp(v, w)`` in place of each ``P_k``; twists (n + 1, 6) [m, rad].

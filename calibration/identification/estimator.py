@@ -1,27 +1,20 @@
 """Maximum a posteriori estimation of an arm from observations: Gauss-Newton, in blocks of postures."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import prod
-from threading import local
-from typing import TypeAlias
 
 import numpy as np
 
-from cellcal.calibration.arm.joint_terms import JointTerm, term_values
-from cellcal.calibration.arm.kinematics import (
-    RobotModel,
-    by_independent_columns,
-    frames_of_placements,
-    independent_columns,
-)
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.arm_columns import (
+    ArmChains,
+    devices_of_span,
+    span_frames,
+    whitened_system,
+)
+from cellcal.calibration.identification.fit_problem import FitProblem, places_in_span
 from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
-_BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
-_MOST_HELD = 10_000_000  # values of joint terms: 80 MB
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
 _CURVED = 1e-2  # of the smallest posterior deviation
@@ -31,8 +24,6 @@ _MAX_DAMPING = 1e8
 _ROUNDING = 1e-6
 _COARSE = 150  # rows are enough to come near
 _THINNEST = 32
-
-Block: TypeAlias = tuple[int, Rows | slice]  # mounting and its rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,67 +38,16 @@ class ArmFit:
     iterations: int
 
 
-@dataclass(frozen=True, eq=False)
-class FitProblem:
-    """Observations with everything about them that does not change while the parameters do."""
-
-    observations: Observations
-    arm: RobotModel  # nominal
-    terms: tuple[JointTerm, ...]
-    cached_values: Array | None  # (K, N) values of the joint terms; None: too many, made again block by block
-    angles_rad: Array  # (n, N): what the joints add to the angles of the nominal arm
-    blocks: tuple[Block, ...]
-    root: Array | None = None  # (N,) of each row's weight; None weighs all rows alike
-
-    @classmethod
-    def from_observations(cls, state: ArmState, observations: Observations) -> "FitProblem":
-        """Prepare the observations for states with the same nominal arm and joint terms."""
-        cached_values = None
-        if len(state.terms) * len(observations) <= _MOST_HELD:
-            cached_values = term_values(state.nominal, observations.joints_rad, state.terms)
-        angles = state.nominal.joint_coupling @ observations.joints_rad.T
-        return cls(
-            observations,
-            state.nominal,
-            state.terms,
-            cached_values,
-            angles,
-            tuple(_iterate_blocks(observations)),
-        )
-
-    def term_values_of(self, rows: Rows | slice) -> Array:
-        """Return the values of the joint terms in some rows (K, n)."""
-        if self.cached_values is not None:
-            return self.cached_values[:, rows]
-        return term_values(self.arm, self.observations.joints_rad[rows], self.terms)
-
-    def select_rows(self, rows: Rows) -> "FitProblem":
-        """Return the same for some of the rows."""
-        taken = self.observations.select_rows(rows)
-        root = None if self.root is None else self.root[rows]
-        cached_values = self.term_values_of(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
-        angles = self.angles_rad[:, rows]
-        return FitProblem(
-            taken, self.arm, self.terms, cached_values, angles, tuple(_iterate_blocks(taken)), root
-        )
-
-    def channel_scales(self, rows: Rows | slice) -> Array:
-        """Return what makes the channels of rows count alike: root of the weight over sigma (channels or 1, N)."""
-        scales = self.observations.inverse_sigmas(rows)
-        return scales if self.root is None else scales * self.root[rows]
-
-
 def whitened_residuals(state: ArmState, problem: FitProblem) -> Array:
     """Return measured minus predicted of every row, in sigmas, (channels, N)."""
     observations = problem.observations
     residuals = np.empty((observations.channels, len(observations)))
-    for mounting, rows in problem.blocks:
-        values = problem.term_values_of(rows)
-        rotations, origins = _chain_frames(
-            state, _chain_placements(state, mounting), problem.angles_rad[:, rows], values
-        )
-        tip = origins[-1], rotations[-1]
-        residuals[:, rows] = observations.compute_residuals(tip, state.device_of(mounting), rows)
+    chains = ArmChains(state)
+    for span in problem.spans_at(state):
+        rotations, origins = span_frames(chains, problem, span)
+        for device, rows, here in devices_of_span(state, problem, span):
+            tip = origins[-1][..., here], rotations[-1][..., here]
+            residuals[:, rows] = observations.compute_residuals(tip, device, rows)
     return residuals
 
 
@@ -209,85 +149,14 @@ def place_columns(layout: ParameterLayout, state: ArmState, problem: FitProblem)
     observations = problem.observations
     every = np.zeros((len(layout), observations.channels, len(observations)))
     white_residuals = np.empty((observations.channels, len(observations)))
-    for mounting, rows in problem.blocks:
-        chain = _MountingChain.at_mounting(layout, state, mounting)
-        system = _whitened_system(state, chain, problem, (mounting, rows))
-        every[:, :, rows] = np.tensordot(chain.tangent, system[:-1], axes=1)
-        white_residuals[:, rows] = system[-1]
+    chains = ArmChains(state)
+    tangents = [chains.tangent_of(layout, mounting) for mounting in range(state.mounting_count)]
+    for span in problem.spans_at(state):
+        system = whitened_system(chains, problem, span)
+        for (mounting, rows), here in zip(span, places_in_span(span), strict=True):
+            every[:, :, rows] = np.tensordot(tangents[mounting], system[:-1, :, here], axes=1)
+            white_residuals[:, rows] = system[-1, :, here]
     return every, white_residuals
-
-
-def _iterate_blocks(observations: Observations) -> Iterator[Block]:
-    for mounting in range(int(observations.mounting.max(initial=0)) + 1):
-        rows = np.flatnonzero(observations.mounting == mounting)
-        for start in range(0, len(rows), _BLOCK):
-            yield mounting, _as_slice(rows[start : start + _BLOCK])
-
-
-def _as_slice(rows: Rows) -> Rows | slice:
-    """Return rows that follow each other as a slice, which is looked at and not copied."""
-    first, last = int(rows[0]), int(rows[-1])
-    return slice(first, last + 1) if last - first + 1 == len(rows) else rows
-
-
-class _Workspace(local):
-    """Arrays that are written again block after block, kept by each thread between fits.
-
-    Touching memory that is new from the system costs more than the arithmetic on it. What is taken under a name
-    is good until the next one takes it.
-    """
-
-    def __init__(self) -> None:
-        self._arrays: dict[str, Array] = {}
-
-    def get_array(self, name: str, *shape: int) -> Array:
-        """Return an array of this shape, with anything in it."""
-        size = prod(shape)
-        if name not in self._arrays or self._arrays[name].size < size:
-            self._arrays[name] = np.empty(size)
-        return self._arrays[name][:size].reshape(shape)
-
-
-_WORKSPACE = _Workspace()
-
-
-@dataclass(frozen=True, eq=False)
-class _MountingChain:
-    """The arm between one mounting of the device and the target, at one state."""
-
-    placements: Array  # (n + 1, 4, 4)
-    turns: Array  # (K, P): what each joint term's joint does, by independent columns
-    tangent: Array  # (p, P + K + D): what each parameter does, by columns of the system
-
-    @classmethod
-    def at_mounting(cls, layout: ParameterLayout, state: ArmState, mounting: int) -> "_MountingChain":
-        placements = _chain_placements(state, mounting)
-        combine = by_independent_columns(placements)
-        if layout.kind != "pose":
-            combine = combine[:, :-3]
-        joints = np.array([term.joint for term in state.terms], dtype=np.intp)
-        tangent = layout.tangent_rows(state, mounting)
-        arm, rest = tangent[:, : len(combine)], tangent[:, len(combine) :]
-        along = 6 * joints + state.nominal.joint_twists[joints]
-        return cls(placements, combine[along], np.concatenate([arm @ combine, rest], axis=1))
-
-
-def _chain_placements(state: ArmState, mounting: int) -> Array:
-    """Return those of `ArmState.seen_from`, without a model around them."""
-    placements = state.arm_model.placements.copy()
-    placements[0] = state.device_of(mounting).device_base @ placements[0]
-    placements[-1] = placements[-1] @ state.target_of(mounting)
-    return placements
-
-
-def _chain_frames(
-    state: ArmState, placements: Array, joints_rad: Array, values: Array
-) -> tuple[Array, Array]:
-    angles = joints_rad + state.arm_model.theta0_rad[:, None]
-    for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
-        angles[term.joint] += coefficient * value
-    out = _WORKSPACE.get_array("frames", len(placements), 4, 3, angles.shape[1])
-    return frames_of_placements(placements, angles, out=out, sliding=state.nominal.sliding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,10 +172,9 @@ class _NormalEquations:
         deviations = layout.prior_deviations(state) / layout.prior_sigmas
         information, gradient = np.eye(len(layout)), -deviations
         cost = float(deviations @ deviations)
-        for mounting in range(state.mounting_count):
-            chain = _MountingChain.at_mounting(layout, state, mounting)
-            products = self._mounting_products(state, chain, mounting)
-            tangent = chain.tangent * layout.prior_sigmas[:, None]
+        chains = ArmChains(state)
+        for mounting, products in enumerate(self._products(chains)):
+            tangent = chains.tangent_of(layout, mounting) * layout.prior_sigmas[:, None]
             information += tangent @ products[:-1, :-1] @ tangent.T
             gradient += tangent @ products[:-1, -1]
             cost += float(products[-1, -1])
@@ -316,54 +184,16 @@ class _NormalEquations:
             )
         return information, gradient, cost
 
-    def _mounting_products(self, state: ArmState, chain: _MountingChain, mounting: int) -> Array:
-        """Return the products of all columns and the residuals with each other, over a mounting's rows."""
-        size = chain.tangent.shape[1] + 1
-        products = np.zeros((size, size))
-        for block in self.problem.blocks:
-            if block[0] != mounting:
-                continue
-            system = _whitened_system(state, chain, self.problem, block)
-            flat = system.reshape(size, -1)
-            products += flat @ flat.T
-        return products
-
-
-def _whitened_system(state: ArmState, chain: _MountingChain, problem: FitProblem, block: Block) -> Array:
-    """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
-    observations, (mounting, rows) = problem.observations, block
-    device, count = state.device_of(mounting), chain.turns.shape[1]
-    values = problem.term_values_of(rows)
-    rotations, origins = _chain_frames(state, chain.placements, problem.angles_rad[:, rows], values)
-    tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]
-    system = _WORKSPACE.get_array("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
-    scales, columns = problem.channel_scales(rows), system[:count]
-    if observations.channels == 3:  # the tip's motion is the answer, in place
-        independent_columns(rotations, origins, out=columns, scale=scales[0])
-    else:
-        linear = independent_columns(
-            rotations, origins, out=_WORKSPACE.get_array("linear", count, 3, rows_taken)
-        )
-        angular = _angular_columns(rotations) if observations.needs_rotation else None
-        np.multiply(observations.project_motions(linear, angular, tip, device), scales, out=columns)
-    if state.terms:
-        turned = chain.turns @ columns.reshape(count, -1)
-        moved = turned.reshape(-1, *system.shape[1:]) * values[:, None]
-        system[count : count + len(moved)] = moved
-    system[count + len(state.terms) : -1] = observations.own_columns(tip, device) * scales
-    system[-1] = observations.compute_residuals(tip, device, rows)
-    if problem.root is not None:
-        system[-1] *= problem.root[rows]
-    return system
-
-
-def _angular_columns(rotations: Array) -> Array:
-    """Return (4 n + 6, 3, N): how the motions of `independent_columns` turn the tip."""
-    n, count = len(rotations) - 1, rotations.shape[-1]
-    columns = np.zeros((4 * n + 6, 3, count))
-    columns[: 4 * n].reshape(n, 4, 3, count)[:, 2:] = rotations[:-1].swapaxes(1, 2)[:, :2]
-    columns[-3:] = rotations[-1].swapaxes(0, 1)
-    return columns
+    def _products(self, chains: ArmChains) -> list[Array]:
+        """Return the products of all columns and the residuals with each other, over each mounting's rows."""
+        every: list[Array | float] = [0.0] * chains.state.mounting_count
+        for span in self.problem.spans_at(chains.state):
+            system = whitened_system(chains, self.problem, span)
+            for (mounting, _), here in zip(span, places_in_span(span), strict=True):
+                flat = system[:, :, here].reshape(len(system), -1)
+                every[mounting] = every[mounting] + flat @ flat.T
+        size = chains.column_count(self.problem) + 1
+        return [np.zeros((size, size)) if isinstance(found, float) else found for found in every]
 
 
 def inverse_information(information: Array) -> Array:
@@ -386,3 +216,15 @@ def _bounded_inverse(information: Array) -> Array:
     values, vectors = np.linalg.eigh(information)
     safe: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
     return safe
+
+
+__all__ = [
+    "ArmFit",
+    "FitProblem",
+    "errors_m",
+    "estimate_arm",
+    "inverse_information",
+    "is_settled",
+    "place_columns",
+    "whitened_residuals",
+]

@@ -29,7 +29,7 @@ from cellcal.calibration.identification.identifiability import (
     correlated_pairs,
     not_identified,
 )
-from cellcal.calibration.identification.judgement import Judgement, judge_rows
+from cellcal.calibration.identification.judgement import Judgement, start_judgement
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -51,6 +51,7 @@ from cellcal.calibration.identification.selection import (
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
+from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
 _FEWEST_POSTURES = 5  # that differ: some are held out, and the others must place base and target
@@ -114,6 +115,7 @@ def identify_arm(
     *,
     grouping: Grouping | None = None,
     options: IdentificationOptions | None = None,
+    runner: PartRunner = SERIAL,
 ) -> Identification:
     r"""Identify an arm: find moved devices, choose the level, fit robustly, say what is unknown.
 
@@ -127,6 +129,8 @@ def identify_arm(
         Rows that belong together for cross-validation; None looks for runs of constant wrist, else blocks.
     options : Options
         Level, seed, folds, priors.
+    runner : PartRunner
+        Carries out the folds.
 
     Returns
     -------
@@ -142,7 +146,10 @@ def identify_arm(
     """
     options = _check_options(model, observations, options or IdentificationOptions())
     grouping = grouping or group_rows(observations.joints_rad)
-    choice = select_level(model, observations, grouping, options)
+    # The long parts first, so that they are not waited for in the end.
+    judging = start_judgement(model, observations, grouping, options, runner) if options.judge else None
+    choice = select_level(model, observations, grouping, options, runner)
+    runner.show_stage("fitting all rows")
     robust, frames = (
         fit_level(model, choice.mounted_observations, choice.places, level, options.priors, options.start)
         for level in (choice.level, FRAMES)
@@ -152,9 +159,8 @@ def identify_arm(
         weighed = fit_level(
             model, choice.mounted_observations, choice.places, OFFSETS, options.priors, options.start
         )
-    judgement = (
-        judge_rows(model, observations, grouping, options) if options.judge else Judgement.without_rows()
-    )
+    runner.show_stage("predicting rows by fits and choices that have not seen them")
+    judgement = Judgement.without_rows() if judging is None else judging()
     moved: tuple[OffsetContradiction, ...] = ()
     if options.start.covariance is not None:
         moved = contradicted_offsets(robust, EarlierPosterior(options.start.names, options.start.covariance))

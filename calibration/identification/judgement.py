@@ -4,9 +4,11 @@ A fit that leaves rows out is not enough. If all rows have chosen the level, or 
 the rows left out have had their say. Here breaks, level and fit are made anew without each fold.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
@@ -24,6 +26,7 @@ from cellcal.calibration.identification.selection import (
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import change_between, mounting_of
+from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 _FOLDS = 5
 _MANY_FOLDS = 10
@@ -73,37 +76,90 @@ def judge_rows(
     model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
 ) -> Judgement:
     """Predict every row by everything that ``select`` and a fit make of the other folds."""
-    count = len(observations)
-    folds = assign_folds(grouping, _number_of_folds(count), options.seed)
-    before, after = np.zeros(count), np.zeros(count)
-    variances, own = np.zeros(count), np.zeros(count)
-    smooth = np.zeros(count if options.residual_model else 0)
-    levels: list[int] = []
-    breaks: list[tuple[int, ...]] = []
-    placed: list[Rows] = []
+    return start_judgement(model, observations, grouping, options, SERIAL)()
+
+
+def start_judgement(
+    model: RobotModel,
+    observations: Observations,
+    grouping: Grouping,
+    options: IdentificationOptions,
+    runner: PartRunner,
+) -> Callable[[], Judgement]:
+    """Begin with the folds; return what waits for them and puts the judgement together."""
+    folds = assign_folds(grouping, _number_of_folds(len(observations)), options.seed)
     inner = replace(options, folds=_FOLDS)
-    for fold in range(int(folds.max()) + 1):
-        training, held_rows = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-        training = training[evenly_spaced(len(training), _MOST_ROWS)]
-        choice = select_level(model, observations.select_rows(training), grouping.of_rows(training), inner)
-        rows, unsure = _held_out_mountings(choice, observations, training, held_rows)
-        held_observations = with_mounting(observations.select_rows(held_rows), rows)
-        for level, errors in ((FRAMES, before), (choice.level, after)):
-            fit = fit_level(
-                model, choice.mounted_observations, choice.places, level, options.priors, options.start
-            )
-            state = fit.fit.state
-            errors[held_rows] = errors_m(state, FitProblem.from_observations(state, held_observations))
-        variances[held_rows] = place_variances(fit.fit, held_observations)
-        if options.residual_model:
-            residual = residual_of(fit, choice.mounted_observations, options.seed)
-            smooth[held_rows] = errors_with(residual, state, held_observations)
-            own[held_rows] = 3.0 * residual.predict_residual(held_observations.joints_rad)[1] ** 2
-        levels.append(choice.level)
-        breaks.append(tuple(int(training[found.row]) for found in choice.breaks))
-        placed.append(unsure)
-    unsure_rows = np.sort(np.concatenate(placed))
-    return Judgement(before, after, tuple(levels), tuple(breaks), unsure_rows, smooth, variances, own)
+    begun = [
+        runner.submit(_judge_fold, model, observations, grouping, inner, folds == fold)
+        for fold in range(int(folds.max()) + 1)
+    ]
+    return lambda: _join_judgement(folds, [wait() for wait in begun])
+
+
+@dataclass(frozen=True, eq=False)
+class _FoldJudgement:
+    """What the other folds say about the rows of one."""
+
+    before_m: Array
+    held_out_m: Array
+    level: int
+    breaks: tuple[int, ...]
+    placed: Rows
+    with_residual_m: Array  # empty if none was asked for
+    variances_m2: Array
+    own_m2: Array
+
+
+def _judge_fold(
+    model: RobotModel,
+    observations: Observations,
+    grouping: Grouping,
+    options: IdentificationOptions,
+    is_held: NDArray[np.bool_],
+) -> _FoldJudgement:
+    training, held_rows = np.flatnonzero(~is_held), np.flatnonzero(is_held)
+    training = training[evenly_spaced(len(training), _MOST_ROWS)]
+    choice = select_level(model, observations.select_rows(training), grouping.of_rows(training), options)
+    rows, unsure = _held_out_mountings(choice, observations, training, held_rows)
+    held_observations = with_mounting(observations.select_rows(held_rows), rows)
+    mounted = choice.mounted_observations
+    frames, fit = (
+        fit_level(model, mounted, choice.places, level, options.priors, options.start)
+        for level in (FRAMES, choice.level)
+    )
+    state = fit.fit.state
+    before, after = (
+        errors_m(each.fit.state, FitProblem.from_observations(each.fit.state, held_observations))
+        for each in (frames, fit)
+    )
+    smooth, own = np.zeros(0), np.zeros(len(held_rows))
+    if options.residual_model:
+        residual = residual_of(fit, mounted, options.seed)
+        smooth = errors_with(residual, state, held_observations)
+        own = 3.0 * residual.predict_residual(held_observations.joints_rad)[1] ** 2
+    breaks = tuple(int(training[found.row]) for found in choice.breaks)
+    variances = place_variances(fit.fit, held_observations)
+    return _FoldJudgement(before, after, choice.level, breaks, unsure, smooth, variances, own)
+
+
+def _join_judgement(folds: Rows, judged: Sequence[_FoldJudgement]) -> Judgement:
+    def in_rows(parts: Sequence[Array]) -> Array:
+        joined = np.zeros(len(folds))
+        for fold, part in enumerate(parts):
+            joined[folds == fold] = part
+        return joined
+
+    has_residual = any(len(fold.with_residual_m) for fold in judged)
+    return Judgement(
+        in_rows([fold.before_m for fold in judged]),
+        in_rows([fold.held_out_m for fold in judged]),
+        tuple(fold.level for fold in judged),
+        tuple(fold.breaks for fold in judged),
+        np.sort(np.concatenate([fold.placed for fold in judged])),
+        in_rows([fold.with_residual_m for fold in judged]) if has_residual else np.zeros(0),
+        in_rows([fold.variances_m2 for fold in judged]),
+        in_rows([fold.own_m2 for fold in judged]),
+    )
 
 
 def place_variances(fit: ArmFit, observations: Observations) -> Array:

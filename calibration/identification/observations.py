@@ -5,6 +5,7 @@ pose first. ``mounting`` says, row by row, which mounting of the device the row 
 taken down and put up again has a new place and the same scale.
 """
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, TypeAlias
@@ -144,7 +145,7 @@ class LengthObservations(MeasuredRows):
 
     def compute_residuals(self, tip: TipFrames, device: DevicePlacement, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
-        length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
+        length = np.linalg.norm(_wires(tip, device), axis=0)
         predicted = device.zero_m + device.scale * length
         residual: Array = ((self.lengths_m[rows] - predicted) / self.sigma_m[rows])[None]
         return residual
@@ -159,9 +160,12 @@ class LengthObservations(MeasuredRows):
 
     def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the length follows anchor, zero and scale (5, 1, N)."""
-        direction = _wire_directions(tip, device)
-        length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
-        return np.concatenate([device.scale * direction, np.ones_like(length)[None], length[None]])[:, None]
+        away = _wires(tip, device)
+        length = np.linalg.norm(away, axis=0)
+        columns = np.empty((5, 1, away.shape[-1]))
+        np.multiply(device.scale, away / length, out=columns[:3, 0])
+        columns[3], columns[4] = 1.0, length
+        return columns
 
     def errors_m(self, residuals: Array) -> Array:
         """Return the size of the error of every row [m] from whitened residuals (1, N)."""
@@ -200,8 +204,30 @@ def with_sigma(observations: Observations, factor: float, turn_factor: float = 1
     return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
+def join_gauges(devices: Sequence[DevicePlacement], rows: Sequence[int]) -> DevicePlacement | None:
+    """Return the mountings of one length gauge, each for so many rows, as one: its anchor is (3, N).
+
+    None if zero or scale differ. A length gauge has no frame of its own.
+    """
+    first = devices[0]
+    alike = all(
+        (each.zero_m, each.scale, each.radius_m) == (first.zero_m, first.scale, first.radius_m)
+        for each in devices
+    )
+    if not alike:
+        return None
+    anchors = np.repeat(np.stack([each.anchor_in_base_m for each in devices], axis=1), rows, axis=1)
+    return replace(first, anchor_in_base_m=anchors)
+
+
+def _wires(tip: TipFrames, device: DevicePlacement) -> Array:
+    """Return the wire (3, N) from the hook to the anchor, which is one for all rows or one a row."""
+    wires: Array = device.anchor_in_base_m.reshape(3, -1) - tip[0]
+    return wires
+
+
 def _wire_directions(tip: TipFrames, device: DevicePlacement) -> Array:
-    away = device.anchor_in_base_m[:, None] - tip[0]
+    away = _wires(tip, device)
     unit: Array = away / np.linalg.norm(away, axis=0)
     return unit
 

@@ -95,6 +95,17 @@ class ArmState:
             return self.nominal.with_twists(self.geometry)
         return self.nominal.with_dh_errors(self.geometry)
 
+    def geometry_twists_of(self, mounting: int) -> Array:
+        """Return `geometry_twists` before the target of a mounting: the same for all that see this target."""
+        target = mounting if self.further else 0
+        if target not in self._twists_by_target:
+            self._twists_by_target[target] = geometry_twists(self.arm_model, self.target_of(mounting))
+        return self._twists_by_target[target]
+
+    @cached_property
+    def _twists_by_target(self) -> dict[int, Array]:
+        return {}
+
     def seen_from(self, mounting: int) -> RobotModel:
         """Return the arm whose base is the device's frame and whose flange is the target."""
         placements = self.arm_model.placements.copy()
@@ -141,20 +152,20 @@ class ParameterLayout:
         """Prior standard deviations (p,)."""
         return np.array([parameter.prior for parameter in self.parameters])
 
-    @property
+    @cached_property
     def _tool_size(self) -> int:
         return 6 if self.kind == "pose" else 3
 
-    @property
+    @cached_property
     def _place_size(self) -> int:
         return 3 if self.kind == "length" else 6
 
-    @property
+    @cached_property
     def shared_count(self) -> int:
         """How many parameters stand before the tool: places of the device, and zero and scale of a wire."""
         return self._place_size * self.mountings + (2 if self._has_wire else 0)
 
-    @property
+    @cached_property
     def _behind_tools(self) -> int:
         return self.shared_count + self._tool_size * (1 + self.further)
 
@@ -202,9 +213,9 @@ class ParameterLayout:
         first = self._behind_tools
         if self.geometry:
             rows, columns = self._geometry_entries
-            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(
-                state.arm_model, state.target_of(mounting)
-            )[rows, columns]
+            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = state.geometry_twists_of(mounting)[
+                rows, columns
+            ]
         if self.terms:
             rows = np.arange(len(self) - self.terms, len(self))
             matrix[rows, 6 * (n + 1) + np.arange(self.terms)] = 1.0

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import minimize
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.errors import CalibrationError
@@ -134,6 +133,8 @@ def fit_residual(joints_rad: Array, residual_m: Array, *, seed: int = 0) -> Resi
 
 
 def _tune_kernel(joints_rad: Array, residual_m: Array) -> tuple[Array, float]:
+    from scipy.optimize import minimize  # noqa: PLC0415  slow to load, and few ask for this model
+
     n = joints_rad.shape[1]
     bounds = [*([tuple(np.log(_RANGES_RAD))] * n), tuple(np.log(_NOISE))]
     count = len(joints_rad)

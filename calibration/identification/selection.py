@@ -2,18 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.joint_terms import (
-    JointTerm,
-    gear_terms,
-    gravity_terms,
-    harmonic_terms,
-    wrist_gravity_terms,
-)
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
@@ -23,16 +16,9 @@ from cellcal.calibration.identification.cross_validation import (
     compare_models,
     held_out_errors,
 )
-from cellcal.calibration.identification.earlier_posterior import EarlierPosterior, decorrelate_layout
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
-from cellcal.calibration.identification.free_parameters import (
-    RIPPLE_ORDERS,
-    PartLayout,
-    StartingPoint,
-    all_joint_terms,
-    level_of,
-    prepare_fit,
-)
+from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
+from cellcal.calibration.identification.level_fit import fit_level, terms_of_level
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -46,23 +32,19 @@ from cellcal.calibration.identification.parameters import (
     Priors,
     make_layout,
     nominal_state,
-    with_further,
 )
-from cellcal.calibration.identification.robust import RobustFit, fit_robustly
 from cellcal.calibration.identification.series_breaks import (
+    FrameFits,
     SeriesBreak,
     candidate_breaks,
     change_between,
     fit_frames,
     mounting_of,
 )
+from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
-_DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
-_ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
-_ROWS_FOR_SHORT_WAVES = 150
 _QUICK_UNKNOWNS = 100
-_ANGLE_STEP_RAD = 2e-3
 _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
@@ -99,55 +81,14 @@ class LevelSelection:
     level_reasons: tuple[str, ...]
 
 
-def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
-    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles.
-
-    Fewer rows than 150 carry one and two waves a turn of each joint, no shorter ones.
-    """
-    if level < GRAVITY:
-        return ()
-    sag = gravity_terms(model)
-    if level < RIPPLE:
-        return sag
-    orders = RIPPLE_ORDERS if len(joints_rad) >= _ROWS_FOR_SHORT_WAVES else RIPPLE_ORDERS[:2]
-    distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
-    ripple = (
-        term
-        for term in harmonic_terms(model, orders)
-        if distinct[term.joint] >= max(_DISTINCT_ANGLES, _ANGLES_PER_PERIOD * term.order)
-    )
-    terms = (*sag, *wrist_gravity_terms(model), *ripple)
-    if level < GEAR:
-        return terms
-    # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
-    return (*terms, *(term for term in gear_terms(model) if distinct[term.source] >= _DISTINCT_ANGLES))
-
-
-def fit_level(
+def select_level(
     model: RobotModel,
     observations: Observations,
-    places: ArmState,
-    level: int,
-    priors: Priors,
-    start: StartingPoint | None = None,
-) -> RobustFit:
-    """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
-    terms = terms_of_level(model, observations.joints_rad, level)
-    layout = make_layout(
-        model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
-    )
-    layout = with_further(layout, len(places.further), priors)
-    start = start or StartingPoint()
-    layout, state = prepare_fit(layout, terms, model, places, start, priors)
-    if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
-        layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))
-    return fit_robustly(layout, state, FitProblem.from_observations(state, observations))
-
-
-def select_level(
-    model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
+    grouping: Grouping,
+    options: IdentificationOptions,
+    runner: PartRunner = SERIAL,
 ) -> LevelSelection:
-    """Find the breaks of a series and choose the level, from these rows alone.
+    """Find the breaks of a series and choose the level, from these rows alone; the runner fits the folds.
 
     Long series are looked at in every second, third … row; a break is then placed to the row.
 
@@ -167,14 +108,17 @@ def select_level(
         places = nominal_state(model, (known_places.device,), known_places.flange_tool)
     else:
         chain = options.start.rigid_arm(model)
-        coarse, break_reasons = _choose_breaks(chain, some, groups, options)
+        runner.show_stage("looking for rows at which the device was moved")
+        fits = FrameFits(chain, some)
+        coarse, break_reasons = _choose_breaks(fits, groups, options)
         breaks = _refine_breaks(chain, observations, rows, coarse)
         at = [found.row for found in breaks]
-        places = fit_frames(chain, observations, at).state
+        every = len(rows) == len(observations)
+        places = (fits.fit_breaks(at) if every else fit_frames(chain, observations, at)).state
         mounted = with_mounting(observations, mounting_of(len(observations), at))
     folds = assign_folds(groups, options.folds, options.seed)
     trial = _LevelTrial(model, mounted.select_rows(rows), groups, folds, places, options)
-    level, reasons = _choose_level(trial, options.level)
+    level, reasons = _choose_level(trial, options.level, runner)
     return LevelSelection(breaks, break_reasons, places, mounted, level, reasons)
 
 
@@ -208,25 +152,31 @@ class _LevelTrial:
         level = level_of(start, every)
         return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
 
-    def held_out(self, level: int) -> Array:
+    def start_level(self, level: int, runner: PartRunner) -> Callable[[], Array]:
+        """Begin the fits of a level without each fold; return what waits for `held_out`."""
+        folds = range(int(self.folds.max()) + 1)
+        fitted = [runner.submit(_errors_of_fold, self, level, fold) for fold in folds]
+        return partial(self._join_folds, fitted)
+
+    def _join_folds(self, fitted: Sequence[Callable[[], Array]]) -> Array:
         """Return the errors (N,) of rows predicted by fits without their fold."""
-
-        def errors_without(training: Rows, held_rows: Rows) -> Array:
-            rows, priors, start = (
-                self.observations.select_rows(training),
-                self.options.priors,
-                self.options.start,
-            )
-            fit = fit_level(self.model, rows, self.places, level, priors, start)
-            return errors_m(
-                fit.fit.state,
-                FitProblem.from_observations(fit.fit.state, self.observations.select_rows(held_rows)),
-            )
-
-        return held_out_errors(self.folds, errors_without)
+        errors = np.zeros(len(self.folds))
+        for fold, wait in enumerate(fitted):
+            errors[self.folds == fold] = wait()
+        return errors
 
 
-def _choose_level(trial: _LevelTrial, forced_level: int | None) -> tuple[int, tuple[str, ...]]:
+def _errors_of_fold(trial: _LevelTrial, level: int, fold: int) -> Array:
+    """Return the errors of a fold's rows, predicted by a fit of the others."""
+    training, held_rows = np.flatnonzero(trial.folds != fold), np.flatnonzero(trial.folds == fold)
+    rows, options = trial.observations.select_rows(training), trial.options
+    state = fit_level(trial.model, rows, trial.places, level, options.priors, options.start).fit.state
+    return errors_m(state, FitProblem.from_observations(state, trial.observations.select_rows(held_rows)))
+
+
+def _choose_level(
+    trial: _LevelTrial, forced_level: int | None, runner: PartRunner
+) -> tuple[int, tuple[str, ...]]:
     if forced_level is not None:
         return forced_level, (f"level {forced_level}, {LEVEL_NAMES[forced_level]}, was asked for",)
     if trial.options.start.free:
@@ -235,7 +185,10 @@ def _choose_level(trial: _LevelTrial, forced_level: int | None) -> tuple[int, tu
     few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
     possible, notes = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
-    held_out = cache(trial.held_out)
+    runner.show_stage("comparing levels on rows left out")
+    # Gear ratios wait for what ripple does.
+    begun = {level: trial.start_level(level, runner) for level in possible if level != GEAR}
+    held_out = cache(lambda level: (begun.get(level) or trial.start_level(level, runner))())
     level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
@@ -318,7 +271,7 @@ def _compare_levels(
 
 
 def _choose_breaks(
-    model: RobotModel, observations: Observations, grouping: Grouping, options: IdentificationOptions
+    fits: FrameFits, grouping: Grouping, options: IdentificationOptions
 ) -> tuple[tuple[SeriesBreak, ...], tuple[str, ...]]:
     """Return the breaks that make unseen groups more predictable, and why the search stopped."""
     if not options.find_breaks:
@@ -326,10 +279,10 @@ def _choose_breaks(
     folds = assign_folds(grouping, _FOLDS_FOR_BREAKS, options.seed)
     chosen: tuple[SeriesBreak, ...] = ()
     best, reasons, waited = None, [], 0
-    for candidate in candidate_breaks(model, observations):
+    for candidate in candidate_breaks(fits.model, fits.observations, fits=fits):
         if best is None:
-            best = _errors_with_breaks(model, observations, folds, ())
-        errors = _errors_with_breaks(model, observations, folds, candidate)
+            best = _errors_with_breaks(fits, folds, ())
+        errors = _errors_with_breaks(fits, folds, candidate)
         comparison = compare_models(
             (f"{len(chosen)} breaks", best),
             (f"{len(candidate)} breaks", errors),
@@ -345,14 +298,12 @@ def _choose_breaks(
     return chosen, tuple(reasons)
 
 
-def _errors_with_breaks(
-    model: RobotModel, observations: Observations, folds: Rows, breaks: Sequence[SeriesBreak]
-) -> Array:
+def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:
     """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
-    rows = [found.row for found in breaks]
-    frames = fit_frames(model, observations, rows).state
+    rows, observations = [found.row for found in breaks], fits.observations
+    frames = fits.fit_breaks(rows).state
     mounted = with_mounting(observations, mounting_of(len(observations), rows))
-    layout = make_layout(model, mounted.kind, len(rows) + 1, level=GEOMETRY)
+    layout = make_layout(fits.model, mounted.kind, len(rows) + 1, level=GEOMETRY)
 
     def errors_without(training: Rows, held_rows: Rows) -> Array:
         state = estimate_arm(
@@ -395,3 +346,18 @@ def errors_in_both_mountings(
         for m in (mounting, mounting + 1)
     )
     return first, second
+
+
+__all__ = [
+    "FEW_ROWS",
+    "LEVELS",
+    "IdentificationOptions",
+    "LevelSelection",
+    "best_level",
+    "errors_in_both_mountings",
+    "evenly_spaced",
+    "fit_level",
+    "possible_levels",
+    "select_level",
+    "terms_of_level",
+]

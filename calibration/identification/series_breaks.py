@@ -43,8 +43,23 @@ def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[i
     return min(fits, key=lambda fit: fit.cost)
 
 
+class FrameFits:
+    """Fits of places to the nominal arm for different breaks of one series, each made once."""
+
+    def __init__(self, model: RobotModel, observations: Observations) -> None:
+        self.model, self.observations = model, observations
+        self._fits: dict[tuple[int, ...], ArmFit] = {}
+
+    def fit_breaks(self, breaks: Sequence[int]) -> ArmFit:
+        """Return `fit_frames` with these breaks, in any order."""
+        key = tuple(sorted(breaks))
+        if key not in self._fits:
+            self._fits[key] = fit_frames(self.model, self.observations, key)
+        return self._fits[key]
+
+
 def candidate_breaks(
-    model: RobotModel, observations: Observations, *, most: int = _MOST_BREAKS
+    model: RobotModel, observations: Observations, *, most: int = _MOST_BREAKS, fits: FrameFits | None = None
 ) -> Iterator[tuple[SeriesBreak, ...]]:
     r"""Yield one break, then two, and so on: for each number the rows that ask most strongly.
 
@@ -61,6 +76,8 @@ def candidate_breaks(
         In the order in which they were measured; their mounting is ignored.
     most : int
         Largest number of breaks.
+    fits : FrameFits or None
+        Of these observations, where others want the same fits.
 
     Yields
     ------
@@ -68,28 +85,28 @@ def candidate_breaks(
         Sorted by row. Whether breaks are real is for cross-validation to say: neighbours share errors, and
         the criterion takes them for independent.
     """
+    fits = fits or FrameFits(model, observations)
     breaks: list[SeriesBreak] = []
     while len(breaks) < most and len(observations) >= 4 * _SHORTEST:
         rows = [found.row for found in breaks]
         try:
-            fit = fit_frames(model, observations, rows)
+            fit = fits.fit_breaks(rows)
             cut = _best_cut(fit, observations, rows, None)
         except DegenerateDataError:
             return
         if cut is None or cut.bic_gain <= 0:
             return
-        breaks = _settle_breaks(model, observations, [*breaks, cut])
+        breaks = _settle_breaks(fits, [*breaks, cut])
         yield tuple(sorted(breaks, key=lambda found: found.row))
 
 
-def _settle_breaks(
-    model: RobotModel, observations: Observations, breaks: list[SeriesBreak]
-) -> list[SeriesBreak]:
+def _settle_breaks(fits: FrameFits, breaks: list[SeriesBreak]) -> list[SeriesBreak]:
     """Move each break to where it gains most while the others stay; the first search saw a worse model."""
+    observations = fits.observations
     for index in range(len(breaks)):
         others = [found.row for found in breaks if found is not breaks[index]]
         around = _free_span(breaks[index].row, others, len(observations))
-        fit = fit_frames(model, observations, others)
+        fit = fits.fit_breaks(others)
         moved = _best_cut(fit, observations, others, around)
         if moved is not None:
             breaks = [*breaks[:index], moved, *breaks[index + 1 :]]

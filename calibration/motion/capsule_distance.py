@@ -1,5 +1,6 @@
 """Distances from moving segments to segments, boxes and planes, for all postures at once."""
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -7,14 +8,15 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array
 
-# Both ends of a segment in the base, (3, N) each or (3, 1).
+# Both ends of a segment in the base, (3, N) each or (3, 1); of several at once (3, S, N).
 Segment: TypeAlias = tuple[Array, Array]
 
 _TINY = 1e-15
+MANY_POSTURES = 256
 
 
 def segment_distance(first: Segment, second: Segment) -> Array:
-    """Return (N,) the distance between two segments [m]; either may be a point.
+    """Return (N,) or (S, N) the distance between two segments [m]; either may be a point.
 
     References
     ----------
@@ -30,6 +32,25 @@ def segment_distance(first: Segment, second: Segment) -> Array:
     t = np.clip((b * s + f) / np.maximum(e, _TINY), 0.0, 1.0)
     s = np.clip((b * t - c) / np.maximum(a, _TINY), 0.0, 1.0)
     return np.asarray(np.linalg.norm(between + s * along - t * other, axis=0), dtype=np.float64)
+
+
+def join_segments(segments: Sequence[Segment], count: int) -> Segment:
+    """Return segments of N = ``count`` postures together: both ends (3, S, N)."""
+    ends = np.empty((2, 3, len(segments), count))
+    for k, (start, stop) in enumerate(segments):
+        ends[0, :, k], ends[1, :, k] = start, stop
+    return ends[0], ends[1]
+
+
+def pair_distances(pairs: Sequence[tuple[Segment, Segment]], count: int) -> Sequence[Array]:
+    """Return (N,) the distance of each pair of segments, of N = ``count`` postures [m].
+
+    Of few postures all pairs at once, because calls cost more than numbers; of many one by one, for the cache.
+    """
+    if count > MANY_POSTURES:
+        return [segment_distance(first, second) for first, second in pairs]
+    firsts, seconds = ([pair[k] for pair in pairs] for k in (0, 1))
+    return list(segment_distance(join_segments(firsts, count), join_segments(seconds, count)))
 
 
 def box_distance(segment: Segment, base_box: Array, size_m: Array) -> Array:

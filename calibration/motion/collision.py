@@ -7,6 +7,7 @@ This is a check of a plan, not a safety function.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -19,12 +20,14 @@ from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
 from cellcal.calibration.motion.capsule_distance import (
     Segment,
     box_distance,
+    pair_distances,
     plane_distance,
     segment_distance,
 )
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.calibration.motion.motion_quantities import LimitExcess
 from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
+from cellcal.calibration.motion.wire_uncertainty import wire_approaches
 
 Place = tuple[float, float, float]
 
@@ -34,7 +37,6 @@ _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by
 _TRIALS = 400
 _LARGEST_STEP_M = 5e-3  # of any point of the arm, between two looks at a way
 _CHUNK = 8192
-_WIRE_PIECES = 8  # looked at one by one, while joints are in doubt
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,30 +249,26 @@ class CollisionCheck:
         shape, arm = self.shape, self.shape.arm
         segments = _link_segments(self.model, arm, joints)
         axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.bodies_rad)
-        columns = []
-        for i, j in _capsule_pairs(arm, self.touching):
-            near, far = sorted((i, j), key=lambda k: arm[k].link)
-            columns.append(
-                axis_uncertainty.displacement_between(segments[far], arm[near].link, arm[far].link)
-            )
-        swings = [
-            axis_uncertainty.displacement_between(ends, 0, capsule.link)
+        seen_from = [
+            axis_uncertainty.displacements_from_links(ends, capsule.link)
             for capsule, ends in zip(arm, segments, strict=True)
         ]
+        columns = []
+        for i, j in self._checked_pairs:
+            near, far = sorted((i, j), key=lambda k: arm[k].link)
+            columns.append(seen_from[far][arm[near].link])
         for item in shape.obstacles:
             columns += [
-                swing
-                for capsule, swing in zip(arm, swings, strict=True)
+                seen[0]
+                for capsule, seen in zip(arm, seen_from, strict=True)
                 if capsule.link >= 1 and not _is_floor_of(item, capsule)
             ]
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
             axis_uncertainty = AxisUncertainty.from_joints(self.model, joints, of_posture.wire_rad)
-            columns += [
-                _wire_uncertainty(axis_uncertainty, wire, (capsule, segment), self.model.axis_count)
-                for capsule, segment in zip(arm, segments, strict=True)
-                if capsule.link < self.model.axis_count
-            ]
+            beside = [k for k, capsule in enumerate(arm) if capsule.link < self.model.axis_count]
+            bars = [(segments[k], arm[k].link) for k in beside]
+            columns += [*wire_approaches(axis_uncertainty, wire, bars)]
         return np.array(columns).T.reshape(len(joints), len(columns))
 
     def piece_count(self, start_rad: Array, stop_rad: Array) -> int:
@@ -311,8 +309,9 @@ class CollisionCheck:
         """Yield, for each pair of shapes, its names, clearances (N,) and the margin that it must keep."""
         shape, arm = self.shape, self.shape.arm
         segments = _link_segments(self.model, arm, joints)
-        for i, j in _capsule_pairs(arm, self.touching):
-            yield arm[i].name, arm[j].name, _bar_clearance(arm, segments, i, j), shape.margin_m
+        pairs = [(segments[i], segments[j]) for i, j in self._checked_pairs]
+        for (i, j), apart in zip(self._checked_pairs, pair_distances(pairs, len(joints)), strict=True):
+            yield arm[i].name, arm[j].name, apart - (arm[i].radius_m + arm[j].radius_m), shape.margin_m
         for item in shape.obstacles:
             for capsule, segment in zip(arm, segments, strict=True):
                 if capsule.link >= 1 and not _is_floor_of(item, capsule):
@@ -320,10 +319,14 @@ class CollisionCheck:
                     yield capsule.name, item.name, clearance, shape.margin_m
         if shape.wire is not None:
             wire = _wire_segment(self.model, shape.wire, joints)
-            for capsule, segment in zip(arm, segments, strict=True):
-                if capsule.link < self.model.axis_count:
-                    clearance = segment_distance(wire, segment) - capsule.radius_m
-                    yield capsule.name, "draw-wire", clearance, shape.wire_margin_m
+            beside = [k for k, capsule in enumerate(arm) if capsule.link < self.model.axis_count]
+            wire_apart = pair_distances([(wire, segments[k]) for k in beside], len(joints))
+            for k, apart in zip(beside, wire_apart, strict=True):
+                yield arm[k].name, "draw-wire", apart - arm[k].radius_m, shape.wire_margin_m
+
+    @cached_property
+    def _checked_pairs(self) -> list[tuple[int, int]]:
+        return list(_capsule_pairs(self.shape.arm, self.touching))
 
     def _joint_levers(self) -> Array:
         """Return (n,): how far from each joint any point of the arm can be [m]."""
@@ -356,24 +359,6 @@ def _link_segments(model: RobotModel, arm: Sequence[LinkCapsule], joints: Array)
 def _wire_segment(model: RobotModel, wire: WirePath, joints: Array) -> Segment:
     hook = model.tip_positions(joints, np.array(wire.hook_in_flange_m)).T
     return np.array(wire.anchor_in_base_m)[:, None], hook
-
-
-def _wire_uncertainty(
-    axis_uncertainty: AxisUncertainty, wire: Segment, bar: tuple[LinkCapsule, Segment], axes: int
-) -> Array:
-    """Return (N,): by how much a draw-wire may be nearer to a link than computed [m].
-
-    Seen from the link its hook hardly moves and its anchor much: piece by piece, between the two in proportion.
-    """
-    (anchor, hook), (capsule, segment) = wire, bar
-    hook_off = axis_uncertainty.displacement_between([hook], capsule.link, axes)
-    anchor_off = axis_uncertainty.displacement_from(anchor, capsule.link)
-    nearest = np.full(hook.shape[1], np.inf)
-    for start, stop in pairwise(np.linspace(0.0, 1.0, _WIRE_PIECES + 1)):
-        piece = (anchor + start * (hook - anchor), anchor + stop * (hook - anchor))
-        off = np.maximum(*((1.0 - at) * anchor_off + at * hook_off for at in (start, stop)))
-        np.minimum(nearest, segment_distance(piece, segment) - off, out=nearest)
-    return np.asarray(segment_distance(wire, segment) - nearest, dtype=np.float64)
 
 
 def _capsule_pairs(

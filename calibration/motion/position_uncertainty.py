@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
 from cellcal.calibration.geometry import Array
 
 
@@ -47,21 +47,37 @@ class AxisUncertainty:
 
     def displacement_between(self, points: Sequence[Array], inner: int, outer: int) -> Array:
         """Return (N,): how far points (3, N) on link ``outer`` may be displaced, seen from link ``inner`` [m]."""
-        return self._sum_displacements(points, range(outer - 1, inner - 1, -1))
+        displaced: Array = self.displacements_from_links(points, outer)[inner]
+        return displaced
 
-    def displacement_from(self, point: Array, link: int) -> Array:
-        """Return (N,): how far a point (3, N) of the base may be displaced, seen from a link [m]."""
-        return self._sum_displacements([point], range(link))
-
-    def _sum_displacements(self, points: Sequence[Array], joints: range) -> Array:
-        found = np.zeros(self.axes.shape[2])
-        for joint in joints:
-            straight = self.slides is not None and bool(self.slides[joint])
-            found += self.chords[joint] * (1.0 if straight else self._point_levers(points, joint) + found)
+    def displacements_from_links(self, points: Sequence[Array], outer: int) -> Array:
+        """Return (outer + 1, N): the same, seen from each link up to ``outer`` itself, from where it is zero."""
+        levers = self._point_levers(points, outer)
+        found = np.zeros((outer + 1, levers.shape[1]))
+        for joint in range(outer - 1, -1, -1):
+            found[joint] = found[joint + 1] + self._joint_displacement(joint, levers, found[joint + 1])
         return found
 
-    def _point_levers(self, points: Sequence[Array], joint: int) -> Array:
-        """Return (N,): how far the farthest of points on one link is from an axis [m]; convex, so ends suffice."""
-        axis = self.axes[joint]
-        away = [np.cross(point - self.origins[joint], axis, axis=0) for point in points]
-        return np.asarray(np.max([np.linalg.norm(each, axis=0) for each in away], axis=0), dtype=np.float64)
+    def _joint_displacement(self, joint: int, levers: Array, further_m: Array) -> Array:
+        """Return (N,): what one joint's uncertainty adds at points that are displaced ``further_m`` already [m]."""
+        slides = self.slides is not None and bool(self.slides[joint])
+        displaced: Array = self.chords[joint] * (1.0 if slides else levers[joint] + further_m)
+        return displaced
+
+    def base_displacements(self, point: Array) -> Array:
+        """Return (n + 1, N): how far a point (3, N) of the base may be displaced, seen from each link [m]."""
+        joints = len(self.axes)
+        levers = self._point_levers([point], joints)
+        found = np.zeros((joints + 1, levers.shape[1]))
+        for joint in range(joints):
+            found[joint + 1] = found[joint] + self._joint_displacement(joint, levers, found[joint])
+        return found
+
+    def _point_levers(self, points: Sequence[Array], joints: int) -> Array:
+        """Return (joints, N): how far the farthest of points on one link is from each of the first axes [m].
+
+        The distance is convex, so the ends of a body suffice.
+        """
+        ends = np.stack([np.broadcast_to(point, self.axes.shape[1:]) for point in points])
+        away = cross_product(ends - self.origins[:joints, None], self.axes[:joints, None])
+        return np.asarray(np.linalg.norm(away, axis=2).max(axis=1), dtype=np.float64)

@@ -12,7 +12,7 @@ from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.identification.identify import IdentifyOptions, IdentifyReport
     from cellcal.service.engineering.measured.measurements import ReadOptions
 
 _MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
@@ -143,7 +143,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.calibration.cells.levels import CellOptions
     from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+    from cellcal.service.engineering.identification.identify import IdentifyOptions
     from cellcal.service.engineering.identification.identify_start import StartOptions
     from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
     from cellcal.service.engineering.measured.cells import describes_a_cell
@@ -179,10 +179,21 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         return _show_layout(measurements, robot, read, as_json=as_json)
     begin = StartOptions(start, save, serial, free)
     options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
-    report = identify_file(measurements, robot, options)
+    report = _identify_on_all_processors(measurements, robot, options)
     outputs.write_files(report, measurements)
     _print_identification(report, _ReportViews(plot, at_options, at_csv, dh=dh), as_json=as_json)
     return _exit_code(report)
+
+
+def _identify_on_all_processors(
+    measurements: Path, robot: str, options: "IdentifyOptions"
+) -> "IdentifyReport":
+    from cellcal.service.cli.identify_display import work_display
+    from cellcal.service.engineering.identification.forked_parts import share_parts
+    from cellcal.service.engineering.identification.identify import identify_file
+
+    with work_display() as display, share_parts(display) as runner:
+        return identify_file(measurements, robot, options, runner)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,8 @@ def procedures(
     as_json
         Print one JSON object on standard output.
     """
+    if name is None and cell is None:
+        return _print_catalogue(as_json=as_json)
     from pydantic_core import to_jsonable_python
     from rich.console import Console
 
@@ -59,6 +61,26 @@ def procedures(
     Console(emoji=False).print(table)
     for each, words in watched_by_robot.items():
         Console(emoji=False).print(f"`cellcal watch` sees of {each}: {words}.", markup=False)
+    return 0
+
+
+def _print_catalogue(*, as_json: bool) -> int:
+    """List the procedures without a cell, which needs none of their code."""
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from cellcal.procedures.catalogue_index import CATALOGUE_INDEX
+    from cellcal.service.cli.printing import PlainTable, print_json
+
+    if as_json:
+        rows = [{**asdict(entry), "lacks": None, "due": None} for entry in CATALOGUE_INDEX]
+        print_json({"procedures": rows, "watched": {}})
+        return 0
+    table = PlainTable("procedure", "what it does")
+    for entry in CATALOGUE_INDEX:
+        table.add_row(entry.name, entry.title)
+    Console(emoji=False).print(table)
     return 0
 
 

@@ -22,6 +22,8 @@ ANSWER_S = 30.0
 TASK = "process that computes"
 _MOST_WAITING = 8
 _LEAVE_S = 3.0
+_LATE_S = 0.5  # to finish an answer that nobody waits for any more: starting the process again takes longer
+_REVIEWS = "cellcal.service.review.compute_worker"
 
 
 class ComputeError(CellError):
@@ -53,14 +55,14 @@ class SolverEndedError(ComputeError):
 class ComputeClient:
     """Keeps the process for one cell file."""
 
-    def __init__(self, cell_file: Path) -> None:
-        self._cell_file = cell_file
+    def __init__(self, cell_file: Path, module: str = _REVIEWS, *, longest_s: float = ANSWER_S) -> None:
+        self._cell_file, self._module, self._longest_s = cell_file, module, longest_s
         self._turn = asyncio.Lock()
         self._waiting = 0
         self._process: asyncio.subprocess.Process | None = None
 
     async def ask_worker(self, question: str, **arguments: Any) -> Any:
-        """Return the answer to one of the questions of ``service.review.compute_worker``.
+        """Return the answer to one of the questions of the process; a caller who is cancelled ends its work.
 
         Raises
         ------
@@ -89,7 +91,7 @@ class ComputeClient:
         assert process.stdout is not None
         answered = False
         try:
-            async with asyncio.timeout(ANSWER_S):
+            async with asyncio.timeout(self._longest_s):
                 process.stdin.write(line)
                 await process.stdin.drain()
                 reply_line = await process.stdout.readline()
@@ -98,6 +100,11 @@ class ComputeClient:
             raise ComputeBusyError from None
         except ConnectionError:  # it has ended
             reply_line = b""
+        except asyncio.CancelledError:
+            with contextlib.suppress(TimeoutError, ConnectionError):
+                async with asyncio.timeout(_LATE_S):
+                    answered = bool(await process.stdout.readline())
+            raise
         finally:
             if (
                 not answered
@@ -113,7 +120,7 @@ class ComputeClient:
     async def _start_worker(self) -> asyncio.subprocess.Process:
         if self._process is None or self._process.returncode is not None:
             self._process = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "cellcal.service.review.compute_worker", str(self._cell_file),
+                sys.executable, "-m", self._module, str(self._cell_file),
                 stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
                 limit=LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

@@ -48,13 +48,18 @@ def answer_to(handlers: Mapping[str, Callable[..., Any]], line: bytes) -> dict[s
         return {"ok": False, **_BROKEN}
 
 
-def main() -> None:
-    """Answer until the input ends."""
+def answer_questions(make: Callable[[CellConfig], Mapping[str, Callable[..., Any]]]) -> None:
+    """Answer until the input ends, for the cell file that is the first argument."""
     log_in_lines()
-    handlers = make_handlers(read_cell_file(sys.argv[1]))
+    handlers = make(read_cell_file(sys.argv[1]))
     for line in sys.stdin.buffer:
         sys.stdout.buffer.write(orjson.dumps(answer_to(handlers, line)) + b"\n")
         sys.stdout.buffer.flush()
+
+
+def main() -> None:
+    """Answer questions about finished runs."""
+    answer_questions(make_handlers)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from cellcal.service.review.review_models import TipUncertainty
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.residuals import compute_client_of
 from cellcal.service.web.response_models import response_options
+from cellcal.service.web.waiting_clients import answer_while_awaited
 
 router = APIRouter()
 RobotName = Annotated[str, Path(max_length=64)]
@@ -52,8 +53,8 @@ async def get_uncertainty(
         robot
     )  # one that is not there is refused before anything is computed
     joints = _parse_joints(joints_rad)
-    found: dict[str, Any] = await compute_client_of(request).ask_worker(
-        "tool doubt", robot=robot, joints_rad=joints
+    found: dict[str, Any] = await answer_while_awaited(
+        request, compute_client_of(request).ask_worker("tool doubt", robot=robot, joints_rad=joints)
     )
     return found
 

@@ -2,14 +2,18 @@
 
 import asyncio
 import gzip
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, FastAPI, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_jsonable_python
+from starlette.requests import HTTPConnection
 
 from cellcal.service.cell_process.messages import Name
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.review.compute_client import ComputeClient
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import (
     DryRunSeen,
@@ -18,8 +22,21 @@ from cellcal.service.web.response_models import (
     ProcedureSeen,
     response_options,
 )
+from cellcal.service.web.waiting_clients import answer_while_awaited
 
-router = APIRouter()
+_PLANNER = "cellcal.service.web.preview_worker"
+_LONGEST_PLAN_S = 180.0  # a calibration's poses on a machine with load 8; who leaves ends it sooner
+
+
+@asynccontextmanager
+async def _ended_with_the_service(app: FastAPI) -> AsyncIterator[None]:
+    yield
+    planner: ComputeClient | None = getattr(app.state, "planner", None)
+    if planner is not None:
+        await planner.stop_worker()
+
+
+router = APIRouter(lifespan=_ended_with_the_service)
 
 
 @router.get("/procedures", **response_options(list[ProcedureSeen], "the catalogue"))
@@ -27,7 +44,10 @@ async def get_procedures(request: Request, who: Who, robot: str | None = None) -
     """Return the catalogue: title, settings as JSON schema, and what this cell lacks for each."""
     del who
     packs = "gzip" in request.headers.get("accept-encoding", "").lower()
-    return await asyncio.to_thread(_catalogue_response, app_context(request).config, robot, packs=packs)
+    lists, config = _procedure_lists(request), app_context(request).config
+    body = await asyncio.to_thread(lists.list_bytes, config, robot, packs=packs)
+    headers = {"vary": "Accept-Encoding"} | ({"content-encoding": "gzip"} if packs else {})
+    return Response(body, headers=headers, media_type=FiniteJsonResponse.media_type)
 
 
 class PreviewRequest(BaseModel):
@@ -44,26 +64,61 @@ class PreviewRequest(BaseModel):
 async def preview_run(requested: PreviewRequest, request: Request, who: Who) -> dict[str, Any]:
     """Foretell a run: steps, poses, duration, predicted uncertainty, and what the cell lacks."""
     del who
-    config = app_context(request).config
-    return await asyncio.to_thread(_preview_to_json, config, requested)
+    asked = {"procedure": requested.procedure, "robot": requested.robot, "settings": requested.settings}
+    found: dict[str, Any] = await answer_while_awaited(
+        request, _planner_of(request).ask_worker("dry run", **asked)
+    )
+    return found
 
 
-def _catalogue_response(config: CellConfig, robot: str | None, *, packs: bool) -> Response:
-    """Return the answer itself: schemas repeat themselves, and a slow link has enough to carry."""
-    body, headers = FiniteJsonResponse(_procedure_rows(config, robot)).body, {"vary": "Accept-Encoding"}
-    if packs:
-        body, headers = gzip.compress(body), {**headers, "content-encoding": "gzip"}
-    return Response(body, headers=headers, media_type=FiniteJsonResponse.media_type)
+def _planner_of(connection: HTTPConnection) -> ComputeClient:
+    """Return the process that plans for this service; the first question starts it."""
+    state = connection.app.state
+    if not hasattr(state, "planner"):
+        state.planner = ComputeClient(
+            app_context(connection).settings.cell_file, _PLANNER, longest_s=_LONGEST_PLAN_S
+        )
+    found: ComputeClient = state.planner
+    return found
 
 
-def _procedure_rows(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
-    from cellcal.service.runs.run_preview import list_procedures  # noqa: PLC0415  heavy: not while the service starts
+def _procedure_lists(connection: HTTPConnection) -> "ProcedureLists":
+    state = connection.app.state
+    if not hasattr(state, "procedure_lists"):
+        state.procedure_lists = ProcedureLists()
+    found: ProcedureLists = state.procedure_lists
+    return found
 
-    named = config.robot_named(robot).name
-    return [
-        {**to_jsonable_python(each), "settings": _settings_schema(config, named, each.name)}
-        for each in list_procedures(config, robot)
-    ]
+
+class ProcedureLists:
+    """The catalogue as it was last sent: schemas are made once, and only what has changed is written anew.
+
+    What a cell lacks and what is due are looked up for every request.
+    """
+
+    def __init__(self) -> None:
+        self._schemas: dict[str, dict[str, dict[str, Any]]] = {}  # by robot, by procedure
+        self._sent: dict[
+            str, tuple[Any, bytes, bytes]
+        ] = {}  # by robot: what it was made of, plain and packed
+
+    def list_bytes(self, config: CellConfig, robot: str | None, *, packs: bool) -> bytes:
+        """Return the answer itself: schemas repeat themselves, and a slow link has enough to carry."""
+        from cellcal.service.runs.run_preview import list_procedures  # noqa: PLC0415  heavy: not while the service starts
+
+        named, rows = config.robot_named(robot).name, list_procedures(config, robot)
+        made_of, plain, packed = self._sent.get(named, (None, b"", b""))
+        if made_of != rows:
+            plain = bytes(FiniteJsonResponse(self._with_settings(config, named, rows)).body)
+            packed = gzip.compress(plain)
+            self._sent[named] = rows, plain, packed
+        return packed if packs else plain
+
+    def _with_settings(self, config: CellConfig, robot: str, rows: Sequence[Any]) -> list[dict[str, Any]]:
+        if robot not in self._schemas:
+            self._schemas[robot] = {row.name: _settings_schema(config, robot, row.name) for row in rows}
+        schemas = self._schemas[robot]
+        return [{**to_jsonable_python(row), "settings": schemas[row.name]} for row in rows]
 
 
 def _settings_schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
@@ -81,15 +136,3 @@ def _settings_schema(config: CellConfig, robot: str, procedure: str) -> dict[str
     for name in tag_settings(kind):
         schema["properties"][name]["x-tags"] = WRITTEN
     return schema
-
-
-def _preview_to_json(config: CellConfig, requested: PreviewRequest) -> dict[str, Any]:
-    from cellcal.procedures.catalogue import definition_named  # noqa: PLC0415  heavy: not while the service starts
-    from cellcal.service.engineering.parameters.simulated_cells import refuse_paths  # noqa: PLC0415  as above
-    from cellcal.service.runs.run_preview import dry_run  # noqa: PLC0415  as above
-
-    refuse_paths(definition_named(requested.procedure).spec_type, requested.settings)
-    found: dict[str, Any] = to_jsonable_python(
-        dry_run(config, requested.procedure, requested.settings, requested.robot)
-    )
-    return found

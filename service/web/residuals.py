@@ -17,6 +17,7 @@ from cellcal.service.review.compute_client import ComputeClient
 from cellcal.service.review.review_models import Review
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import response_options
+from cellcal.service.web.waiting_clients import answer_while_awaited
 from cellcal.service.web.worker import open_journal, store_of
 
 RunId = Annotated[str, Path(max_length=128)]
@@ -67,8 +68,8 @@ async def what_if(run_id: RunId, choice: WhatIfRequest, request: Request, who: W
 
 async def _ask_worker(request: Request, run_id: str, **arguments: Any) -> dict[str, Any]:
     full_run_id = await asyncio.to_thread(_full_run_id, app_context(request).config, run_id)
-    found: dict[str, Any] = await compute_client_of(request).ask_worker(
-        "review", run_id=full_run_id, **arguments
+    found: dict[str, Any] = await answer_while_awaited(
+        request, compute_client_of(request).ask_worker("review", run_id=full_run_id, **arguments)
     )
     return found
 

@@ -24,6 +24,7 @@ from cellcal.service.web.parameters import SetHead, Version
 from cellcal.service.web.residuals import compute_client_of
 from cellcal.service.web.response_models import response_options
 from cellcal.service.web.session_control import authorize_order
+from cellcal.service.web.waiting_clients import answer_while_awaited
 
 router = APIRouter()
 _KEY = "write_parameter_version"  # for the permits: it writes
@@ -66,7 +67,9 @@ async def get_displacement(
         sets.load_set, robot_serial, after
     )  # what is not there is refused before anything starts
     arguments = {"robot_serial": robot_serial, "before": before, "after": after}
-    found: dict[str, Any] = await compute_client_of(request).ask_worker("displacement", **arguments)
+    found: dict[str, Any] = await answer_while_awaited(
+        request, compute_client_of(request).ask_worker("displacement", **arguments)
+    )
     return found
 
 

@@ -115,6 +115,9 @@ class WebServer(uvicorn.Server):
         tls = self.config.ssl
         limit_s = None if tls is None else _HANDSHAKE_S
         try:
+            # Head and body are written one after the other: else the body waits 40 ms for the client to confirm the
+            # head. The loop sets this itself only for sockets that were made with the protocol's number.
+            arrived.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             await asyncio.get_running_loop().connect_accepted_socket(
                 self._make_protocol, arrived, ssl=tls, ssl_handshake_timeout=limit_s
             )

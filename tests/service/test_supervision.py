@@ -72,7 +72,12 @@ SHORT_LIVED = {
     ("service/engineering/programs/jobs/jobs.py", "begin"): "one job: its end is its state",
     ("service/engineering/programs/jobs/jobs.py", "_run"): "the process of one job, awaited",
     ("service/engineering/programs/jobs/work.py", "main"): "ends the job's process with the service's",
-    ("service/engineering/programs/worker_processes.py", "_begin"): "ends a process with the command's",
+    ("service/engineering/forked_processes.py", "prepare_process"): "ends a process with the command's",
+    (
+        "service/engineering/identification/forked_parts.py",
+        "share_parts",
+    ): "processes of one command, awaited",
+    ("service/web/waiting_clients.py", "answer_while_awaited"): "one answer, awaited or cancelled",
     ("service/engineering/programs/worker_processes.py", "forked"): "processes of one command",
     ("service/engineering/programs/files.py", "write_all"): "threads of one command",
     ("service/demo/fake_cell.py", "running_fakes"): "the fakes' process: its end is told by every device",

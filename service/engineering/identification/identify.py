@@ -30,6 +30,7 @@ from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
+from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.uncertainty import coverage_factor
 from cellcal.service.engineering.identification.identify_check import (
     CheckedFile,
@@ -163,8 +164,10 @@ class IdentifyReport:
         }
 
 
-def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None) -> IdentifyReport:
-    """Identify a robot from a file of measurements.
+def identify_file(
+    path: Path, robot: str, options: IdentifyOptions | None = None, runner: PartRunner = SERIAL
+) -> IdentifyReport:
+    """Identify a robot from a file of measurements; the runner carries out what can be done side by side.
 
     Raises
     ------
@@ -177,6 +180,7 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     started = time.perf_counter()
     model = load_model(robot)
     prepared = prepare_measurements(path, model, options.read)
+    runner.show_stage("looking whether the rows fit the robot")
     start = read_start(options.start, model, prepared.observations.kind)
     chain = start.point.rigid_arm(model)
     refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
@@ -199,6 +203,7 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
             start=start.point,
             residual_model=options.residual_model,
         ),
+        runner=runner,
     )
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)

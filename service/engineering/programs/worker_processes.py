@@ -1,14 +1,13 @@
 """Work on many programs shared out among the processors, where that pays."""
 
 import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar, cast
 
+from cellcal.service.engineering.forked_processes import prepare_process as _prepare_process
+from cellcal.service.engineering.forked_processes import processor_count as _processor_count
 from cellcal.service.engineering.programs.files import FilesError, ProgramSource
 
 Part = TypeVar("Part")
@@ -46,23 +45,6 @@ def run_in_processes(
         _work = None
 
 
-def _prepare_process() -> None:
-    """Prepare a process: what ends the command ends it at its next share, `kill` at once.
-
-    The handlers that it inherits run in Python, which a process that waits for a lock may never come to.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    threading.Thread(target=_end_with_the_command, daemon=True).start()
-
-
-def _end_with_the_command() -> None:
-    command = multiprocessing.parent_process()
-    assert command is not None
-    command.join()
-    os._exit(1)
-
-
 def is_worthwhile(sources: Sequence[ProgramSource]) -> bool:
     """Tell whether sources are large enough, and the system able, to share them out."""
     large = sum(map(_file_size, sources)) >= _WORTH_BYTES
@@ -85,10 +67,6 @@ def _split_shares(
         total += size
     if first < len(sources):
         yield sources[first:]
-
-
-def _processor_count() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _file_size(source: ProgramSource) -> int:

@@ -1,0 +1,122 @@
+"""The parts of an identification shared out among the processors, by processes that are forked at its beginning."""
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from typing import Protocol, TypeVar
+
+from cellcal.calibration.identification.work_parts import PartRunner
+from cellcal.service.engineering.forked_processes import prepare_process, processor_count
+
+Result = TypeVar("Result")
+_SHOWN_EVERY_S = 0.1
+
+
+class WorkDisplay(Protocol):
+    """Shows what is being done, and how many of the parts that are known so far are done."""
+
+    def show_stage(self, text: str) -> None:
+        """Show what the work is about from now on."""
+
+    def show_parts(self, done: int, begun: int) -> None:
+        """Show how far the parts are; called again and again while they are waited for."""
+
+
+class NoDisplay:
+    """Shows nothing."""
+
+    def show_stage(self, text: str) -> None:
+        """Show nothing."""
+
+    def show_parts(self, done: int, begun: int) -> None:
+        """Show nothing."""
+
+
+class ForkedRunner:
+    """Carries out parts in processes; a part whose process was ended from outside is carried out in this one."""
+
+    def __init__(self, pool: ProcessPoolExecutor, display: WorkDisplay) -> None:
+        self._pool, self._display = pool, display
+        self._parts: list[Future[object]] = []
+
+    def submit(self, function: Callable[..., Result], /, *arguments: object) -> Callable[[], Result]:
+        """Begin a part, as soon as a process is free."""
+        here = partial(function, *arguments)
+        try:
+            part = self._pool.submit(function, *arguments)
+        except BrokenProcessPool:
+            return here
+        self._parts.append(part)  # type: ignore[arg-type]  # looked at for its end only
+        return partial(self._wait_for, part, here)
+
+    def show_stage(self, text: str) -> None:
+        """Pass it on."""
+        self._display.show_stage(text)
+        self._show_parts()
+
+    def _wait_for(self, part: "Future[Result]", here: Callable[[], Result]) -> Result:
+        while not wait([part], _SHOWN_EVERY_S).done:
+            self._show_parts()
+        self._show_parts()
+        try:
+            return part.result()
+        except BrokenProcessPool:  # memory was full, perhaps: one part at a time needs less
+            return here()
+
+    def _show_parts(self) -> None:
+        self._display.show_parts(sum(part.done() for part in self._parts), len(self._parts))
+
+
+class DisplayedRunner:
+    """Carries out parts one after the other in this process, and shows how far they are."""
+
+    def __init__(self, display: WorkDisplay) -> None:
+        self._display = display
+        self._begun = self._done = 0
+
+    def submit(self, function: Callable[..., Result], /, *arguments: object) -> Callable[[], Result]:
+        """Put a part off."""
+        self._begun += 1
+        return partial(self._carry_out, partial(function, *arguments))
+
+    def show_stage(self, text: str) -> None:
+        """Pass it on."""
+        self._display.show_stage(text)
+
+    def _carry_out(self, part: Callable[[], Result]) -> Result:
+        result = part()
+        self._done += 1
+        self._display.show_parts(self._done, self._begun)
+        return result
+
+
+@contextmanager
+def share_parts(display: WorkDisplay) -> Iterator[PartRunner]:
+    """Give what carries out parts, on all processors where the system can fork this process safely.
+
+    Whoever else runs in this process must not: a lock that another thread has at the moment of forking is never
+    released in the forked process.
+    """
+    processors = processor_count()
+    can_fork = "fork" in multiprocessing.get_all_start_methods() and threading.active_count() == 1
+    if processors < 2 or not can_fork:
+        yield DisplayedRunner(display)
+        return
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(processors, multiprocessing.get_context("fork"), prepare_process)
+    pool.submit(os.getpid).result()  # all are forked with the first part, before any thread begins
+    forked = set(multiprocessing.active_children()) - others
+    finished = False
+    try:
+        yield ForkedRunner(pool, display)
+        finished = True
+    finally:
+        if not finished:  # nobody waits for what they work on
+            for process in forked:
+                process.terminate()
+        pool.shutdown(cancel_futures=True)
