@@ -34,7 +34,7 @@ class ServiceWithTablets:
     """The service as it runs, and the browser that looks at it."""
 
     app: FastAPI
-    entrance: Authenticator
+    authenticator: Authenticator
     port: int
     browser: Browser
     complaints: list[str]
@@ -90,7 +90,7 @@ class ServiceWithTablets:
 
     async def enrol_tablet(self, page: Page, device: str, port: int | None = None) -> None:
         """Open the address that an administrator gave, and press the button."""
-        token = self.entrance.accounts.create_enrolment(device, "test")
+        token = self.authenticator.accounts.create_enrolment(device, "test")
         await page.goto(f"http://127.0.0.1:{port or self.port}/#/enrol/{token}")
         await page.get_by_test_id("enrol-device").click()
         await page.get_by_test_id("enrolled").wait_for()

@@ -98,7 +98,7 @@ async def open_tablets_at_cell(folder: Path, *, time_factor: float = 20.0) -> As
         tina = await stack.enter_async_context(tablet_service.signed_in_tablet("Tina"))
         tablets = TabletsAtCell(
             tablet_service.app,
-            tablet_service.entrance,
+            tablet_service.authenticator,
             tablet_service.port,
             tablet_service.browser,
             tablet_service.complaints,

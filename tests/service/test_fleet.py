@@ -327,7 +327,7 @@ async def test_access_needs_sign_in_and_no_route_commands_a_cell(tmp_path: Path)
         else:
             assert isinstance(route, APIWebSocketRoute) or route.name in ("assets", "openapi"), route
     async with another_browser(app) as browser:
-        app.state.context.look()
+        app.state.context.update_rows()
         for path in ("/api/fleet", "/api/fleet/cell-000/certificates/x.json", "/openapi.json"):
             assert (await browser.get(path)).status_code == 401, path
         assert (await browser.get("/api/fleet", headers={"host": "evil.example"})).status_code == 421

@@ -37,7 +37,7 @@ class HostileNamesProcess(OneQuestionProcess):
         device = {"name": ALL, "state": "stopped", "message": ALL, "remedy": ALL, "age_s": 0.1, "due": ALL}
         roles: dict[str, Any] = {"robot": None, "gauge": {"length_m": 1.0, "sigma_m": 1e-4}}
         devices = [device | {"role": role, "value": value, "settle": None} for role, value in roles.items()]
-        self.live = {"rev": 1, "at_s": time.time(), "devices": devices, "record": None}
+        self.live_values = {"rev": 1, "at_s": time.time(), "devices": devices, "record": None}
 
     @property
     def session(self) -> dict[str, Any]:
@@ -106,9 +106,9 @@ async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_pa
         ) as tablet_service,
         tablet_service.browser_context() as context,
     ):
-        hasher = cheap_hasher(pepper_of(tablet_service.entrance.data_dir))
+        hasher = cheap_hasher(pepper_of(tablet_service.authenticator.data_dir))
         for text in XSS:
-            tablet_service.entrance.accounts.add_person(
+            tablet_service.authenticator.accounts.add_person(
                 text, Role.TECHNICIAN, hasher.hash_secret(PIN), "test"
             )
         page = await context.new_page()
@@ -120,7 +120,7 @@ async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_pa
                 assert await page.evaluate(MADE) == [], place
             await go_to_page(page, "#/")
             await expect(page.get_by_test_id("prompt")).to_contain_text(XSS[0])
-            process_double.end("refused", ALL, ALL)
+            process_double.end_run("refused", ALL, ALL)
             await expect(page.get_by_test_id("reason")).to_contain_text(XSS[0])
             await go_to_page(page, "#/history")
             assert await page.get_by_test_id("run").count() == len(XSS)

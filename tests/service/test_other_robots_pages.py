@@ -63,15 +63,15 @@ class TwoRobotsProcess(OneQuestionProcess):
         stopped = fine | {"state": "stopped", "message": "protective stop.", "remedy": remedy}
         devices = [fine | {"role": "robot", "name": self.selected}]
         devices += [stopped | {"role": "other_robot", "name": name} for name in (other, "third")]
-        self.live = {"rev": self.rev, "at_s": 0.0, "devices": devices, "record": None}
+        self.live_values = {"rev": self.rev, "at_s": 0.0, "devices": devices, "record": None}
         self._app.state.context.screens.broadcast(
-            "live", self.live
+            "live", self.live_values
         )  # and to a page whose line opens just now
 
-    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         if command["order"]["op"] == "select_robot":
             self.selected = command["order"]["robot"]
-        return await super().order(command)
+        return await super().send_order(command)
 
 
 COUNTS = (

@@ -36,7 +36,7 @@ class OneQuestionProcess:
         self.rev = 1
         self.key = "wire_is_hooked"
         self.orders: list[tuple[str, str]] = []
-        self.live: dict[str, Any] | None = None
+        self.live_values: dict[str, Any] | None = None
         self.outcome: dict[str, Any] | None = None
 
     @property
@@ -75,7 +75,7 @@ class OneQuestionProcess:
         self.rev += 1
         self._app.state.context.screens.broadcast("session", self.session)
 
-    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         order = command["order"]
         if order["op"] == "hold":
             return {"ok": True, "rev": self.rev}
@@ -100,8 +100,8 @@ async def one_question(tablet_service: ServiceWithTablets) -> AsyncIterator[OneQ
     double.orders.clear()
     tablet_service.release_control()
     yield double
-    tablet_service.entrance.accounts._clock = tablet_service.entrance.wall_clock
-    tablet_service.entrance.sessions._clock = tablet_service.entrance.clock
+    tablet_service.authenticator.accounts._clock = tablet_service.authenticator.wall_clock
+    tablet_service.authenticator.sessions._clock = tablet_service.authenticator.clock
 
 
 @asynccontextmanager
@@ -195,14 +195,16 @@ async def test_wrong_pins_are_reported_and_then_delayed(tablet_service: ServiceW
         await tablet_service.enrol_tablet(page, "tablet 4")
         await page.evaluate("location.hash = '#/sign-in'")
         await page.get_by_test_id("person").filter(has_text="Tina").click()
-        now_s = tablet_service.entrance.wall_clock()
-        tablet_service.entrance.accounts._clock = lambda: now_s  # an hour, also where keys are pressed slowly
+        now_s = tablet_service.authenticator.wall_clock()
+        tablet_service.authenticator.accounts._clock = lambda: (
+            now_s
+        )  # an hour, also where keys are pressed slowly
         for _ in range(5):
             await give_pin(page, "999000")
             await expect_shown(page, "secret-fault")
         await give_pin(page, PINS["Tina"])
         await expect(page.get_by_test_id("secret-fault")).to_contain_text("60 min")
-        tablet_service.entrance.accounts._clock = lambda: now_s + 3601.0
+        tablet_service.authenticator.accounts._clock = lambda: now_s + 3601.0
         await give_pin(page, PINS["Tina"])
         await page.locator("[data-testid=who][data-role=technician]").wait_for()
 
@@ -228,8 +230,8 @@ async def test_an_approval_asks_for_the_pin_and_then_goes_through(
 ) -> None:
     one_question.ask_question("accept_plan")
     async with tablet_service.signed_in_tablet("Tom") as page:
-        now_s = tablet_service.entrance.clock()
-        tablet_service.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+        now_s = tablet_service.authenticator.clock()
+        tablet_service.authenticator.sessions._clock = lambda: now_s + FRESH_S + 30.0
         await page.get_by_test_id("yes").click()
         await expect_shown(page, "dialog")
         await expect_shown(page, "dialog-stop")
@@ -256,8 +258,8 @@ async def test_the_dialog_for_the_pin_comes_with_its_pad(
         await route.continue_()
 
     async with tablet_service.signed_in_tablet("Tom") as page:
-        now_s = tablet_service.entrance.clock()
-        tablet_service.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+        now_s = tablet_service.authenticator.clock()
+        tablet_service.authenticator.sessions._clock = lambda: now_s + FRESH_S + 30.0
         await page.route("**/api/sign-in/people", delay_script)
         await page.get_by_test_id("yes").click()
         await requested.wait()
@@ -274,8 +276,8 @@ async def test_a_screen_left_alone_still_stops_and_the_pin_opens_it(
 ) -> None:
     one_question.ask_question("wire_is_hooked")
     async with tablet_service.signed_in_tablet("Emil") as page:
-        now_s = tablet_service.entrance.clock()
-        tablet_service.entrance.sessions._clock = lambda: now_s + IDLE_S + 30.0
+        now_s = tablet_service.authenticator.clock()
+        tablet_service.authenticator.sessions._clock = lambda: now_s + IDLE_S + 30.0
         await expect_shown(page, "locked")
         await expect_disabled(page, "yes")
         await expect_enabled(page, "stop")
@@ -335,7 +337,7 @@ async def test_the_pages_of_people_are_for_everybody_in_four_languages(
         await page.goto(f"http://127.0.0.1:{tablet_service.port}/")
         await expect_shown(page, "unknown-device")
         await in_every_language(page, "unknown")
-        token = tablet_service.entrance.accounts.create_enrolment("tablet", "test")
+        token = tablet_service.authenticator.accounts.create_enrolment("tablet", "test")
         await page.evaluate("hash => { location.hash = hash; }", f"#/enrol/{token}")
         await expect_shown(page, "enrol")
         await in_every_language(page, "enrol")

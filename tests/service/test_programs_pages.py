@@ -33,11 +33,11 @@ class IdleProcess:
         "connection": {"connected": True, "message": "", "remedy": ""}, "run": None, "prompt": None,
     }  # fmt: skip
 
-    live: dict[str, Any] | None = None
+    live_values: dict[str, Any] | None = None
 
     def __init__(self, _: object) -> None: ...
 
-    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
         """Take a letting go; nothing else is ordered here."""
         assert command["order"] == {"op": "hold", "held": False}, command
         return {"ok": True, "rev": 1}

@@ -35,7 +35,7 @@ def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: str
     """Let the desk say how the robot is."""
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
     live_message = {"devices": [robot | {"value": None, "settle": None} | trouble]}
-    tablet_service.app.state.context.link.live = live_message
+    tablet_service.app.state.context.link.live_values = live_message
     tablet_service.app.state.context.screens.broadcast("live", live_message)
 
 
@@ -111,7 +111,7 @@ async def test_a_refusal_is_written_in_the_reader_s_language(
     )
     async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
-        tablet_service.app.state.context.link.end("refused", REASON, REMEDY)
+        tablet_service.app.state.context.link.end_run("refused", REASON, REMEDY)
         reason, remedy = SAID[locale]
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
