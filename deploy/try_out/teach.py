@@ -98,7 +98,7 @@ def make_technician(fake_client: FakeCellClient, model: RobotModel, robot: str) 
 async def run_taught_procedure(cell: Path, port: int, procedure: str) -> int:
     """Run the procedure on the fake cell's first robot and return its exit code."""
     config = read_cell_file(cell)
-    entry = config.robot()
+    entry = config.robot_named()
     operator = make_technician(FakeCellClient("127.0.0.1", port), load_model(entry.model), entry.name)
     outcome = await start_run(RunTarget(config, operator, entry.name), procedure, dict(SETTINGS[procedure]))
     return print_outcome(outcome, config, as_json=True)

@@ -63,7 +63,7 @@ async def an_engineer(folder: Path, *, projects: bool = True) -> AsyncIterator[S
             yield service_client
         finally:
             if hasattr(service_client.app.state, "programs"):
-                await service_client.app.state.programs.remove_cell()
+                await service_client.app.state.programs.close_all()
 
 
 async def run_job(service_client: ServiceClient, **request: Any) -> dict[str, Any]:
@@ -398,5 +398,5 @@ async def test_a_job_can_be_stopped_and_leaves_nothing(tmp_path: Path) -> None:
         assert (
             await service_client.client.get(f"/api/programs/jobs/{begun['id']}/points")
         ).status_code == 422
-        await service_client.app.state.programs.remove_cell()
+        await service_client.app.state.programs.close_all()
         assert not folder.exists()

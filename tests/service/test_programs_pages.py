@@ -50,7 +50,7 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     async with open_service_with_tablets(path, process_double=IdleProcess, clock=ServiceClock()) as opened:
         yield opened
-        await opened.app.state.programs.remove_cell()
+        await opened.app.state.programs.close_all()
         assert opened.complaints == []
 
 

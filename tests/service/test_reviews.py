@@ -54,7 +54,7 @@ async def client(past_runs: PastRuns) -> AsyncIterator[httpx.AsyncClient]:
     async with another_browser(app) as browser:
         yield browser
     if hasattr(app.state, "solver"):
-        await app.state.solver.remove_cell()
+        await app.state.solver.stop_worker()
 
 
 @asynccontextmanager
