@@ -36,14 +36,14 @@ class RemoteDevice:
         return await self._call_remote("identify")
 
     async def read_condition(self) -> Any:
-        return await self._call_remote("condition")
+        return await self._call_remote("read_condition")
 
 
 class RemoteArm(RemoteDevice):
     """The arm."""
 
     async def read_joints(self) -> Any:
-        return await self._call_remote("joints")
+        return await self._call_remote("read_joints")
 
     async def flange_pose(self) -> Any:
         return await self._call_remote("flange_pose")
@@ -61,7 +61,7 @@ class RemoteArm(RemoteDevice):
         return await self._call_remote("encoder_counts")
 
     async def read_mastering(self) -> Any:
-        return await self._call_remote("mastering")
+        return await self._call_remote("read_mastering")
 
     async def drive_train(self) -> Any:
         return await self._call_remote("drive_train")
@@ -83,7 +83,7 @@ class RemoteWire(RemoteDevice):
     """The gauge."""
 
     async def read_distance(self) -> Any:
-        return await self._call_remote("distance")
+        return await self._call_remote("read_distance")
 
 
 class RemoteTechnician(RemoteDevice):
@@ -93,7 +93,7 @@ class RemoteTechnician(RemoteDevice):
         return await self._call_remote("confirm", instruction)
 
     async def ask_question(self, question: Any) -> Any:
-        return await self._call_remote("enter", question)
+        return await self._call_remote("ask_question", question)
 
 
 def run_child(
