@@ -10,7 +10,7 @@
         ├─ RefusedError            the device said no; .vendor_code, .vendor_text
         ├─ MotionStoppedError      emergency stop, protective stop, mode switch  operator
         ├─ BusyError               two commands at once                          our bug
-        ├─ NobodyThereError        a question, and nobody to answer it           resume where somebody is
+        ├─ NobodyThereError        a question without an operator               resume at a terminal or page
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
@@ -94,6 +94,6 @@ class WrongDeviceError(DeviceError):
 
 
 class NobodyThereError(DeviceError):
-    """A question that nobody can answer here: it was not declined."""
+    """A question without an operator to answer it: it was not declined."""
 
     code = "device.nobody"

@@ -244,7 +244,7 @@ class GaugeCapabilities:
     resolution_m: float
     sigma_m: float
     answers_alone: bool = (
-        True  # false: a reading takes a person or another program, so nobody asks for one in vain
+        True  # false: a reading takes a person or another program, so none is requested in vain
     )
     typed: bool = False  # by a person, when a run asks for it
 

@@ -253,7 +253,7 @@ def log_failures(name: str, register: Supervisor = SUPERVISOR) -> Iterator[None]
     """Name what is raised inside, and go on: for hearers whose failure must not stop the one who tells."""
     try:
         yield
-    except Exception as error:  # noqa: BLE001  whatever it was, whoever tells goes on
+    except Exception as error:  # noqa: BLE001  a failing listener must not stop the caller
         register.note_failure(name, error, running=True)
 
 

@@ -10,7 +10,7 @@ Not modelled
     Devices spread over several processes.
 
 Prints one JSON line when ready: ``{"ready": true, "control": [host, port]}``. Ends on SIGTERM or SIGINT,
-and with ``--watch-stdin`` also when standard input closes, so that no fake outlives whoever started it.
+and with ``--watch-stdin`` also when standard input closes, so that no fake outlives its parent process.
 """
 
 import argparse

@@ -51,10 +51,10 @@ class WorldClock:
         now_s = self.now_s()
         self.time_factor = _check_factor(time_factor)
         self._jumped_s += now_s - self.now_s()
-        self.advance(0.0)  # whoever sleeps reckons again
+        self.advance(0.0)  # sleeping tasks compute their time again
 
     async def sleep_until(self, world_s: float) -> None:
-        """Wait until the world's time has come, also when somebody makes it jump."""
+        """Wait until the world's time has come, also when it jumps."""
         while (left_s := world_s - self.now_s()) > 0.0:
             real_s = left_s / self.time_factor if self.time_factor > 0.0 else 3600.0
             jumped = self._jumped

@@ -8,7 +8,7 @@ Source
 Modelled
     The count follows the motor through all joints' coupling; a dead battery while power is off forgets the
     turns: the count starts again at 0 and only passing the motor's index brings the fraction of the turn
-    back; a new motor has its index elsewhere; the arm may move while nobody counts.
+    back; a new motor has its index elsewhere; the arm may move while the counter is off.
 Not modelled
     Electrical noise, over-speed without battery, wrap at 2^31.
 """

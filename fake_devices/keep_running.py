@@ -1,6 +1,6 @@
 """Keeps the tasks of the fake devices running: what one raises is named, and it goes on.
 
-A fake that stops silently makes tests and demos wait for a device that nobody plays.
+A fake that stops silently makes tests and demos wait for a device that is not simulated.
 """
 
 import asyncio

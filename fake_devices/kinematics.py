@@ -1,4 +1,4 @@
-"""Where an arm's flange is: the world's own arithmetic, shared with nobody.
+"""Where an arm's flange is: the world's own arithmetic, shared with no other package.
 
 Imitates
     The steel of an arm: rigid links between turning axes.

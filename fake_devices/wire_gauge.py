@@ -164,5 +164,5 @@ class WireGauge:
 
 
 def _draw_displacement(rng: np.random.Generator, sigma_m: float) -> Array:
-    """Return a displacement, at most two sigma in every direction: somebody did use a tape measure."""
+    """Return a displacement, at most two sigma in every direction, as by a tape measure."""
     return np.asarray(np.clip(rng.normal(size=3), -2.0, 2.0) * sigma_m)

@@ -32,7 +32,7 @@ _CHECK_POSES = 50
 
 
 class MasteringSource(Protocol):
-    """Whoever turns counts into joints."""
+    """Converter of encoder counts into joint angles."""
 
     def true_offset_rad(self, counts_at_zero: tuple[int, ...] | None = None) -> Array:
         """Return true minus commanded joints under a mastering; by default the one in use."""

@@ -61,10 +61,10 @@ class MotionApproval:
     """What the gate remembers of one entry into a run."""
 
     approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
-    agreed_at_s: float | None = None  # when somebody last said yes to motion; None: nobody has, or was asked
+    agreed_at_s: float | None = None  # when an operator last agreed to motion; None: never
     epoch: int | None = None
-    frames: ActiveFrames | None = None  # None: nobody has looked
-    override: float | None = None  # the highest that somebody saw the arm move at, or agreed to
+    frames: ActiveFrames | None = None  # None: not yet read
+    override: float | None = None  # the highest at which an operator watched the arm, or agreed to
 
     def note_approval(self, now_s: float) -> None:
         """Note that a person has just said yes to motion that was shown or told."""
@@ -91,7 +91,7 @@ class GaugeSetup:
     sigma_anchor_m: float = 0.010
     sigma_hook_m: float = 0.002
     mouth_at_m: tuple[float, float, float] | None = (
-        None  # a place in front of it; None: nobody said where it looks
+        None  # a place in front of it; None: its direction is unknown
     )
 
 
@@ -191,7 +191,7 @@ class Cell:
     limits: MotionCaps = field(default_factory=MotionCaps)
     level: MotionLevel = MotionLevel.OBSERVE
     surroundings: Surroundings = NOTHING_KNOWN
-    permit: Permit | None = None  # None: nobody else can reach this robot
+    permit: Permit | None = None  # None: no other client can reach this robot
     programs: PendantProgramWriter | None = None
     motion: MotionApproval = field(default_factory=MotionApproval)
     config_sha256: str = ""

@@ -61,7 +61,7 @@ MOST_CAPTURES, FEWEST_FINALS = 19, 2  # of a loss of turns, all together
 
 AT_REFERENCE = Instruction(
     "at_reference",
-    "Nobody saw the robot's last position. Bring it near the pose where its record was taken, by the marks.",
+    "The robot's last position is unknown. Bring it near the pose where its record was taken, by the marks.",
 )
 
 

@@ -17,7 +17,7 @@ class EventKind(StrEnum):
     CONDITION = "condition"  # a standing condition was found to hold
     FAILED = "failed"  # the outcome of a step that ended otherwise
     APPROVAL = "approval"
-    ANSWERS_AS = "answers_as"  # in which role whoever answers from here on does
+    ANSWERS_AS = "answers_as"  # the role in which questions are answered from here on
     MISSING_END = "missing_end_accepted"  # the journal's end was missing, and a person went on all the same
     PICTURE = "picture"  # a photo by its hash; it lies beside the journal
     PAUSED = "paused"

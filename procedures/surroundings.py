@@ -23,7 +23,7 @@ from cellcal.calibration.motion.motion_check import WirePath
 
 Triple = tuple[float, float, float]
 
-UNKNOWN_SPEED_SHARE = 0.5  # of every cap, while nobody said what stands in the cell
+UNKNOWN_SPEED_SHARE = 0.5  # of every cap, while the cell's obstacles are not described
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Surroundings:
     blocks: tuple[BoxBlock, ...] = ()
     balls: tuple[SphereObstacle, ...] = ()
     planes: tuple[PlaneObstacle, ...] = ()
-    capsules: tuple[LinkCapsule, ...] = ()  # of the links, where somebody measured them
+    capsules: tuple[LinkCapsule, ...] = ()  # of the links, where they were measured
     link_radius_m: float | None = None  # else of every link
     tip_in_flange_m: Triple | None = None
     margin_m: float = 0.02
@@ -95,7 +95,7 @@ def cell_shape(
     wire: WirePath | None = None,
     tip_in_flange_m: Triple | None = None,
 ) -> CellShape:
-    """Return the shapes of an arm in its cell; where nobody measured the links, they are assumed, and it says so."""
+    """Return the shapes of an arm in its cell; unmeasured links are assumed and marked as such."""
     shapes = surroundings
     tip = tip_in_flange_m or shapes.tip_in_flange_m or (wire.hook_in_flange_m if wire else None)
     arm, assumed = shapes.capsules, tuple[str, ...]()

@@ -70,7 +70,7 @@ def ask_to_write(
 
 
 def refuse_failed(verdict: ProcedureVerdict, write_anyway: str | None, evidence: object) -> None:
-    """Refuse to go on with what failed, unless an engineer gave a reason to; None: nobody may.
+    """Refuse to go on with what failed, unless an engineer gave a reason to; None: not allowed.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class StderrTail:
 async def end_child(process: asyncio.subprocess.Process) -> None:
     """Close a child's standard input, at which it ends by itself; kill one that does not.
 
-    One that waits for a disk for ever cannot even be killed: it is left, and whoever began it goes on.
+    One that waits for a disk for ever cannot even be killed: it is left running, and the caller continues.
     """
     if process.returncode is not None:
         return

@@ -12,7 +12,7 @@ def read_time(text: str) -> datetime:
     Raises
     ------
     ValueError
-        It is none, or has no time zone: nobody could tell which moment is meant.
+        It is none, or has no time zone: the moment is ambiguous.
     """
     found = datetime.fromisoformat(text)
     if found.tzinfo is None:

@@ -286,7 +286,7 @@ CONTROL_CODE\t= 00000000 00000000;
 
 
 def _identifiable_errors(nominal: RobotModel) -> Array:
-    """Return (n, 5): where the arm's geometry has a parameter of its own; the other errors nobody could find."""
+    """Return (n, 5): where the arm's geometry has a parameter of its own; the other errors cannot be identified."""
     free = np.zeros((nominal.axis_count, 5), dtype=bool)
     for entry in np.ndindex(free.shape):
         errors = np.zeros(free.shape)
@@ -296,7 +296,7 @@ def _identifiable_errors(nominal: RobotModel) -> Array:
 
 
 def _rounded_pose(pose: Array) -> Array:
-    """Return a frame as somebody taught it: half a millimetre off, in three decimals."""
+    """Return a frame as it was taught: half a millimetre off, in three decimals."""
     wpr = np.round(np.degrees(values_from("fanuc_wpr", pose[:3, :3])), 3)
     place = np.round(pose[:3, 3] + [4e-4, -3e-4, 5e-4], 6)
     return homogeneous_matrix(rotation_from("fanuc_wpr", np.deg2rad(wpr)), place)

@@ -278,7 +278,7 @@ def _lengths_of(observations: object) -> Array:
 
 
 def _anchor_and_tip(sight: _SeriesView, lengths_m: Array) -> tuple[Array, Array]:
-    """Return anchor and tip of lengths whose tool nobody knows, from both sides of the postures."""
+    """Return anchor and tip of lengths with an unknown tool, from both sides of the postures."""
     once = np.zeros(len(sight.rows), dtype=np.intp)
     joints = sight.series.observations.joints_rad[sight.rows]
     rows = LengthObservations(joints, lengths_m, sight.series.observations.sigma_m[sight.rows], once)

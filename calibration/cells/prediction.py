@@ -1,4 +1,4 @@
-"""What a fitted cell says about points and frames that nobody measured, and how sure it is."""
+"""Predictions of a fitted cell for points and frames that were not measured, with their uncertainty."""
 
 from dataclasses import dataclass
 
@@ -60,8 +60,8 @@ def tip_covariance(fit: CellFit, target: str, joints_rad: Array, *, seen_from: s
 
     Notes
     -----
-    First order: ``J S J'``. What no series shows enters with its prior, so that a base whose turning about J1 nobody
-    recorded makes positions in the base uncertain, and those in the device's frame not.
+    First order: ``J S J'``. Parameters that no series observes enter with their prior: a base whose rotation
+    about J1 was not recorded makes positions in the base uncertain, and those in the device's frame not.
     """
     joints = np.asarray(joints_rad, dtype=float)
     chain = _target_chain(fit.layout, fit.state, target, seen_from)

@@ -11,7 +11,7 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 
-_SAME_RAD = 1e-3  # of a wrist that nobody moved
+_SAME_RAD = 1e-3  # of a wrist that was not moved
 _FEWEST_RUNS = 8
 _FEWEST_ROWS_PER_RUN = 3.0
 _SINGLE_ROWS = 40  # up to here each row is its own group
@@ -152,7 +152,7 @@ def rmse_uncertainty(sizes_m: Array, groups: Rows) -> tuple[float, float, float]
     Raises
     ------
     DegenerateDataError
-        Fewer than two groups: nobody knows how the next would do.
+        Fewer than two groups: the error on a further group cannot be estimated.
     """
     labels = np.unique(groups, return_inverse=True)[1].reshape(-1)
     counts, squares = np.bincount(labels), np.bincount(labels, sizes_m**2)

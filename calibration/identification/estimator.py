@@ -16,7 +16,7 @@ from cellcal.calibration.identification.fit_problem import FitProblem, places_in
 from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _MAX_ITERATIONS = 40
-_SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
+_SETTLED = 1e-3  # of a posterior standard deviation: a smaller step is negligible
 _CURVED = 1e-2  # of the smallest posterior deviation
 _INVISIBLE_M = 1e-7  # a tenth of a micrometre: no arm and no tracker shows it
 _NEAR_M = 3e-4  # its square is invisible: one step of all rows does the rest

@@ -135,7 +135,7 @@ def identify_arm(
     Returns
     -------
     Identification
-        With held-out errors of all rows, the rejected ones included: nobody looks better by rejecting.
+        With held-out errors of all rows, the rejected ones included: rejecting rows does not improve the figure.
 
     Raises
     ------

@@ -51,7 +51,7 @@ HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
 BLIND_SIGMAS = 3.0
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
-# Log of how much rarer an exchange that nobody told of is than turns lost alone; any of six motors may look like one,
+# Log of how much rarer an unreported exchange is than turns lost alone; any of six motors may look like one,
 # and every further capture is one more look.
 _UNTOLD_EXCHANGE = 6.0
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
@@ -103,7 +103,7 @@ def recover_turns(
         How far the guess may be off (one deviation) [turns]; it only matters with few captures.
 
     replaced_axes : sequence of int
-        Motors known to have lost their reference (an exchange that somebody reports): these get a real offset
+        Motors known to have lost their reference (a reported exchange): these get a real offset
         even where it happens to be near a whole turn.
 
     Returns

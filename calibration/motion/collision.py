@@ -31,7 +31,7 @@ from cellcal.calibration.motion.wire_uncertainty import wire_approaches
 
 Place = tuple[float, float, float]
 
-_LINK_RADIUS_SHARE = 0.05  # of the length of the stretched arm, where nobody said how thick it is
+_LINK_RADIUS_SHARE = 0.05  # of the length of the stretched arm, where no thickness is given
 _SHORTEST_M = 1e-3  # a shorter piece of skeleton is no link
 _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
 _TRIALS = 400
@@ -119,7 +119,7 @@ def arm_shape(
     Parameters
     ----------
     radius_m : float, optional
-        Of every link; 5 % of the length of the stretched arm if nobody knows.
+        Of every link; 5 % of the length of the stretched arm if unknown.
     tip_in_flange_m : (3,), optional
         Adds a bar from the flange to the tip, half as thick.
     """

@@ -122,7 +122,7 @@ def _points_together(measured_points: Sequence[WirePoints]) -> tuple[Array, Arra
 
 
 def _wire_belief(points: WirePoints, size: int) -> tuple[Array, Array]:
-    """Return what was believed of a wire before the lengths, and how firmly, beside points nobody knew."""
+    """Return the prior mean and information matrix (inverse covariance) of a wire's parameters."""
     believed = np.array([*np.zeros(size), *points.believed])
     return believed, np.diag([*np.zeros(size), *(sigma**-2 for sigma in points.sigma)])
 

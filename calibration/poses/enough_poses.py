@@ -110,7 +110,7 @@ def enough_poses(
     tests : TestPoses
         Where the tool point counts.
     most : int
-        Nobody will measure more than these.
+        The largest number of poses to consider.
     criterion : Criterion, optional
         Default: offsets if only they are limited, else the test poses.
 

@@ -61,7 +61,9 @@ class WireBelief:
     sigma_sag_rad_m: float = 1e-3  # of a joint per metre of a link's lever
     sigma_flank_rad: float = 1e-4  # half the backlash of a joint whose tooth flank gravity chooses
     sigma_mouth_rad: float = 0.05  # of the mouth's direction, turned to a place by eye …
-    sigma_unseen_mouth_rad: float = 0.5  # … or nobody said where to: about the mean of all hooks at that exit
+    sigma_unseen_mouth_rad: float = (
+        0.5  # … or its direction is not given: about the mean of all hooks at that exit
+    )
 
     def wire_values(self) -> tuple[float, ...]:
         """Return what is believed of scale [1], lip and slow linearity [m]: they stay with the wire."""

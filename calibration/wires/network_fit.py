@@ -219,7 +219,7 @@ def _check_mountings(model: RobotModel, belief: WireBelief, mountings: Sequence[
         if any(len(joints) != model.axis_count for joints in mounting.joints_rad):
             raise CalibrationError(f"mounting {m}: every length needs {model.axis_count} joint angles")
         if not (0 <= mounting.exit < len(belief.exits) and 0 <= mounting.hook < len(belief.hooks)):
-            raise CalibrationError(f"mounting {m} names an exit or a hook that nobody described")
+            raise CalibrationError(f"mounting {m} names an exit or a hook that is not described")
         _check_numbers(mounting, m)
 
 

@@ -48,7 +48,7 @@ class ModbusDrawWire:
         return GaugeCapabilities(self._options.range_m, self._options.step_m, self._options.sigma_m)
 
     async def connect(self) -> None:
-        """Connect, check who answers, and note a device nobody has tried yet."""
+        """Connect, check the device's identity, and note an untested device."""
         async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
             await self._link.open()
         identity = await self.identify()

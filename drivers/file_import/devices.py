@@ -25,7 +25,7 @@ from cellcal.drivers.interfaces import (
     TrackerCapabilities,
 )
 
-_STEP_M = 1e-9  # what is kept of a number that somebody wrote
+_STEP_M = 1e-9  # rounding of a number in a text file
 _AGAIN = "Read the instrument again; if its unit is another, correct the cell file."
 
 

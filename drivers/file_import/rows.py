@@ -1,4 +1,4 @@
-"""Where readings come from when there is no wire: a person, or a file that somebody else's program writes."""
+"""Sources of readings without a connected device: an operator, or a file that another program writes."""
 
 import asyncio
 import stat
@@ -46,7 +46,7 @@ class TypedRows:
         """Ask until the answer is a reading, three times at most."""
         if self._operator is None:
             raise RefusedError(
-                self._device, "there is nobody to ask for a reading.", remedy="Run it by hand."
+                self._device, "there is no operator to enter a reading.", remedy="Run it by hand."
             )
         text = self._text
         for _ in range(_TRIES):
@@ -187,7 +187,7 @@ class GrowingFile:
 
 
 class WholeFile:
-    """Takes row after row of a file that was measured before; somebody says which row is the first."""
+    """Takes row after row of a file that was measured before; the operator names the first row."""
 
     def __init__(self, device: str, options: FileOptions, operator: Operator | None) -> None:
         self._file, self._operator = _ReadingFile(device, options), operator
@@ -215,14 +215,14 @@ class WholeFile:
         self._file.close()
 
     async def _read_whole(self) -> bytes:
-        """Return the file with its last line ended: nobody is writing it any more."""
+        """Return the file with its last line ended, once it is no longer written."""
         content = await self._file.read_content()
         return content if content.endswith(b"\n") or not content else content + b"\n"
 
     async def _ask_first_row(self, count: int) -> int:
         """Ask which row is next: a run that was resumed does not begin with the first one."""
         if self._operator is None:
-            raise self._file.file_error("nobody can say which row is next", "Give first_row in cell.toml.")
+            raise self._file.file_error("which row is next is unknown", "Give first_row in cell.toml.")
         name = self._file.options.path.name
         text = f"{name} has {count} rows. Which one belongs to the next pose? (1 unless the run was resumed)"
         answer = await self._operator.ask_question(Question(f"first_row:{self._file.device}", text))

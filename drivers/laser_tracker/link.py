@@ -285,7 +285,7 @@ class EmsconLink:
             self._measuring.set_exception(error)
 
     def _drop_connection(self, error: DeviceError) -> None:
-        """Leave the connection; whoever waits for it is told why."""
+        """Leave the connection; waiting callers receive the reason."""
         writer, self._writer = self._writer, None
         if writer is not None:
             self._closing_writer, self._why = writer, error

@@ -53,7 +53,7 @@ class TrackerCommand(IntEnum):
     START_MEASUREMENT = 49
     STOP_MEASUREMENT = 52
     FIND_REFLECTOR = 63
-    UNKNOWN = 64  # what an error belongs to that nobody asked for: a broken beam
+    UNKNOWN = 64  # the command of an unsolicited error: a broken beam
     SET_STATISTIC_MODE = 80
     GET_COMPENSATION = 85
     GET_TRACKER_INFO = 132

@@ -34,8 +34,8 @@ _INITIALISED, _READY, _BUSY = 5, 2, 1  # ES_TrackerProcessorStatus, ES_TrackerSt
 _POLL_S = 0.1
 _MOVED = {
     StatusChange.COMPENSATION: "its compensation was changed",
-    StatusChange.STATION_ORIENTATION: "somebody gave it another station",
-    StatusChange.TRANSFORMATION: "somebody gave it another frame",
+    StatusChange.STATION_ORIENTATION: "it was given another station",
+    StatusChange.TRANSFORMATION: "it was given another frame",
     StatusChange.INITIALIZATION: "it was initialised again",
     StatusChange.TILT: "its level sensor says that it was touched",
     StatusChange.SENSOR_DETECTED: "its sensor was unplugged",
@@ -90,7 +90,7 @@ class LaserTracker:
         )
 
     async def connect(self) -> None:
-        """Connect, check who answers, and note a device nobody has tried yet. Moves nothing."""
+        """Connect, check the device's identity, and note an untested device. Moves nothing."""
         identity = await self.identify()
         if f"{identity.model}:{identity.firmware}" not in VERIFIED_ON:
             _LOG.warning("%s: not verified on %s with %s", self.name, identity.model, identity.firmware)
@@ -226,7 +226,7 @@ class LaserTracker:
         self._marks = marks
 
     async def _read_station_marks(self) -> tuple[float, ...]:
-        """Return what changes when somebody gives the tracker a new station or a new compensation."""
+        """Return the station and compensation, whose change makes earlier readings invalid."""
         station = await self._link.send_command(TrackerCommand.GET_STATION_ORIENTATION, layout="<6d")
         frame = await self._link.send_command(TrackerCommand.GET_TRANSFORMATION, layout="<7d")
         try:

@@ -51,7 +51,7 @@ async def write_frame(panel: RegisterClient, kind: Kind, number: int, pose: Pose
 async def flange_pose(panel: RegisterClient, position: RegisterBlock) -> Pose:
     """Take the active tool and user frame off the pose that the controller shows.
 
-    Their values come from the controller too, so a frame that somebody edited cannot bend the result.
+    Their values come from the controller too, so an edited frame cannot falsify the result.
     """
     if position.integer_of("pose_valid") != 1:
         raise RefusedError(

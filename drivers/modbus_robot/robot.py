@@ -85,7 +85,7 @@ class ModbusRobot:
         return capabilities_of(self._panel.profile)
 
     async def connect(self) -> None:
-        """Connect, check the serial number, and note a controller nobody has tried yet."""
+        """Connect, check the serial number, and note a controller that is untested."""
         await self._panel.link.open()
         firmware = (await self.identify()).firmware
         if not firmware.startswith(VERIFIED_ON):
@@ -266,7 +266,7 @@ class ModbusRobot:
             raise MotionStoppedError(
                 self.name,
                 "the arm moves although its jog is done.",
-                remedy="Make sure that nobody else commands the robot, then repeat the step.",
+                remedy="Make sure that no other client commands the robot, then repeat the step.",
             )
         return float(drive.to_joints(np.array(position.integers_of("counts")), np.array(before))[axis])
 

@@ -11,7 +11,7 @@ Hook = Callable[[], Awaitable[None]]
 class ScriptedOperator:
     """Operator. Answers by key; ``hooks`` do what the person would do, before the answer is given.
 
-    An instruction or question without an answer ends in NobodyThereError, never in a guess; ``"no"`` declines.
+    An instruction or question without an answer raises, it is never guessed; ``"no"`` declines.
     """
 
     def __init__(

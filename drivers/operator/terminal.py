@@ -60,8 +60,8 @@ class TerminalOperator:
             self._console.print()
             raise NobodyThereError(
                 "operator",
-                f"it waits for a person, and nobody is at this terminal (the input was closed): {question}",
-                remedy="Resume the run where somebody can answer: cellcal resume, or a page of cellcal serve.",
+                f"it waits for a person, and there is none at this terminal (the input was closed): {question}",
+                remedy="Resume the run where an operator can answer: cellcal resume, or a page of cellcal serve.",
             )
         return line.strip()
 

@@ -1,4 +1,4 @@
-"""Why nobody can tell the tool or frame of a position, where several brands' programs say it alike."""
+"""Reasons why the tool or frame of a position cannot be determined, common to several brands' programs."""
 
 SEVERAL = "the program sets another tool or base for it at different places"
 COMPUTED = "its tool or base is set while the program runs"

@@ -38,7 +38,7 @@ class MoveFrames(NamedTuple):
 
     tool: str | None
     frame: str | None
-    why: str = ""  # why nobody can tell them; "" where nothing is in the way
+    why: str = ""  # why they cannot be determined; "" where they can
     routine: str = ""  # whose callers and called routines may set others
 
 

@@ -24,7 +24,7 @@ class DeclaredPoses:
         self._poses_by_folder: dict[str, Poses] = {}
 
     def poses_visible_from(self, folder: str) -> Poses:
-        """Return what a folder's files see; equally near ones that differ are nobody's: None."""
+        """Return the poses that a folder's files use; None where equally near declarations differ."""
         if folder not in self._poses_by_folder:
             found: dict[str, dict[tuple[int, int], set[Pose | None]]] = defaultdict(lambda: defaultdict(set))
             for place, poses in self._declared:

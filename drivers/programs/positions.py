@@ -29,7 +29,7 @@ class Positions:
     """
 
     names: tuple[str, ...]  # "P[3]", "XP1", "p10"; unique within a group
-    kinds: tuple[Kind, ...]  # CARTESIAN, JOINTS, UNTAUGHT, or a maker's own, which nobody moves
+    kinds: tuple[Kind, ...]  # CARTESIAN, JOINTS, UNTAUGHT, or a maker's own, which is never moved
     lines: NDArray[np.int64]  # (N,) where it stands in the file, from 1
     groups: NDArray[np.int64]  # (N,) motion group, 1 where the maker has none
     frame_tip: Array  # (N, 4, 4) the tool tip in the user frame [m]

@@ -28,7 +28,7 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
     if sample.runtime_state != RuntimeState.STOPPED and not program_is_ours:
         return Condition(
             Readiness.NOT_READY,
-            "a program of somebody else runs or waits on the robot.",
+            "a program of another client runs or waits on the robot.",
             "Stop that program at the pendant; starting ours would end it.",
         )
     if sample.speed_fraction < _LOWEST_SLIDER:

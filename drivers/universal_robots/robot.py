@@ -303,13 +303,13 @@ class UniversalRobot:
                 self.name,
                 "the program that moves the arm was stopped or paused: at the pendant, by another client, or "
                 "because this computer fell silent.",
-                remedy="Look at the pendant; if nobody stopped it, check the network, then repeat the step.",
+                remedy="Look at the pendant; if it was not stopped there, check the network, then repeat the step.",
             )
 
     def _foreign_motion_error(self) -> MotionStoppedError:
         return MotionStoppedError(
             self.name,
-            "the arm left the path of its move: another client commands it, or somebody pushes it.",
+            "the arm left the path of its move: another client commands it, or a person pushes it.",
             remedy="Find out who else moves the robot and disconnect that client, then repeat the step.",
         )
 

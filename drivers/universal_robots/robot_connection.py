@@ -51,7 +51,7 @@ class RobotConnection:
     async def ensure_stream(self) -> StateClient:
         """Return the state stream, connected; connect it when it is not.
 
-        A loss that nobody has noticed is raised once: the arm may have been moved in between.
+        A loss that was not yet reported is raised once: the arm may have been moved in between.
         """
         async with self._connecting:
             if self._closed:

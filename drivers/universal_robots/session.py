@@ -174,5 +174,5 @@ class MotionSession:
             self._child.device,
             "our program on the controller has ended: stopped at the pendant or by another client, or because"
             f" this computer was silent for {1 / self._options.watchdog_hz:g} s.",
-            remedy="Look at the pendant; if nobody stopped it, check the network, then repeat the step.",
+            remedy="Look at the pendant; if it was not stopped there, check the network, then repeat the step.",
         )

@@ -137,7 +137,7 @@ class StateClient:
         return self.samples[-1]
 
     def report_loss(self, *, again: bool = False) -> None:
-        """Raise why the connection was lost; only if nobody has heard of it yet, unless ``again``."""
+        """Raise why the connection was lost; only if not raised before, unless ``again``."""
         if self._error is None or (self._loss_reported and not again):
             return
         self._loss_reported = True

@@ -112,7 +112,7 @@ class CanSession:
         return time.monotonic() - self._heard_s
 
     def has_foreign_master(self) -> bool:
-        """Return whether somebody else has commanded this node lately."""
+        """Return whether another master has commanded this node lately."""
         return time.monotonic() - self.foreign_at_s < FOREIGN_S
 
     def upload_object(self, index: int, subindex: int) -> bytes:
@@ -194,7 +194,7 @@ class CanSession:
         self._bus.shutdown()
 
     def _end_broken(self, why: str) -> None:
-        """Leave the bus: what the receiver raised is told to whoever asks next, who connects anew."""
+        """Leave the bus; the receiver's error is raised by the next request, which connects anew."""
         self._mark_dead(f"the program failed while it received ({why})")
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()

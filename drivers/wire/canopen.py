@@ -77,7 +77,7 @@ class CanopenLink:
 
     @property
     def has_foreign_master(self) -> bool:
-        """Whether somebody else has commanded this node lately."""
+        """Whether another master has commanded this node lately."""
         seen_s = self._foreign_at_s if self._session is None else self._session.foreign_at_s
         return time.monotonic() - max(seen_s, self._foreign_at_s) < FOREIGN_S
 

@@ -1,4 +1,4 @@
-"""How long a move may take while somebody turns the robot's speed down, or up, at the pendant."""
+"""Time-out of a move whose speed may be changed at the pendant."""
 
 _LOWEST_OVERRIDE = 0.01
 

@@ -93,7 +93,7 @@ class FakeModbusDrawWire:
         self._faults.clear_all()
 
     def _set_preset(self, parameters: dict[str, Any]) -> None:
-        """Somebody sets a preset: the shown position moves, and the offset says by how much."""
+        """Set a preset: the shown position moves by the offset."""
         self.encoder.offset_steps += round(float(parameters.pop("m", 0.01)) / self.encoder.step_m)
 
     def true_state(self) -> JsonObject:

@@ -122,7 +122,7 @@ class FakeLaserTracker:
         self._set_by_other(parameters, "orientation", values)
 
     def _push_tripod(self, parameters: Parameters) -> None:
-        """Somebody runs into the tripod; a level sensor, where there is one, tells of it."""
+        """Knock the tripod; a level sensor, where there is one, reports it."""
         self.sensor.push_tripod(float(parameters.pop("m", 0.02)))
         if not parameters.pop("silently", False):
             self.server.broadcast(at.status_change(at.SSC_TILT))

@@ -6,8 +6,8 @@ Source
     Data sheets of Leica AT901/AT960: 15 um + 6 um/m across the beam, an interferometer's 15 um along it, 0.01 deg
     for a probe's turn at twice its standard deviation. Refractive index of air: 0.95e-6 a kelvin (Edlen).
 Modelled
-    Where the tripod stands (drawn, known to nobody), where reflector and probe really sit on the flange, noise of
-    every measurement, a moved tripod, a broken beam, air that drifts and what a wrong temperature does to lengths;
+    Where the tripod stands (drawn at random, not published), where reflector and probe really sit on the flange,
+    noise of every measurement, a moved tripod, a broken beam, air drift and the error of lengths by a wrong temperature;
     six fixed nests for the reflector, to which a person leads the beam.
 Not modelled
     Line of sight through the robot's own body, acceptance angle of the reflector, two faces, drift of the encoders.

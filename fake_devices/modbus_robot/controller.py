@@ -31,7 +31,7 @@ FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 
 
 class ModbusRobotController:
-    """What runs in the cabinet. Computed when somebody looks; ``catch_up`` catches up with time."""
+    """What runs in the cabinet. Computed on request; ``catch_up`` catches up with time."""
 
     def __init__(self, arm: SimulatedArm, coders: PulseCoders, serial: str, model_title: str) -> None:
         self.arm, self.coders, self.program = arm, coders, CellcalProgram(self)

@@ -104,7 +104,7 @@ class FakeModbusRobot:
         await self.server.wait_closed()
 
     async def _follow_time(self) -> None:
-        """Keep watchdogs honest while nobody asks, and open the port again after a boot or a refusal."""
+        """Update watchdogs between requests, and open the port again after a boot or a refusal."""
         while True:
             self.controller.catch_up()
             self.world_faults.boot_when_due()

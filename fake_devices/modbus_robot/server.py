@@ -44,7 +44,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "cut": {"bytes": 5},  # part of the answer, then the connection closes
     "act_then_cut": {},  # obeys a write, then the connection closes without an answer
     "reset": {},  # RST instead of an answer
-    "refuse": {},  # nobody listens
+    "refuse": {},  # no listener on the port
     "flap": {"period_s": 0.5},  # listens and refuses in turn
 }
 

@@ -142,7 +142,7 @@ class WorldFaults:
         new_motors: list[int] | None = None,
         drift_turns: float = 1.0,
     ) -> None:
-        """Take power and battery away; the arm moves a little while nobody counts; the power comes back."""
+        """Take power and battery away; the arm moves a little while the counter is off; the power comes back."""
         controller, coders = self._controller, self._controller.coders
         drift_turns = float(parameters.pop("drift_turns", drift_turns))
         off_s, battery = float(parameters.pop("off_s", OFF_S)), str(parameters.pop("battery", "dead"))
@@ -207,12 +207,12 @@ class WorldFaults:
         arm.start_move(target, float(parameters.pop("speed_rad_s", 0.5)), 2.0)
 
     def _hand_moves(self, parameters: dict[str, Any]) -> None:
-        """Somebody has driven the arm at the pendant to where the controller shows these joints."""
+        """Drive the arm at the pendant to where the controller shows these joints."""
         arm = self._controller.arm
         arm.put_joints(np.clip(self._true_joints_for(parameters), arm.lower_rad, arm.upper_rad))
 
     def _bring_tool(self, parameters: dict[str, Any], *, seated: bool) -> None:
-        """Somebody brings the tool to a mark or into a seat; ``joints`` tell where it is made the first time."""
+        """Bring the tool to a mark or into a seat; ``joints`` define its position the first time."""
         arm, number = self._controller.arm, int(parameters.pop("place"))
         near = self._true_joints_for(parameters) if "joints" in parameters else arm.joints_rad
         self._world.marks.bring_tool(arm, number, near, seated=seated)
@@ -234,14 +234,14 @@ class WorldFaults:
         )
 
     def _select_at_pendant(self, parameters: dict[str, Any]) -> None:
-        """Somebody selects another tool or frame at the pendant."""
+        """Select another tool or frame at the pendant."""
         if "tool" in parameters:
             self._controller.select_tool(int(parameters.pop("tool")))
         if "frame" in parameters:
             self._controller.select_frame(int(parameters.pop("frame")))
 
     def _tool_switched(self, parameters: dict[str, Any]) -> None:
-        """Somebody selects another tool at the pendant: ``number``, or the next one."""
+        """Select another tool at the pendant: ``number``, or the next one."""
         self._controller.select_tool(int(parameters.pop("number", self._controller.tool_number % TOOLS + 1)))
 
     def _early_stop(self, _parameters: dict[str, Any]) -> None:

@@ -36,7 +36,7 @@ _DIAL_KINDS: dict[str, dict[str, Any]] = {
     "wire_break": {},
     "overrange": {},
     "push_in": {"m": 0.004},  # a finger pushes the plunger in
-    "wire_offset": {"m": 0.005},  # somebody has turned the dial
+    "wire_offset": {"m": 0.005},  # the dial was turned
 }
 
 

@@ -47,7 +47,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 class _OtherProgram:
-    """A program that somebody else has sent in place of ours: one joint move."""
+    """A program that another client has sent in place of ours: one joint move."""
 
     name = "other_client"
 
@@ -167,7 +167,7 @@ class UrFaults:
         self._c.contact_steps = 1
 
     def _tool_switched(self, parameters: Mapping[str, Any]) -> None:
-        """Somebody chooses another TCP of the installation at the pendant, and perhaps another payload."""
+        """Select another TCP of the installation at the pendant, and optionally another payload."""
         tcp = tuple(float(value) for value in parameters["tcp"])
         if len(tcp) != 6:
             raise FaultRefusedError("tcp is x, y, z [m] and a rotation vector [rad]")

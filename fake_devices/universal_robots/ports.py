@@ -114,7 +114,7 @@ class PortConnection(asyncio.Protocol):
                 (self._transport.resume_reading if on else self._transport.pause_reading)()
 
     def send(self, data: bytes) -> bool:
-        """Send, or drop the data when nobody can take them; return whether they went out."""
+        """Send, or drop the data when no client takes them; return whether they went out."""
         transport = self._transport
         if transport is None or transport.is_closing() or self.port.stalled or self.port.silent:
             return False

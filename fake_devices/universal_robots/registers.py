@@ -29,7 +29,7 @@ class GeneralRegisters:
         self._owners: dict[str, object] = {}
 
     def claim_names(self, names: list[str], owner: object) -> list[str]:
-        """Return those that belong to somebody else; take all when there are none."""
+        """Return those that belong to another client; take all when there are none."""
         taken = [name for name in names if self.foreign_owner or self._owners.get(name, owner) is not owner]
         if not taken:
             self._owners.update(dict.fromkeys(names, owner))

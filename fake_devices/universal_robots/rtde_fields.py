@@ -112,7 +112,7 @@ def is_available(name: str, version: tuple[int, ...]) -> bool:
 
 
 def zero_value(kind: str) -> object:
-    """Return the value of a variable nobody has set."""
+    """Return the value of a variable that was never set."""
     if kind in (VECTOR3D, VECTOR6D, VECTOR6INT32):
         return (0.0 if kind != VECTOR6INT32 else 0,) * (3 if kind == VECTOR3D else 6)
     return {BOOL: False, DOUBLE: 0.0}.get(kind, 0)

@@ -85,7 +85,7 @@ class UniversalRobotServer:
     async def _follow_cable(self) -> None:
         """Open or close all ports as the cable now is; one at a time, since several causes may ask at once.
 
-        Whoever changed the cable last waits for the others and then has the last word.
+        The last change of the cable waits for the others and then takes effect.
         """
         async with self._ports_change:
             for port in self.ports.values():

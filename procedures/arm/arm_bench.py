@@ -39,7 +39,7 @@ READY = {
     ),
     "tracker": Instruction(
         "target_is_mounted",
-        "Mount the tracker's target on the flange so that the tracker sees it; nobody may step into the beam.",
+        "Mount the tracker's target on the flange so that the tracker sees it; keep people out of the beam.",
     ),
 }
 

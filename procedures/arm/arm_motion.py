@@ -1,7 +1,7 @@
 """Which postures a series on one arm may use, and the ways between them, with a wire or a target on the flange.
 
 With a wire the rules are those of a survey (`procedures.survey.survey_motion`); with a target the arm and the
-bar that carries it are kept clear of each other, and nobody knows where the tracker's beam goes.
+bar that carries it are kept clear of each other; the path of the tracker's beam is unknown.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What a robot's calibration may claim, and what nobody could look at."""
+"""Claims of a robot's calibration, and what could not be checked."""
 
 import math
 

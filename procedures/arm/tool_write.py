@@ -140,7 +140,7 @@ def tool_instruction(found: ToolByPoints, verdict: ProcedureVerdict, order: Tool
 
 
 async def write_tool(run: Run, found: FoundTool, verdict: ProcedureVerdict, order: ToolOrder) -> WrittenTool:
-    """Show the tool frame old and new, and write it once somebody accepted it."""
+    """Show the tool frame old and new, and write it once it is accepted."""
     shown = tool_instruction(found, verdict, order)
     await run.step("accept the tool", ask_acceptance, shown, sha256_of(to_jsonable_python(found.flange_tool)))
     read_back = await run.write("write the tool frame", write_and_read_back, order.number, found.flange_tool)

@@ -35,7 +35,7 @@ SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest besi
 WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
 STALE_S = 1.0
 SAME_OVERRIDE = 0.005  # pendants show whole per cent
-AGREED_S = 8 * 3600.0  # a shift: whoever agreed to motion before that has gone home
+AGREED_S = 8 * 3600.0  # a shift: an older consent to motion no longer counts
 SLOWEST_RAD_S = 1e-5
 _STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
 
@@ -67,7 +67,7 @@ class JogMove:
     axis: int
     delta_rad: float
     speed_rad_s: float
-    here_rad: Joints | None = None  # None: nobody knows, and nothing is checked
+    here_rad: Joints | None = None  # None: unknown, and nothing is checked
     doubt: PositionUncertainty | None = None
     care: MotionCare = MotionCare.WIRED
     began_rad: Joints | None = None  # where the turn began, if this is its end: no nearer than it was there
@@ -82,7 +82,7 @@ async def move_along(
     pace: SpeedLimit | None = None,
     doubt: PositionUncertainty | None = None,
 ) -> None:
-    """Bring the arm along corners to the last one, by whoever moves this robot; no leg faster than its ``pace``.
+    """Bring the arm along corners to the last one, by this robot's mover; no leg faster than its ``pace``.
 
     ``doubt``: by how much its joints may be other than the controller shows; distances grow with it.
 
@@ -310,7 +310,7 @@ async def _ensure_recent(cell: Cell, here_rad: Joints | None) -> None:
 
 
 async def _check_override(cell: Cell, here_rad: Joints | None) -> None:
-    """Have a person agree to an override above the one that the arm was watched at; below, nobody is asked."""
+    """Have a person agree to an override above the one that the arm was watched at; below, no question is asked."""
     if cell.override is None:
         return
     memory = cell.motion
@@ -326,7 +326,7 @@ async def _check_override(cell: Cell, here_rad: Joints | None) -> None:
 
 
 def _watched_override(memory: MotionApproval, now: float) -> float:
-    """Return the highest override agreed to: that of this entry's first move, until somebody says more."""
+    """Return the highest override agreed to: that of this entry's first move, until more is agreed to."""
     if memory.override is None:
         memory.override = now
     return memory.override

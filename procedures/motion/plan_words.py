@@ -1,4 +1,4 @@
-"""A plan in three lines for whoever approves it: what moves, how far, how long; then what nobody checked."""
+"""A plan in three lines for approval: what moves, how far, how long; then what was not checked."""
 
 import math
 from collections.abc import Sequence
@@ -32,5 +32,5 @@ def plan_words(what: str, tour: PlanTour, not_checked: Sequence[str]) -> str:
         f"How far: about {math.degrees(tour.paced.travel_rad):.0f} deg of the slowest joint in all, none faster than "
         f"{math.degrees(tour.paced.fastest_rad_s):.1f} deg/s; every way keeps limits and distances or is not gone.\n"
         f"How long: about {max(tour.duration_min, 1.0):.0f} min{hands}.\n"
-        f"Not checked: {left_out}. Look: is nobody near, are no cables or hoses in the way? May it move?"
+        f"Not checked: {left_out}. Look: is the area clear of people, are no cables or hoses in the way? May it move?"
     )

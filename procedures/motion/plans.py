@@ -51,7 +51,7 @@ class MotionBounds:
 
     @property
     def capped_tip_speed_m_s(self) -> float:
-        """The cap that holds here: half of it while nobody knows what stands in the cell."""
+        """The speed cap: half of it while the cell's obstacles are unknown."""
         return self.tip_speed_m_s * self.surroundings.speed_share
 
     def box_m(self) -> tuple[Triple | None, Triple | None]:
@@ -62,7 +62,7 @@ class MotionBounds:
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """Poses in the order of travel, the speeds that keep every cap, and what nobody checked."""
+    """Poses in the order of travel, the speeds that keep every cap, and what was not checked."""
 
     poses_rad: tuple[Joints, ...]
     speed_rad_s: float  # of the slowest way: it keeps the caps on every one

@@ -25,7 +25,7 @@ HAND_SIGMA_M = (
 PIN_SIGMA_M = 3e-4  # of a pointed tip over a mark, or a pin in a hole, by eye
 SEAT_SIGMA_M, SEAT_SIGMA_RAD = 1e-4, 3.5e-4
 MAST_SIGMA_M = 5e-5  # of a reflector put into its nest again
-TOOL_SIGMA_M = 0.002  # of a tool frame that somebody typed in
+TOOL_SIGMA_M = 0.002  # of a tool frame that was typed in
 OWN_SIGMA_M = 0.001
 _LOWEST_WRIST_RAD = (
     0.6  # a straight wrist tells two of its axes apart badly, and a person finds it hard to reach

@@ -33,7 +33,7 @@ from cellcal.procedures.recovery.position_alarms import INDEX_TURNS
 from cellcal.procedures.recovery.recovery_kit import KitSpec
 
 ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
-ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame nobody has read yet
+ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame was not read yet
 POWER_CYCLE_S = 120.0
 
 

@@ -61,7 +61,7 @@ def is_strong(kit_outlook: KitOutlook) -> bool:
 
 
 async def recorded_kit(run: Run, spec: KitSpec | None) -> RecoveryKit | None:
-    """Have every place of the kit visited; their coordinates are nobody's business."""
+    """Have every point of the kit visited; their coordinates are not needed."""
     if spec is None:
         return None
     visits = [await visit_near(run, spec, k, what) for k, what in enumerate(kit_places(spec), 1)]

@@ -11,7 +11,7 @@ from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 
 ASKED_AGAIN = 3
-_SHORTEST_TOOL_M = 0.02  # a shorter tool frame is none: nobody typed it in
+_SHORTEST_TOOL_M = 0.02  # a shorter tool frame counts as not entered
 
 
 class NoSuchKitError(ProcedureError):

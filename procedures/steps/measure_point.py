@@ -149,7 +149,7 @@ def check_one_station(stations: Iterable[int], expected: int | None = None) -> N
 def check_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) -> float:
     """Compare two captures of one pose, taken at the beginning and later; return their distance [m].
 
-    A tripod that somebody ran into does not always tell. The first pose, measured again, does.
+    A tripod that was knocked does not always report it. The first pose, measured again, does.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def straight_ways(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
 
 
 def plan_page(instruction: Instruction, tour: PlanTour, moves: PlannedMoves) -> PagedInstruction:
-    """Return a plan on its page: its poses are drawn as ghosts by whoever has a picture."""
+    """Return a plan on its page: a client with a picture draws its poses as ghosts."""
     names = moves.names or tuple(str(k) for k in range(1, len(moves.ways_rad) + 1))
     poses = [
         {"name": name, "joints_rad": list(way[-1]), "way_rad": [list(corner) for corner in way[:-1]]}

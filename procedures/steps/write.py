@@ -33,7 +33,7 @@ async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pos
     read_back = _check_read_back(f"tool frame {number}", found, flange_tool)
     active = cell.motion.frames
     if active is not None and active.tool_number == number:
-        cell.motion.frames = replace(active, flange_tool=read_back)  # our own change is not somebody else's
+        cell.motion.frames = replace(active, flange_tool=read_back)  # our own change is not an outside change
     return read_back
 
 

@@ -117,7 +117,7 @@ class SurveyGoal:
 
 @dataclass(frozen=True, slots=True)
 class SurveyPlan:
-    """All a survey may do: spots, the poses it may choose from, and what nobody checked."""
+    """Limits of a survey: spots, the poses it may choose from, and what was not checked."""
 
     goal: SurveyGoal
     exits: tuple[WirePlace, ...]  # the wire's home comes first …

@@ -1,4 +1,4 @@
-"""What a taught tool frame may claim: its tip and axes with their uncertainty, and what nobody looked at."""
+"""Claims about a taught tool frame: tip and axes with their uncertainty, and what was not checked."""
 
 import math
 from dataclasses import dataclass

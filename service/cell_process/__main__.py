@@ -83,7 +83,7 @@ def _make_writer() -> Callable[[dict[str, Any]], None]:
 
     def write(message: dict[str, Any]) -> None:
         line = lines.line_of(message)
-        with contextlib.suppress(BrokenPipeError):  # nobody hears any more: standard input ends as well
+        with contextlib.suppress(BrokenPipeError):  # the reader is gone: standard input ends as well
             stream.write(line)
             stream.flush()
 

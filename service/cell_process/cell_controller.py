@@ -206,7 +206,7 @@ class CellController:
             if error.message != self._trouble:
                 _log.warning("the cell cannot be used: %s", error)
             self._trouble, self._remedy = error.message, error.remedy
-        except Exception as error:  # named and retried by whoever supervises; here the screen is told
+        except Exception as error:  # named and retried by the supervisor; shown on the screen here
             self._trouble, self._remedy = message_and_remedy_of(error)
             raise
         finally:

@@ -52,7 +52,7 @@ class HoldButton:
             self._changed()
 
     async def until_released(self) -> None:
-        """Wait until nobody holds it."""
+        """Wait until the hold button is released."""
         while self.is_held:
             self._wake.clear()
             remaining = DEAD_MAN_S - (self._clock() - self._heard_s)

@@ -101,7 +101,7 @@ class LivePoller:
         self.others = [_initial_status(role, device, cell) for role, device in self._instruments.items()]
 
     async def poll_once(self) -> None:
-        """Look once. An instrument that takes its time holds up nobody else."""
+        """Poll once. A slow instrument does not delay the others."""
         await self._query_device(self.robot, self._read_joints())
         if self._clock() - self._robot_asked_at_s >= STOP_EVERY_S:
             self._robot_asked_at_s = self._clock()

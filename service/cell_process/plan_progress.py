@@ -37,7 +37,7 @@ class PlanProgress:
         if progress.does == "move":
             self._goal_rad = progress.goal_rad
         elif page is not None:
-            self._goal_rad = None  # the arm rests while somebody is asked: nothing is measured there
+            self._goal_rad = None  # the arm rests during a question: nothing is measured there
         elif done and progress.does == "read":
             self._measured |= {place for place in [self._current_pose_index()] if place is not None}
             self._goal_rad = None

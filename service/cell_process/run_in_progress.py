@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class UnfinishedRun:
-    """A run that nobody ended."""
+    """A run that has not ended."""
 
     run_id: str
     robot: str

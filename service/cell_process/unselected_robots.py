@@ -46,7 +46,7 @@ class UnselectedRobots:
                 )
 
     async def stop_following(self) -> None:
-        """Follow nobody any more."""
+        """Stop following."""
         for name in list(self._tasks):
             await self._stop_robot(name)
 
@@ -65,7 +65,7 @@ class UnselectedRobots:
     async def _follow_entry(self, entry: Any) -> None:
         try:
             await follow_robot(self._watch.watches, entry, self._listener)
-        except Exception:  # the screen says so; whoever supervises names it and follows anew
+        except Exception:  # shown on the screen; the supervisor names it and follows anew
             self._shown[entry.name].condition = None
             self._shown[entry.name].error = BROKEN
             raise

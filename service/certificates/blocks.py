@@ -59,7 +59,7 @@ class TableBlock:
 
 @dataclass(frozen=True, slots=True)
 class PictureBlock:
-    """A drawing: SVG with its words, and what it shows for whoever cannot see it."""
+    """A drawing: SVG with its words, and its text alternative for screen readers."""
 
     svg: str
     alt: str

@@ -55,7 +55,7 @@ _NOTHING_CLAIMED: dict[str, Any] = {
     "word": "refused",
     "characteristics": [],
     "not_verified": [
-        "Nothing is claimed of this run. What was measured stands below, for whoever looks for the cause."
+        "Nothing is claimed of this run. What was measured stands below, to help find the cause."
     ],
 }
 _NO_VERDICT: dict[str, Any] = {

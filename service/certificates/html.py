@@ -107,7 +107,7 @@ def _render_table(table: TableBlock) -> str:
     rows = "".join(f"<tr>{_render_row(row)}</tr>" for row in table.rows)
     whole = sum(table.shares)  # a name is not broken in two where another column has place to spare
     wide = "".join(f'<col width="{100 * share / whole:.0f}%">' for share in table.shares)
-    # a table may be wider than a phone: whoever has no pointer scrolls it by keys
+    # a table may be wider than a phone: it must scroll by keys, too
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(table.caption)}"><table>'
         f"<caption>{escape(table.caption)}</caption>{wide}"
@@ -127,5 +127,5 @@ def _render_cell(cell: TableCell, opening: str) -> str:
 
 
 def _render_picture(picture: PictureBlock) -> str:
-    """Return the drawing inside the page, named for whoever cannot see it."""
+    """Return the drawing inside the page, with its text alternative for screen readers."""
     return picture.svg.replace("<svg ", f'<svg role="img" aria-label="{escape(picture.alt)}" ', 1)

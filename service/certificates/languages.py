@@ -1,7 +1,7 @@
 """The languages in which a certificate can be read: its own words, and those of procedures and refusals.
 
 What is signed is English and stays as it is. Numbers keep the point that they have in the signed file, so that
-nobody has to ask whether two sheets say the same.
+two sheets can be compared line by line.
 """
 
 import re

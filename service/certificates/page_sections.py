@@ -316,7 +316,7 @@ def _photo_sections(pictures: Sequence[Mapping[str, Any]], translations: Transla
     if not rows:
         return ()
     head = _table_head(translations, "Photo", "By", "At (UTC)")
-    caption = "Kept beside the journal of the cell; whoever has a photo compares its SHA-256."
+    caption = "Stored beside the journal of the cell; a photo is compared by its SHA-256."
     return (
         Section(
             translations.translate("Photos"),

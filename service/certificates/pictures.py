@@ -355,7 +355,7 @@ def _round_step(span: float) -> float:
 
 
 def _has_share(figure: Mapping[str, Any]) -> bool:
-    """Tell whether a limit is an upper one of a figure with an uncertainty; of others nobody knows the side."""
+    """Return whether a limit is an upper one of a figure with an uncertainty; of others the side is unknown."""
     return bool(
         figure["decision"] and (figure["limit"] or 0.0) > 0.0 and figure["expanded_uncertainty"] > 0.0
     )

@@ -1,4 +1,4 @@
-"""The square code of a certificate: its id and its hash, for whoever holds the paper and has the JSON file."""
+"""The square code of a certificate: its id and its hash, to compare a printed copy with the JSON file."""
 
 import io
 

@@ -111,7 +111,7 @@ def _run_reference(out: Path | None, *, as_json: bool) -> int:
 
 
 def _wide_console() -> "Console":
-    """Return a console on which a row of the table is a line, where nobody's window is in the way."""
+    """Return a console on which a row of the table is a line, where output is not a terminal."""
     from rich.console import Console
 
     console = Console(highlight=False, emoji=False)

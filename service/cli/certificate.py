@@ -71,7 +71,7 @@ def write_certificate(  # noqa: PLR0913  a command's options are its arguments
 
 @certificate.command
 def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> int:
-    """Show the cell's public key, for whoever will check its certificates; make the key if there is none.
+    """Show the cell's public key, which checks its certificates; make the key if there is none.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _what_was_checked(checked: Any, expected: str | None) -> list[str]:
 
 
 def _summarise_content(content: Any) -> list[str]:
-    """Return the heart of the document, so that nobody has to believe a page of text beside it."""
+    """Return the signed values of the document, so that they can be compared with its text."""
     if not isinstance(content, dict) or "verdict" not in content:
         return []
     run, robot = content["run"], content["devices"][0]["identity"]

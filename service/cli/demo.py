@@ -88,7 +88,7 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
 
 
 def is_for_pages(port: int | None, stream: TextIO) -> bool:
-    """Whether somebody is there who can look at pages and press Ctrl+C."""
+    """Whether an interactive terminal is present to show pages and take Ctrl+C."""
     in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
     return port is not None or (stream.isatty() and not in_ci)
 

@@ -36,7 +36,7 @@ def add(name: str, /, *, cell: CellFile, role: RoleName, secret_stdin: FromInput
     Parameters
     ----------
     name
-        As it will stand in runs and certificates; never given to somebody else again.
+        As it will stand in runs and certificates; never given to another person again.
     """
     register, hasher = _open_with_hasher(cell)
     kept_name = register.add_person(
@@ -107,7 +107,7 @@ def list_people(*, cell: CellFile, as_json: Json = False) -> int:
     lines = [f"{each['name']:<30} {each['role']}" for each in who]
     lines += [f"device {each['id']}  {each['name']:<30} since {each['enrolled_utc']}" for each in devices]
     sys.stdout.write(
-        "\n".join(lines or ["Nobody is set up; the browser at this computer is the technician."])
+        "\n".join(lines or ["No person is set up; the browser at this computer is the technician."])
     )
     sys.stdout.write("\n")
     return 0

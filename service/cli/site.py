@@ -45,7 +45,7 @@ def enroll(*cell: str, folder: Path = _FOLDER, name: str = "", endpoint: str = "
         )
     STDERR_CONSOLE.print(
         f"The router is started with `cellcal site router --folder {folder}`; one that runs takes new cells in. "
-        f"Keep {folder / 'ca.key'} where nobody else comes: who has it can add cells."
+        f"Keep {folder / 'ca.key'} where no other person has access: its owner can add cells."
     )
     return 0
 

@@ -110,7 +110,9 @@ class WatchTable(_StrictTable):
     period_s: float = Field(default=0.5, gt=0, le=60)
     recover_alone: bool = False  # only where an admin has decided so, and the robot's motion is "commanded"
     drift_check_days: int | None = Field(default=None, ge=1, le=3650)  # from one drift check to the next
-    cell_closed: bool = False  # an admin vouches that nobody can be in the cell while the watch runs
+    cell_closed: bool = (
+        False  # an administrator confirms that no person can be in the cell while the watch runs
+    )
     records_complete: bool = False  # and that no newer mastering record is kept elsewhere than in the journal
     wire_stays_hooked: bool = False  # and that the draw-wire hangs on the flange, free, between runs
 

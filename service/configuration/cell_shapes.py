@@ -37,7 +37,7 @@ def read_cell_shape(
     tip_in_flange_m: Place | None = None,
     wire: WirePath | None = None,
 ) -> CellShape:
-    """Read obstacles, margins and, where somebody measured them, the shapes of the links.
+    """Read obstacles, margins and, where they were measured, the shapes of the links.
 
     ::
 
@@ -101,7 +101,7 @@ def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
 
 
 def check_shapes(model_name: str, surroundings: Surroundings) -> None:
-    """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
+    """Raise CalibrationError where shapes do not fit the arm; an unknown model is reported elsewhere."""
     if is_known_model(model_name):
         clearance_check(model_name, surroundings)
 

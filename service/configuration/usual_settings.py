@@ -15,7 +15,7 @@ from cellcal.service.configuration.device_keys import suggest_key
 
 USUAL_KEY = "usual"  # of [[robot]]; no driver knows it
 Usual = Mapping[str, Mapping[str, Any]]  # by procedure, by setting
-# what somebody says of one loss or one result; said once for all it would answer for nobody
+# answers to one loss or one result: as defaults they would answer for other cases
 _OF_ONE_RUN = ("write_anyway", "last_counts", "alarms", "exchanged_axes", "of_run", "renew")
 
 

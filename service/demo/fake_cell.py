@@ -196,7 +196,7 @@ async def running_fakes(cell_file: Path) -> AsyncIterator[FakeCellClient]:
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "cellcal.fake_devices", str(cell_file), "--watch-stdin", "--arms", str(arms),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-            start_new_session=True,  # Ctrl+C is for whoever uses the cell: its devices stay until it has left
+            start_new_session=True,  # Ctrl+C goes to the cell's client: its devices stay until it has left
         )  # fmt: skip
         try:
             ready = await _ready_line(process)

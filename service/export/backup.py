@@ -219,7 +219,7 @@ def _is_database(path: Path) -> bool:
 
 
 def _copy_database(source: Path, copy: Path) -> None:
-    """Copy a database as of one moment, whoever writes it meanwhile."""
+    """Copy a database as of one moment, also while it is written."""
     try:
         with (
             closing(sqlite3.connect(f"{source.absolute().as_uri()}?mode=ro", uri=True)) as database,

@@ -1,6 +1,6 @@
 """What a cell tells a Prometheus server: how it stands, what its runs ended with, what is due. No names, no keys.
 
-The desk's newest words come in from the service; the journal is read on when somebody asks, only what was added.
+The desk's newest words come in from the service; the journal is read on request, only what was added.
 """
 
 import os

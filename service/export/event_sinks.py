@@ -1,4 +1,4 @@
-"""Everything that the desk's words go to besides screens: figures for Prometheus, the site, whoever gets alarms."""
+"""Everything that the desk's words go to besides screens: figures for Prometheus, the site, alarm targets."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One run as an MCAP file, for Foxglove, Lichtblick and whoever reads logs of robots: an extra, ``cellcal[mcap]``.
+"""One run as an MCAP file, for Foxglove, Lichtblick and other readers of robot logs: an extra, ``cellcal[mcap]``.
 
 Three channels of JSON: ``/run`` (what it is), ``/events`` (the journal, event by event) and ``/readings`` (what was
 measured, also what was not used). Times are those of the journal: this computer's clock, in milliseconds.

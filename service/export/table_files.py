@@ -46,7 +46,7 @@ def as_csv_file(table: ExportTable, delimiter: str = ",") -> bytes:
 
 def as_xlsx_file(tables: Sequence[ExportTable]) -> bytes:
     """Return tables as sheets of one XLSX file."""
-    from openpyxl import Workbook  # noqa: PLC0415  100 ms that nobody else need pay
+    from openpyxl import Workbook  # noqa: PLC0415  100 ms that only this format costs
 
     for table in tables:  # before a sheet is begun: one that is not ended leaves a file behind
         _refuse_what_is_no_fact(table)
@@ -104,7 +104,7 @@ def _make_cell(sheet: Any, value: Value, *, bold: bool = False) -> Any:
     # the kind is said, not guessed: "=1+1" is text; and a number keeps all digits, of which openpyxl writes 16
     cell.data_type = "s" if isinstance(value, str) else "n"
     if isinstance(value, str) and value.startswith(FORMULA_SIGNS):
-        cell.quotePrefix = True  # it stays text when somebody edits it
+        cell.quotePrefix = True  # it stays text when it is edited
     if bold:
         cell.font = Font(bold=True)
     return cell

@@ -1,6 +1,6 @@
 """Where a webhook may go, and one delivery to it: no redirect, no proxy, and only to an address that was checked.
 
-A cell file is written by whoever administers the cell; a name in it is not: what it resolves to is checked each
+A cell file is written by the cell's administrator; a name in it is not: what it resolves to is checked each
 time, and the connection goes to the very address that was checked.
 """
 
@@ -78,7 +78,7 @@ def deliver_event(target: WebhookTarget, body: bytes, headers: Mapping[str, str]
     Raises
     ------
     WebhookError
-        Nobody answers, the address is not allowed, or what answers is no web server.
+        No answer, the address is not allowed, or what answers is no web server.
     """
     connection = _CheckedConnection(target)
     # whatever happens, this one delivery ends: a socket's own timeout begins anew with each byte

@@ -75,7 +75,7 @@ class AccountStore:
         return tuple(Account(name, Role(role), pin_hash, epoch) for name, role, pin_hash, epoch in rows)
 
     def find_person(self, name: str) -> Account | None:
-        """Return one person, None when nobody of that name may sign in."""
+        """Return one person, None when no person of that name may sign in."""
         sought = fold_name(name)
         return next((each for each in self.list_people() if fold_name(each.name) == sought), None)
 

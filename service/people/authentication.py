@@ -22,8 +22,8 @@ _MIND = "Try again; mind how many tries there are: five, then one an hour."
 class Person:
     """Who sits at a screen.
 
-    ``role`` counts at this moment: somebody whose screen was left alone looks on as a viewer until the PIN comes.
-    ``alone`` is whoever holds this computer's console while nobody is set up: there is no PIN and nobody else.
+    ``role`` counts at this moment: after the screen was left alone it is viewer until the PIN is entered.
+    ``alone``: no person is set up, and this computer's console acts as the technician without a PIN.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Authenticator:
         return replace(self._person_of(session), session_id=session.session_id)
 
     def is_in_charge(self, session_id: str) -> bool:
-        """Whether somebody sits there who may run procedures just now."""
+        """Whether the signed-in person may run procedures at present."""
         session = self.sessions.session_at(session_id)
         return session is not None and self._person_of(session).has_right(Right.RUN)
 
@@ -101,7 +101,7 @@ class Authenticator:
         return Person(account.name, account.role, fresh_pin=self.sessions.is_fresh(session))
 
     def note_activity(self, token: str | None) -> None:
-        """Note that whoever has this session does something."""
+        """Note activity of this session."""
         session = self._find_session(token)
         if session is not None:
             self.sessions.note_use(session)
@@ -199,7 +199,7 @@ class Authenticator:
         return self.sessions.sign_person_in(token, account.name, account.epoch)
 
     def confirm_pin(self, token: str | None, secret: str) -> None:
-        """Take the PIN of whoever has this session once more: it unlocks, and counts for an approval."""
+        """Check the PIN of the session's person once more: it unlocks, and counts for an approval."""
         session = self._find_session(token)
         if session is None or session.person is None:
             raise NotSignedInError
@@ -209,7 +209,7 @@ class Authenticator:
         self.sessions.confirm_pin(session)
 
     def verify_second_person(self, token: str | None, name: str, secret: str) -> Person:
-        """Return a second person, who gives name and PIN at somebody's screen for one approval; call in a thread.
+        """Return a second person, who enters name and PIN at another's screen for one approval; call in a thread.
 
         Raises
         ------

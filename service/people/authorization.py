@@ -1,4 +1,4 @@
-"""Whether somebody may give an order just now, and in whose name it goes to the desk."""
+"""Whether a session may give an order at present, and in whose name the cell process receives it."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class FirstApproval:
 
 
 _NONE = FirstApproval("", "", "")
-CONSOLE_ROLE = "console"  # of whoever holds this computer's console while nobody is set up
+CONSOLE_ROLE = "console"  # of this computer's console while no person is set up
 
 
 class StaleViewError(PeopleError):

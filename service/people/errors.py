@@ -6,7 +6,7 @@ from cellcal.calibration.errors import CellError
 
 
 class PeopleError(CellError):
-    """Somebody may not do what was asked. ``status`` is the answer's status over HTTP."""
+    """The request is not permitted. ``status`` is the response's HTTP status."""
 
     code = "people"
     status = 403
@@ -14,14 +14,14 @@ class PeopleError(CellError):
 
 
 class NotSignedInError(PeopleError):
-    """Nobody known asks."""
+    """The requester is not signed in."""
 
     code = "people.sign_in"
     status = 401
 
     def __init__(self) -> None:
         super().__init__(
-            "nobody is signed in here.",
+            "no person is signed in here.",
             remedy="Use the address that `cellcal serve` printed, or sign in on an enrolled device.",
         )
 

@@ -22,7 +22,7 @@ class GuessLimit:
 PERSON = GuessLimit(free=5, then_every_s=3600.0, per_day=30)
 DEVICE = GuessLimit(
     free=20, then_every_s=600.0, per_day=60
-)  # shared by a shift; never cleared by somebody's success
+)  # shared by a shift; never cleared by one person's success
 STATION = GuessLimit(free=100, then_every_s=3600.0, per_day=100)
 
 

@@ -10,7 +10,7 @@ from cellcal.service.cell_process.messages import AnswerPrompt, HoldOrder, Order
 
 
 class Role(StrEnum):
-    """What somebody is at this cell. An administrator runs no procedure: the two are kept apart.
+    """A person's role at this cell. An administrator runs no procedure: the two are kept apart.
 
     Programs are made by engineers and administrators: they are files to take away, and nothing is written to a robot.
     """

@@ -1,6 +1,6 @@
 """Whose hands the session is in: one screen orders, the others look on and may ask to take over.
 
-A stop needs no control, and letting the hold button go needs none. Control is free until somebody orders, and again
+A stop needs no control, and letting the hold button go needs none. Control is free until the first order, and again
 when its holder signs out, is locked out by idling, or may no longer run anything. A request that the holder leaves
 unanswered for half a minute is granted when the page that made it asks again: one that left meanwhile gets nothing.
 """
@@ -13,12 +13,12 @@ from typing import Any
 from cellcal.service.people.errors import ElsewhereError
 
 REQUEST_GRANTED_S = 30.0
-_REQUEST_VALID_S = 15.0  # beyond that nobody is waiting any more
+_REQUEST_VALID_S = 15.0  # beyond that the request has expired
 
 
 @dataclass(frozen=True, slots=True)
 class SessionHolder:
-    """A browser with somebody at it. ``id`` is that of its session, never its token."""
+    """A signed-in browser. ``id`` is that of its session, never its token."""
 
     id: str
     name: str
@@ -34,7 +34,7 @@ class SessionControl:
     _asking: tuple[SessionHolder, float] | None = field(init=False, default=None)  # and since when
 
     def drop_inactive(self, is_in_charge: Callable[[str], bool]) -> None:
-        """Forget a holder who may order nothing any more, and whoever asked and left."""
+        """Forget a holder without the right to order, and a requester that has left."""
         if self._holder is not None and not is_in_charge(self._holder.id):
             self._holder = None
         if self._asking is not None:
@@ -44,16 +44,16 @@ class SessionControl:
 
     @property
     def current_holder(self) -> SessionHolder | None:
-        """Who has control, None while nobody has."""
+        """Who has control, None while it is free."""
         return self._holder
 
     @property
     def takeover_requester(self) -> SessionHolder | None:
-        """Who asks to take over, None while nobody does."""
+        """Who requests to take over, None without a request."""
         return None if self._asking is None else self._asking[0]
 
     def take_control(self, holder: SessionHolder) -> None:
-        """Let a seat order: it has control, or takes it where nobody has.
+        """Let a seat order: it has control, or takes it where it is free.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class SessionControl:
             self._asking = None
 
     def answer_request(self, session_id: str, *, give: bool) -> None:
-        """Hand control over to whoever asks, or refuse; only the holder can."""
+        """Hand control over to the requester, or refuse; only the holder can."""
         if self._holder is None or self._holder.id != session_id or self._asking is None:
             return
         if give:

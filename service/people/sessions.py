@@ -84,7 +84,7 @@ class SessionStore:
             session.used_s = self._clock()
 
     def is_locked(self, session: Session) -> bool:
-        """Whether nobody has done anything for five minutes."""
+        """Whether the session was idle for five minutes."""
         return self._clock() - session.used_s > IDLE_S
 
     def is_fresh(self, session: Session) -> bool:

@@ -34,7 +34,7 @@ def describe_missing_end(config: CellConfig) -> str:
         with open_journal(config) as journal:
             return "" if journal.damage is not None else missing_end(config, journal)
     except StoreError:
-        return ""  # whoever needs the journal is refused with the cause
+        return ""  # a later use of the journal is refused with the cause
 
 
 def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) -> str:

@@ -13,13 +13,13 @@ from cellcal.service.files import make_private_folder
 
 
 class LeaseHeldError(CellError):
-    """Somebody else is working on this robot."""
+    """Another process is working on this robot."""
 
     code = "busy"
 
 
 class LeaseLostError(CellError):
-    """The right to command this robot went to somebody else while it was used."""
+    """The right to command this robot went to another process while it was used."""
 
     code = "lease_lost"
 
@@ -36,7 +36,7 @@ class Lease:
         """Raise LeaseLostError where the file was taken away, or carries the token of another holder."""
         if not self._is_ours():
             raise LeaseLostError(
-                "somebody else has taken the right to command this robot",
+                "another process has taken the right to command this robot",
                 remedy="Look at the robot. Find out who else works on it, end one of the two, then resume.",
             )
 
@@ -67,7 +67,7 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "somebody"
+            other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "another process"
             raise LeaseHeldError(
                 f"{other} is working on robot {robot}",
                 remedy="Wait until that run has ended, or end it there.",
@@ -81,7 +81,7 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
 
 
 def is_held(directory: Path, robot: str, right: str = "") -> bool:
-    """Tell whether somebody runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
+    """Return whether a process runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
     try:
         descriptor = os.open(_lease_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:

@@ -47,12 +47,12 @@ class RunView:
     begun_by: str = ""  # as who began it was told: a person, the watch, the service
     begun_as: tuple[str, ...] = ()  # roles of the people behind that name; empty where the journal knows none
     motion_level: str = ""  # who moved the robot; empty in journals that do not say it
-    controller_mode: str | None = None  # at the start, as the maker calls it; None: nobody told
+    controller_mode: str | None = None  # at the start, as the maker calls it; None: not reported
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
 
 
 class RunStore:
-    """Reads a journal; writes only what somebody brings in from outside."""
+    """Reads a journal; writes only what is imported from outside."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal

@@ -90,7 +90,7 @@ async def unconfirmed_in_force(
 def refuse_unconfirmed(
     found: UnconfirmedMastering | None, entry: ProcedureDefinition, run_id: str = ""
 ) -> None:
-    """Refuse to start or resume by a mastering that nobody has confirmed, other than to confirm or undo it.
+    """Refuse to start or resume by an unconfirmed mastering, other than to confirm or undo it.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def _apply_event(
     elif writing_run.pending is not None and _is_undone_by(event, body, writing_run.pending):
         writing_run.pending = None
     elif writing_run.pending is not None and event.kind == EventKind.ENDED and body["verdict"] == "passed":
-        for other in runs.values():  # what the controller holds is then confirmed, whoever wrote before
+        for other in runs.values():  # what the controller holds is then confirmed, regardless of the writer
             other.pending = None
 
 

@@ -106,9 +106,7 @@ class ComputeClient:
                     answered = bool(await process.stdout.readline())
             raise
         finally:
-            if (
-                not answered
-            ):  # an answer that nobody waits for must not be taken for that of the next question
+            if not answered:  # an abandoned answer must not be taken for that of the next question
                 await self.stop_worker()
         if not reply_line:
             ended = SolverEndedError(process.returncode or 0)

@@ -113,7 +113,7 @@ class TipUncertainty:
 
     joints_rad: tuple[float, ...]
     tip_in_flange_m: tuple[float, float, float]
-    parts: tuple[str, ...]  # of ``tool`` and ``arm``, those that somebody measured
+    parts: tuple[str, ...]  # of ``tool`` and ``arm``, those that were measured
     semi_axes_m: tuple[float, ...] = ()  # k = 2, longest first
     base_ellipsoid: tuple[
         float, ...

@@ -1,7 +1,7 @@
 """How surely the tool's tip is where it is shown: an ellipsoid from what the journal keeps, for one posture.
 
 Two parts add up: the taught tip in the flange (from its touches), and the arm's own parameters (from its
-calibration). A part that nobody has measured is named, never guessed.
+calibration). A part that was not measured is named, never guessed.
 """
 
 from collections.abc import Mapping, Sequence

@@ -57,7 +57,7 @@ class CellCheckReport:
 
     @property
     def in_use(self) -> bool:
-        """Whether a device was left alone because somebody works with it."""
+        """Whether a device was skipped because it is in use."""
         return any(device.state == IN_USE for device in self.devices)
 
     def as_object(self) -> dict[str, Any]:

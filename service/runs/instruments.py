@@ -17,7 +17,7 @@ Tell = Callable[[str, Any], None]  # a role and its reading; None: a run asks fo
 class SharedInstrument:
     """An instrument that a run reads and a screen looks at; neither ever comes between a question and its answer.
 
-    A run waits at most for one look that is under way; while it asks, nobody looks.
+    A run waits at most for one poll in progress; during its own requests there is no polling.
     """
 
     def __init__(self, device: Any, tell: Callable[[Any], None]) -> None:

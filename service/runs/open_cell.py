@@ -65,7 +65,7 @@ async def open_cell(config: CellConfig, operator: Operator, robot: str | None = 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDevice:
-    """What the cell file says of a device. It cannot be asked anything: nobody is connected."""
+    """A device as declared in the cell file. It answers nothing: there is no connection."""
 
     name: str
     capabilities: Any = None
@@ -76,8 +76,8 @@ def offline_cell(config: CellConfig, robot: str | None = None) -> Cell:
     entry = config.robot_named(robot)
     arm: Any = DeclaredDevice(entry.name, entry.capabilities)
     gauge_entry, tracker_entry = config.gauge_for(entry.name), config.tracker_for(entry.name)
-    nobody: Any = None
-    cell = _build_cell(config, entry, arm, nobody, _declared_gauge(gauge_entry), gauge_entry)
+    no_operator: Any = None
+    cell = _build_cell(config, entry, arm, no_operator, _declared_gauge(gauge_entry), gauge_entry)
     if tracker_entry is not None:
         device = tracker_entry.device
         tracker: Any = DeclaredDevice(device.name, device.capabilities)

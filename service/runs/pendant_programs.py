@@ -39,7 +39,7 @@ class PendantPrograms:
 
 
 def program_shelf(config: CellConfig, entry: Any) -> PendantPrograms | None:
-    """Return where programs for a robot are put; None where nobody knows its language."""
+    """Return where programs for a robot are put; None where its language is unknown."""
     writer = PROGRAM_WRITERS.get(getattr(entry, "profile", entry.driver))
     if writer is None:
         return None

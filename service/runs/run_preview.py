@@ -117,7 +117,7 @@ def offline_cell_with_history(config: CellConfig, robot: str | None = None) -> C
 def refuse_class_out_of_reach(
     config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None
 ) -> None:
-    """Refuse a class of limits that somebody chose and that the predicted uncertainty cannot prove.
+    """Refuse a chosen class of limits that the predicted uncertainty cannot prove.
 
     A class may be chosen only where the predicted U is at most a third of its limit.
 

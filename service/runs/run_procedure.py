@@ -43,8 +43,8 @@ OnEvent = Callable[[StepProgress], None]
 OnBegin = Callable[[str, tuple[Phase, ...]], None]
 
 
-def _nobody_asks(run_id: str, phases: tuple[Phase, ...]) -> None:
-    """Tell nobody that a run began."""
+def _ignore_begin(run_id: str, phases: tuple[Phase, ...]) -> None:
+    """Do nothing: the default of ``on_begin``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class RunConditions:
     """How a run is watched and who answers for it."""
 
     on_event: OnEvent = ignore_progress
-    on_begin: OnBegin = _nobody_asks  # its id and outline, once it stands in the journal
+    on_begin: OnBegin = _ignore_begin  # its id and outline, once it stands in the journal
     gate: PauseGate | None = None
     actor: str = "service"
     free_bytes: int = FREE_BYTES

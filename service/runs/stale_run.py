@@ -12,8 +12,8 @@ from cellcal.service.times import read_time
 
 MOST_H = 8.0  # a shift
 _QUESTION = (
-    "This run stood still for {:.1f} hours. The robot has warmed up or cooled down, and nobody saw whether tool, "
-    "pointer, wire or workpiece were touched. Go on only if nothing was; otherwise start a new run. Go on?"
+    "This run stood still for {:.1f} hours. The robot has warmed up or cooled down, and tool, "
+    "pointer, wire or workpiece may have been touched. Go on only if nothing was; otherwise start a new run. Go on?"
 )
 _CLOCK = (
     "The clock of this computer stands {:.1f} hours before the last entry of this run: how long it stood still "
@@ -24,7 +24,7 @@ _CLOCK = (
 async def agree_if_old(
     operator: Operator, journal: Journal, run_id: str, *, now_utc: datetime | None = None
 ) -> None:
-    """Have a person agree that a run goes on which stood still for more than a shift, or nobody knows how long.
+    """Have a person agree that a run continues which stood still for more than a shift, or for an unknown time.
 
     Raises
     ------

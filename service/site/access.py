@@ -1,6 +1,6 @@
-"""Who may say and ask what on the bus, and the zenoh configurations that hold it.
+"""Access rules of the site bus, and the zenoh configurations that enforce them.
 
-Default is deny. A cell may put under its own name and nowhere else; the monitor may ask and put nothing; nobody may
+Default is deny. A cell may put under its own name only; the monitor may query and put nothing; no peer may
 put anything towards a cell, so there is no key that could command one. Every subject carries a common name: an empty
 property of a subject would be a wildcard.
 
@@ -14,7 +14,7 @@ from cellcal.service.site.keys import MONITOR_NAME, ROOT, ROUTER_NAME, StationKe
 
 CELL_MESSAGES = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
-LEASE_MS = 2500  # after a cable is pulled nobody says goodbye
+LEASE_MS = 2500  # a pulled cable closes no connection
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 _MOST_SESSIONS = 10_000
 # a thousand cells speak at once, and all of it leaves through the monitor's one link: two batches and 1 ms, the
@@ -50,7 +50,7 @@ def _downsampling_rules(site: str) -> list[Config]:
 
 
 def cell_config(site: str, cell: str, endpoint: str) -> Config:
-    """Return the configuration of a cell: a peer that nobody can connect to, and that opens without a router."""
+    """Return the configuration of a cell: a peer that accepts no connections, and that opens without a router."""
     return _common_config("peer", cell) | {
         "listen": {"endpoints": []},
         "connect": {

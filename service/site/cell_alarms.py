@@ -13,7 +13,7 @@ _NOT_OF_CONTROLLER = ("due", "journal", "desk.silent")
 
 
 class CellAlarmWatch:
-    """Looks again and again. ``initial`` were up when somebody looked last; ``awaits_desk``: there must be one."""
+    """Looks again and again. ``initial`` were up at the last look; ``awaits_desk``: there must be one."""
 
     def __init__(
         self, config: CellConfig, tap: ControllerTap, due: DueDates, *,

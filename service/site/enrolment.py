@@ -1,7 +1,7 @@
 """Set up a site, and add cells to it: authority, keys, certificates, and the configurations with their rules.
 
     site/
-      site.json  ca.pem  ca.key       the authority; keep ca.key where nobody else comes
+      site.json  ca.pem  ca.key       the authority; keep ca.key where no other person has access
       router/    router.json5 …       for the site's computer
       monitor/   monitor.json5 stations.json …
       cells/<id>/  cell.json5 station.json …   to be carried to that cell, and deleted here

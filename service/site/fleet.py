@@ -1,7 +1,7 @@
 """What a monitor knows of every cell of its site, and how sure it is of that.
 
 Samples come in by the thousand a second; a signature costs about a fifth of a millisecond. So the newest sample of a
-key replaces the one before unread, and is opened when somebody looks. Nothing is shown that was not opened. Whether
+key replaces the one before unread, and is opened on request. Nothing is shown that was not opened. Whether
 a cell is there is not signed: it is what the router says, and only a state that was opened makes a cell online.
 """
 
@@ -98,7 +98,7 @@ class Fleet:
     # what comes in
 
     def take_sample(self, key: str, raw: bytes, now_s: float) -> None:
-        """Take the newest of a key; the one before, if nobody looked, is gone."""
+        """Take the newest of a key; an earlier one that was not read is dropped."""
         station = self._stations.get(cell_of(key))
         if station is None:
             return

@@ -1,4 +1,4 @@
-"""Keeps a process beside the web service that tells somebody outside, and passes the desk's words on to it.
+"""Supervises a process beside the web service that reports to the outside, and forwards the cell's events to it.
 
 The web process only writes lines into a pipe and never waits for it: what does not fit is left out, since the next
 line is newer anyway. The site's publisher and the webhook's sender are such processes.

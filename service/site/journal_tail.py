@@ -1,4 +1,4 @@
-"""Follows a cell's journal, read only: whoever writes it is not disturbed and cannot be harmed."""
+"""Follows a cell's journal, read only: the writing process is not disturbed."""
 
 import sqlite3
 from pathlib import Path

@@ -182,7 +182,7 @@ class FleetListener:
     def _name_failure(self, work: Callable[[], None]) -> None:
         try:
             work()
-        except Exception as error:  # the page says so; whoever supervises names it and begins anew
+        except Exception as error:  # shown on the page; the supervisor names it and begins anew
             if not self._leave.is_set():
                 self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
             raise

@@ -1,7 +1,7 @@
 """Tells the site of one cell: follows its journal, read only, and what its desk says; a process of its own.
 
 The desk's words come in on standard input, a JSON line each as the desk itself writes them: the service that
-keeps the desk passes them on (``feed.py``). That way nobody has to sign in, no port is opened, and no page or run
+keeps the desk passes them on (``feed.py``). That way no sign-in is needed, no port is opened, and no page or run
 waits: the pipe is written without waiting, and what does not fit is left out. Without a desk the journal alone is
 told.
 

@@ -83,7 +83,7 @@ class Station:
         self._values[key].put(self._sign_live(key, body))
 
     def publish_latest(self, key: str, body: dict[str, Any]) -> None:
-        """Publish a value that somebody who comes later must get, too."""
+        """Publish a value that later subscribers must receive, too."""
         if key not in self._latest:
             self._latest[key] = advanced_publisher(self._session, key, 1)
         self._latest[key].put(self._sign_live(key, body), encoding=ENCODING)

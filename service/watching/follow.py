@@ -1,4 +1,4 @@
-"""The watch over robots until somebody ends it: encoders where a robot tells them, else stops and faults."""
+"""The watch over robots until it is ended: encoder counts where a robot reports them, else stops and faults."""
 
 import asyncio
 import logging
@@ -28,8 +28,8 @@ async def _ignore_robot(robot: Robot, condition: Condition) -> None:
     """Ask the robot nothing more."""
 
 
-def _miss_nobody(robot: str, condition: Condition | None) -> None:
-    """Tell nobody."""
+def _ignore_unreachable(robot: str, condition: Condition | None) -> None:
+    """Do nothing: the default of ``RobotListener.missed``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class RobotListener:
     say: Callable[[str], None]
     looked: Callable[[Robot, Condition], Awaitable[None]] = _ignore_robot  # after each look at one
     missed: Callable[[str, Condition | None], None] = (
-        _miss_nobody  # out of reach; None: left to another cellcal
+        _ignore_unreachable  # out of reach; None: left to another cellcal
     )
 
 
@@ -91,7 +91,7 @@ async def follow_robots(watches: RobotWatches, listener: RobotListener) -> None:
 async def follow_robot(watches: RobotWatches, entry: Any, listener: RobotListener) -> None:
     """Watch one robot until cancelled; an unreachable one is looked for again and again.
 
-    The link is left to whoever holds the right to connect to it.
+    The connection is left to the holder of the right to connect.
     """
     last_message = ""
     while True:
@@ -121,7 +121,7 @@ async def follow_robot(watches: RobotWatches, entry: Any, listener: RobotListene
 
 
 def _is_free(watches: RobotWatches, entry: Any) -> bool:
-    """Whether nobody else is connected to a robot: a second connection could take the link away from a run."""
+    """Whether no other process is connected to a robot: a second connection could take the link away from a run."""
     if is_held(lease_folder(watches.config), entry.serial, DEVICES):
         watches.pause_for_run(entry.name)
         return False

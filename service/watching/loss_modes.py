@@ -19,7 +19,7 @@ class LossMode(StrEnum):
     REFERENCES = "M3"
     GEOMETRY = "M4"
     WRONG_ROBOT = "M5"
-    UNKNOWN = "unknown"  # beside an alarm that nobody here knows
+    UNKNOWN = "unknown"  # beside an alarm that is unknown here
 
 
 class LossKind(StrEnum):
@@ -42,7 +42,7 @@ _HEADLINES = {
     LossKind.LOST: "lost its position",
     LossKind.HELD: "may no longer stand where it thinks",
     LossKind.DIFFERS: "does not hold the mastering of its record",
-    LossKind.UNCONFIRMED: "holds a mastering that nobody confirmed",
+    LossKind.UNCONFIRMED: "holds a mastering that was not confirmed",
 }
 _DESCRIPTIONS = {
     LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
@@ -74,7 +74,7 @@ class Suspicion:
     words: str
     position_lost: bool = True
     record_differs: bool = False  # from what the controller holds, and no alarm tells of it
-    not_known: tuple[str, ...] = ()  # codes of alarms that nobody here knows
+    not_known: tuple[str, ...] = ()  # codes of alarms that are unknown here
     of_run: str = ""  # that wrote a mastering and never confirmed it
 
     @property
@@ -126,7 +126,7 @@ def suspect_loss(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Su
 
 
 def turns_lost(alarms: tuple[Alarm, ...]) -> Suspicion:
-    """Return what is suspected where counts changed while nobody looked, and no alarm says why."""
+    """Return what is suspected where counts changed unobserved, and no alarm gives the reason."""
     return Suspicion(LossMode.TURNS, (), _DESCRIPTIONS[LossMode.TURNS], not_known=_not_known(alarms))
 
 

@@ -89,15 +89,15 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
     motion, watch, suspicion = config.motion_of(loss.robot), config.watch, loss.suspicion
     hindrances = (
-        (suspicion.record_differs, "somebody may have mastered the robot on purpose"),
+        (suspicion.record_differs, "the robot may have been mastered on purpose"),
         (
             not (suspicion.record_differs or suspicion.may_run_unattended),
             f"{suspicion.mode.value} needs a person's judgement",
         ),
         (loss.follows_another, "what was reported before it has not been cleared by anybody"),
-        (suspicion.not_known, f"nobody here knows the alarm {', '.join(suspicion.not_known)}"),
+        (suspicion.not_known, f"the alarm {', '.join(suspicion.not_known)} is unknown here"),
         (loss.during_run, "a run had the robot when it was lost: who works there has to judge"),
-        (loss.last_healthy is None, "nobody saw the robot healthy before"),
+        (loss.last_healthy is None, "the robot was not seen healthy before"),
         (
             _met_before(config, loss),
             "it was reported or answered before, and the robot was not seen healthy since",
@@ -108,7 +108,7 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
             motion.level is not MotionLevel.COMMANDED,
             f'the robot\'s motion is "{motion.level}", not "commanded"',
         ),
-        (not motion.surroundings.is_known, "nobody said what stands in the cell ([robot.space])"),
+        (not motion.surroundings.is_known, "what stands in the cell is not described ([robot.space])"),
     )
     return [why for stands, why in hindrances if stands]
 

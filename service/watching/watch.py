@@ -50,7 +50,7 @@ class PositionLoss:
     alarms: tuple[Alarm, ...]
     last_healthy: HealthyCounts | None
     suspicion: Suspicion = field(default_factory=lambda: suspect_loss(()))
-    follows_another: bool = False  # something was reported before it, and nobody has cleared that yet
+    follows_another: bool = False  # something was reported before it, and that was not cleared yet
     during_run: bool = False  # the robot was not seen healthy since a run had it
 
 

@@ -26,7 +26,7 @@ class CertificateCheck(BaseModel):
     finding: CheckFinding
     sentence: str
     sha256: str
-    public_key: str  # of whoever signed it
+    public_key: str  # of the signer
     by_this_cell: bool  # with the key that this cell signs with today
 
 

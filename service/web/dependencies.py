@@ -39,7 +39,7 @@ def person_of(connection: HTTPConnection) -> Person:
     Raises
     ------
     NotSignedInError
-        Nobody that is known.
+        The session is unknown.
     """
     return app_context(connection).authenticator.authenticate(token_of(connection))
 
@@ -57,8 +57,8 @@ def sign_in_state_of(connection: HTTPConnection, token: str | None) -> dict[str,
     except NotSignedInError:
         return {"wanted": "device", "person": None}
     session = authenticator.sessions.find_session(token)
-    nobody = session is None or session.person is None
-    next_step = "pin" if who.locked else "person" if nobody and not who.alone else "nothing"
+    not_signed_in = session is None or session.person is None
+    next_step = "pin" if who.locked else "person" if not_signed_in and not who.alone else "nothing"
     rights = [right.name.lower() for right in Right if who.has_right(right)]
     person = {"name": who.name, "role": who.role, "locked": who.locked, "alone": who.alone, "rights": rights}
     return {"wanted": next_step, "person": person}

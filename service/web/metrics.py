@@ -1,4 +1,4 @@
-"""``GET /metrics`` for a Prometheus server: this computer's programs, or whoever has the token of the cell file."""
+"""``GET /metrics`` for a Prometheus server: for programs of this computer, or with the token of the cell file."""
 
 import asyncio
 import hmac
@@ -40,7 +40,7 @@ async def get_metrics(request: Request) -> Response:
 
 
 def _is_right(file: Path, header: str) -> bool:
-    """Compare with the file as it is now; one that cannot be used lets nobody in."""
+    """Compare with the file as it is now; one that cannot be used admits no request."""
     try:
         token = read_plain_text(file).partition("\n")[0].strip()
     except (OSError, ValueError):

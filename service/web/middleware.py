@@ -248,7 +248,7 @@ def _host_name(header: str) -> str:
 
 
 def _reject_path_traversal(connection: HTTPConnection) -> None:
-    """Refuse paths that mean another one to somebody behind us, and hidden signs."""
+    """Refuse paths that another server behind this one would read differently, and control characters."""
     raw: bytes = connection.scope.get("raw_path") or connection.scope["path"].encode()
     path = raw.partition(b"?")[0]
     for _ in range(3):  # also what is encoded twice

@@ -1,6 +1,6 @@
 """The pages as they were built, from the package; nothing is loaded from another host.
 
-The build lays a packed copy beside each text (``.br``, ``.gz``): nothing is packed while somebody waits for it.
+The build lays a packed copy beside each text (``.br``, ``.gz``): nothing is packed during a request.
 """
 
 import os

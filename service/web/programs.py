@@ -1,6 +1,6 @@
 """Programs moved, cloned and compensated from a page: files in, a preview to look at, an archive to take away.
 
-Whoever is known may look; engineers and administrators make and take away. Nothing is written to a robot, no source
+Every signed-in person may read; engineers and administrators change. Nothing is written to a robot, no source
 is written over: what came along is read from a copy, and what is made goes to the page as an archive.
 """
 

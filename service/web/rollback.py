@@ -31,7 +31,7 @@ _KEY = "write_parameter_version"  # for the permits: it writes
 
 
 class NewerVersionError(PeopleError):
-    """Somebody saved another version since the page was loaded."""
+    """Another version was saved since the page was loaded."""
 
     code = "parameters.newer"
     status = 409

@@ -24,7 +24,7 @@ router = APIRouter()
 
 
 class ControlRequest(BaseModel):
-    """What somebody wants with the control of the session."""
+    """A request about the control of the session."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -33,7 +33,7 @@ class ControlRequest(BaseModel):
 
 @router.post("/control", **response_options(ControlSeen, "who has control now"))
 async def change_control(requested: ControlRequest, request: Request, who: Who) -> dict[str, Any]:
-    """Ask to take over, or answer whoever asks; every screen is shown what came of it."""
+    """Request to take over, or answer a request; the result is shown on every screen."""
     context = app_context(request)
     async with control_changes(context) as control:
         if requested.do == "ask":

@@ -56,13 +56,13 @@ class NameAndPin(_SignInModel):
 
 
 class PinAgain(_SignInModel):
-    """The PIN of whoever is signed in."""
+    """The PIN of the signed-in person."""
 
     secret: Secret
 
 
 class SignedInPerson(BaseModel):
-    """Who is signed in; ``alone``: nobody was set up yet, the console is the technician."""
+    """Who is signed in; ``alone``: no person was set up yet, the console is the technician."""
 
     name: str
     role: str

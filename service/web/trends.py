@@ -57,7 +57,7 @@ class FigureChange(_TrendModel):
     after: float | None
     difference: float | None
     expanded_uncertainty: float | None
-    changed: bool | None  # more than that; None where nobody can say
+    changed: bool | None  # more than that; None where unknown
 
 
 class RunsCompared(_TrendModel):

@@ -97,7 +97,7 @@ async def serve_screen(socket: WebSocket) -> None:
                     last_state = now
                     shown.show_message("person", encode_message("person", last_state))
                 async with control_changes(context):
-                    pass  # a holder who was locked out, or somebody who asked and left, is shown no longer
+                    pass  # a holder who was locked out, or a requester that left, is shown no longer
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_LOOK_S):
                         text = await socket.receive_text()

@@ -121,7 +121,7 @@ def test_the_pepper_comes_as_the_credential_that_the_program_looks_for() -> None
 
 def test_a_can_interface_does_not_hide_a_bus_off() -> None:
     network = read_unit_settings(DEPLOY / "can_interface/80-cellcal-can.network")
-    assert network["CAN"].keys() == {"BitRate", "SamplePoint"}  # no RestartSec: somebody has to look
+    assert network["CAN"].keys() == {"BitRate", "SamplePoint"}  # no RestartSec: a technician has to look
     rate, point = network["CAN"]["BitRate"][0], network["CAN"]["SamplePoint"][0]
     assert (rate, point) == ("250K", "87.5%")
     service = read_unit_settings(DEPLOY / "can_interface/cellcal-can@.service")["Service"]

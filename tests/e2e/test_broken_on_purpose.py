@@ -26,7 +26,7 @@ YES = ("wire_is_hooked", "accept_plan", "may_move")
 
 
 def cell_file(folder: Path, old: str = "", new: str = "") -> Path:
-    """Write a cell file on which nobody answers, with one change."""
+    """Write a cell file whose devices do not answer, with one change."""
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=600.0)
     text = path.read_text()
     assert old in text
@@ -164,7 +164,7 @@ def test_a_journal_with_flipped_bytes_is_reported_by_every_command(
         ("procedure.out_of_tolerance", ExitCode.OUT_OF_TOLERANCE),
         ("store.full", ExitCode.REFUSED),
         ("store.damaged", ExitCode.SIGNATURE),
-        ("nobody knows", ExitCode.INTERNAL),
+        ("of no known kind", ExitCode.INTERNAL),
     ],
 )
 def test_each_code_has_its_exit_code(code: str, ends_in: ExitCode) -> None:

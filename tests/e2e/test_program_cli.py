@@ -225,7 +225,7 @@ def test_inspect_shows_and_prints_again(door_line_project: Path, tmp_path: Path,
     )
     shown = capsys.readouterr().out
     assert "2?" in shown
-    assert run_command("inspect", master.parent, "--robot", "nobody") == ExitCode.USAGE
+    assert run_command("inspect", master.parent, "--robot", "unnamed") == ExitCode.USAGE
     assert "Known:" in join_lines(capsys.readouterr().err)
 
 

@@ -92,7 +92,7 @@ async def test_an_automatic_recovery_ends_at_the_first_question_without_a_techni
             await first_stored_counts(LastHealthyCounts(config.cell.data_dir))
             await fake_client.inject_fault("memory_loss")
             await wait_for_output(process, "The cell file allows it", received_lines)
-            await wait_for_output(process, "nobody is at this terminal", received_lines)
+            await wait_for_output(process, "there is none at this terminal", received_lines)
             await wait_for_output(process, "Write the mastering data to the controller?", received_lines)
             await wait_for_output(process, "cellcal resume", received_lines)
             await fake_client.inject_fault("protective_stop", device="ur")  # and it goes on watching

@@ -92,7 +92,7 @@ class ProbingArm(IdealArm):
             self.pressed.clear()
 
     async def _stand_at_the_contact(self) -> None:
-        """Be looked at, touch, be looked at again; then the probe tells, and whoever moves the arm stops it."""
+        """Observe, touch, observe again; then the probe reports, and the mover stops the arm."""
         self.moving = False
         await self._looked_at()
         self.touched_at_s = asyncio.get_running_loop().time()
@@ -177,7 +177,7 @@ def corner_below(
 
 
 def pose_offset(frame: Array, shift_m: Sequence[float], turn_rad: Sequence[float]) -> Pose:
-    """Return a frame as somebody drew it, a little off."""
+    """Return a frame as drawn, a little off."""
     return Pose.from_matrix(frame @ homogeneous_matrix(exp_rotation(np.array(turn_rad)), np.array(shift_m)))
 
 

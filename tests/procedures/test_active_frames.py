@@ -164,7 +164,7 @@ async def test_a_robot_that_cannot_tell_is_moved() -> None:
 
 @dataclass
 class SwitchesToolAtStep:
-    """Somebody switches the tool when a step begins, once."""
+    """Switches the tool when a step begins, once."""
 
     arm: IdealArm
     step: str

@@ -1,4 +1,4 @@
-"""The one door to motion: what it lets through, what it stops, and that nobody goes around it."""
+"""The motion gate: which moves it permits, which it refuses, and that no code bypasses it."""
 
 import ast
 import asyncio
@@ -179,7 +179,7 @@ async def test_a_lease_taken_over_by_another_process_stops_between_two_corners(t
 
         async def take_over_lease(target: tuple[float, ...], *, speed_rad_s: float) -> None:
             await move(target, speed_rad_s=speed_rad_s)
-            lease.path.unlink()  # somebody tidied up, and another run takes the place
+            lease.path.unlink()  # the file was deleted, and another run takes the lock
             with acquire_lease(tmp_path, "arm", "ben") as other:
                 assert other.token >= 1
 

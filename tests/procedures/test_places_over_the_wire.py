@@ -109,7 +109,7 @@ async def cell_with(folder: Path, instrument: str, kit: str, seed: int = 1) -> A
 
 async def run_procedure_in(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> Any:
     spec = build_spec(config, "fanuc", procedure, settings)
-    assert spec.evidence == "places"  # nobody had to say so
+    assert spec.evidence == "places"  # the default
     return await CATALOGUE[procedure].procedure(Run(cell, MemoryLedger()), spec)
 
 
@@ -139,7 +139,7 @@ async def test_a_record_by_places_brings_every_turn_back(tmp_path: Path, kit: st
         last = await cell.mastering.encoder_counts()
         await lose_position(cell, fake_client)
         if instrument is TRACKER:
-            await fake_client.fault("set_up_again")  # nobody leaves a tracker standing for a year
+            await fake_client.fault("set_up_again")  # a tracker is not left standing for a year
         cell_with_record = replace(cell, record=recorded.record)
         found = await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
         assert (found.verdict, found.mode) == ("restored", "turns")

@@ -88,7 +88,7 @@ async def test_what_a_kit_recorded_gives_the_turns_back(kit: str, means: dict[st
     made.arm.write_program(np.array([0.2, 0.1, -0.3, 0.4, 0.5, -0.6]))
     made.arm.lose_encoders(LOST)
     made.cell = replace(made.cell, record=record)
-    spec = MasteringRecoverySpec()  # nobody says by what: a record without lengths has its places only
+    spec = MasteringRecoverySpec()  # the default: a record without lengths has its places only
     found = await mastering_recovery(Run(made.cell, MemoryLedger()), spec)
     assert (found.verdict, found.mode) == ("restored", "turns")
     assert tuple(joint.turns_restored for joint in found.joints) == LOST

@@ -47,7 +47,7 @@ async def _lost_scene(
     last = await made.arm.encoder_counts()
     made.arm.lose_encoders(lost)
     made.spec = MasteringRecoverySpec(evidence="places", last_counts=last)
-    if tracker is not None:  # nobody leaves a tracker standing for a year
+    if tracker is not None:  # a tracker is not left standing for a year
         tracker.station = (exp_rotation(np.array([0.0, 0.0, 0.7])), np.array([1.2, 2.0, 0.1]))
     return made, technician
 

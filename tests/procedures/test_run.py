@@ -60,7 +60,7 @@ def add_values(values: tuple[float, ...]) -> SumResult:
 
 async def toy_procedure(run: Run, values: tuple[float, ...]) -> SumResult:
     """Read, move, calculate, write."""
-    await run.ensure("somebody is there", ask_confirmation, Instruction("there", "Are you there?"))
+    await run.ensure("a person is there", ask_confirmation, Instruction("there", "Are you there?"))
     read_values = [await run.step(f"read {k}", read_value, value) for k, value in enumerate(values, 1)]
     await run.move("turn", turn_axis, 2)
     total = await run.solve("add", add_values, tuple(read_values))
@@ -90,7 +90,7 @@ async def test_a_run_returns_what_its_steps_found(world: CountingWorld) -> None:
     ]
     assert ledger.event_kinds("turn") == ["intent", "finding"]
     assert ledger.event_kinds("read 1") == ["step_entered", "finding"]
-    assert ledger.event_kinds("somebody is there") == ["step_entered", "condition"]
+    assert ledger.event_kinds("a person is there") == ["step_entered", "condition"]
 
 
 async def test_a_finished_run_replays_identically_and_touches_nothing_but_its_conditions(
@@ -143,7 +143,7 @@ async def test_a_run_that_died_between_intent_and_outcome_asks_before_it_moves(w
     assert world.technician.instructions.count("may_move") == 2
     approvals = [body for kind, body in ledger.facts if kind == EventKind.APPROVAL]
     assert [(body["key"], body["before"], body["who"]) for body in approvals] == [
-        ("may_move", "somebody is there", "anna")
+        ("may_move", "a person is there", "anna")
     ]
 
 

@@ -1,4 +1,4 @@
-"""A mastering that was written and not confirmed is put back, or nobody is left in doubt that it is in force."""
+"""A mastering that was written and not confirmed is put back, or it is shown that it is in force."""
 
 import asyncio
 import json

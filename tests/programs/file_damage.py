@@ -1,4 +1,4 @@
-"""Damage for program files: what a disk, an editor and a transfer do, and what nobody would."""
+"""Damage for program files: what a disk, an editor and a transfer do, and what none would."""
 
 import re
 from collections.abc import Callable

@@ -146,7 +146,7 @@ def check_positions(positions: Positions) -> None:
     assert (positions.lines >= 1).all()
     kinds = np.array(positions.kinds, dtype=object)
     own = ~np.isin(kinds, (CARTESIAN, JOINTS, UNTAUGHT, UNREAD))  # a maker's own kind: pulses, shift
-    assert np.isnan(positions.joints[own]).all(), "what nobody can move holds joints"
+    assert np.isnan(positions.joints[own]).all(), "an immovable position holds joints"
     finite = np.isfinite(positions.frame_tip).all(axis=(1, 2))
     assert (finite == (kinds == CARTESIAN)).all(), "a pose where there is none, or none where there is one"
     assert np.isnan(positions.frame_tip[~finite]).all()

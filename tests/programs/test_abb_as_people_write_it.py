@@ -103,7 +103,7 @@ def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_the
     assert file.positions.kinds == (CARTESIAN, CARTESIAN, UNREAD)
     assert file.positions.user_frames == (None, "wTable", None)
     assert [remark.code for remark in file.remarks] == ["computed"] * 3
-    assert "copies" in file.positions.barred[0]  # nobody moves to p1 itself
+    assert "copies" in file.positions.barred[0]  # no instruction moves to p1 itself
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ SERVED: dict[str, Any] = {
 NO_WEBGL = """{ const drawn = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
         return kind.startsWith('webgl') ? null : drawn.call(this, kind, ...more); } }"""
-# Chooses a language, also where a dialog lies over the page and nobody can reach the choice.
+# Chooses a language, also where a dialog covers the choice.
 CHOOSE = """([choice, locale]) => {
     choice.value = locale; choice.dispatchEvent(new Event('change', {bubbles: true})); }"""
 Told = TypeVar("Told")
@@ -54,7 +54,7 @@ CRAMPED = """(buttons) => {
     const shown = document.querySelector('dialog[open]') ?? document;
     const boxes = [...shown.querySelectorAll(buttons)].filter(e => e.checkVisibility())
         .map(e => [e.outerHTML.slice(0, 90), e.getBoundingClientRect(), e]);
-    const seen = boxes.map(([html, box, e]) => {  // of what is scrolled away nobody can hit anything
+    const seen = boxes.map(([html, box, e]) => {  // what is scrolled away cannot be hit
         let {left, top, right, bottom} = box, above = null;  // and what stands above the page covers it
         for (let p = e.parentElement; p; p = p.parentElement) {
             const how = getComputedStyle(p), q = p.getBoundingClientRect();

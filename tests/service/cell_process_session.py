@@ -33,7 +33,7 @@ RECORD = {"op": "start", "procedure": "mastering_record", "settings": {}}
 
 
 class ScreenSession:
-    """Somebody at a screen."""
+    """A person at a screen."""
 
     def __init__(self, cell_file: Path, fake_client: FakeCellClient) -> None:
         self.fake_client, self.cell_file = fake_client, cell_file

@@ -71,7 +71,7 @@ class LoopbackSite:
         return StationKeys(SITE, cell)
 
     def zenoh_of(self, cell: str) -> zenoh.Config:
-        """Return the link of a cell as it was enrolled, for whoever stole it."""
+        """Return the link of a cell as it was enrolled, as a thief would have it."""
         return read_link_folder(self.folder / "cells" / cell, CELL_FILE).zenoh_config()
 
     def zenoh_of_monitor(self) -> zenoh.Config:

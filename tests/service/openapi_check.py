@@ -70,7 +70,7 @@ class DescribedApi:
     def schema_faults(self, schema: Mapping[str, Any], value: Any, at: str) -> Iterator[str]:
         """Yield where a value is not as a schema says."""
         unknown = schema.keys() - _SAID_BESIDE - _WORDS.keys()
-        assert not unknown, f"{at}: nobody here knows {unknown}"
+        assert not unknown, f"{at}: unknown here: {unknown}"
         for word, limit in schema.items():
             if word in _WORDS:
                 yield from _WORDS[word](self, limit, value, at, schema)
@@ -111,7 +111,7 @@ class DescribedApi:
             return
         for name in value.keys() - beside.get("properties", {}).keys():
             if schema is False:
-                yield f"{at}: nobody said {name}"
+                yield f"{at}: {name} is missing"
             else:
                 yield from self.schema_faults(schema, value[name], f"{at}.{name}")
 

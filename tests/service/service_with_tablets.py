@@ -55,7 +55,7 @@ class ServiceWithTablets:
                 await asyncio.sleep(0.02)
 
     def release_control(self) -> None:
-        """Let go what somebody who left without signing out still has."""
+        """Release what a person who left without signing out still has."""
         control = self.app.state.context.control
         if control.current_holder is not None:
             control.release_control(control.current_holder.id)
@@ -64,7 +64,7 @@ class ServiceWithTablets:
     async def browser_context(
         self, locale: str = "en", size: tuple[int, int] = (1280, 800), **settings: Any
     ) -> AsyncIterator[BrowserContext]:
-        """Open a browser that nobody knows yet."""
+        """Open a browser that is not enrolled."""
         width, height = size
         context = await self.browser.new_context(viewport={"width": width, "height": height}, **settings)
         context.set_default_timeout(PATIENCE_MS)
@@ -80,7 +80,7 @@ class ServiceWithTablets:
     async def signed_in_tablet(
         self, name: str, *, port: int | None = None, **settings: Any
     ) -> AsyncIterator[Page]:
-        """Enrol a tablet and sign somebody in, as people do."""
+        """Enrol a tablet and sign a person in, as people do."""
         async with self.browser_context(**settings) as context:
             page = await context.new_page()
             page.on("pageerror", lambda error: self.complaints.append(str(error)))

@@ -1,6 +1,6 @@
 """A link that falls silent: a proxy between a browser and the service that swallows what is sent, for a while.
 
-As on a lost wireless link nobody is told: connections stay open, bytes do not arrive. What was sent meanwhile
+As on a lost wireless link there is no notice: connections stay open, bytes do not arrive. What was sent meanwhile
 is either never delivered (``late`` False: those connections stay dead), or all at once when the link is back, as TCP
 does that tried again and again.
 """

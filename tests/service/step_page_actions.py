@@ -35,7 +35,7 @@ class FakePendant:
         self.start_rad: list[float] = []
 
     def release_control(self) -> None:
-        """Let whoever pressed last leave: a browser that is closed keeps the session in hand."""
+        """Let the browser that pressed last leave: a browser that is closed keeps the session in hand."""
         control = self._app.state.context.control
         if control.current_holder is not None:
             control.release_control(control.current_holder.id)

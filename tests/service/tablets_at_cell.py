@@ -26,7 +26,7 @@ class TabletsAtCell(ServiceWithTablets):
     tina: Page
 
     async def send_order(self, **order: Any) -> None:
-        """Give an order past the pages, in nobody's name."""
+        """Give an order past the pages, in no person's name."""
         link = self.app.state.context.link
         async with asyncio.timeout(PATIENCE_S):
             while True:

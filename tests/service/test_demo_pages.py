@@ -196,11 +196,11 @@ async def test_the_pace_of_the_world_changes_without_a_leap(tmp_path: Path) -> N
 
 def test_pages_are_for_a_terminal_where_no_ci_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     master, slave = pty.openpty()
-    with open(master, "rb"), open(slave, "w") as terminal, open(os.devnull, "w") as nobody:  # noqa: PTH123
+    with open(master, "rb"), open(slave, "w") as terminal, open(os.devnull, "w") as no_terminal:  # noqa: PTH123
         monkeypatch.delenv("CI", raising=False)
         assert is_for_pages(None, terminal)
-        assert not is_for_pages(None, nobody)
-        assert is_for_pages(8471, nobody)
+        assert not is_for_pages(None, no_terminal)
+        assert is_for_pages(8471, no_terminal)
         monkeypatch.setenv("CI", "true")
         assert not is_for_pages(None, terminal)
 

@@ -132,7 +132,7 @@ async def test_unconfirmed_facts_are_asked_first_and_nothing_moves_before(tmp_pa
         (
             VOUCHED,
             [("alarm", {"code": "MOTN-017", "axis": "J3"}), ("memory_loss", {})],
-            "nobody here knows the alarm MOTN-017",
+            "the alarm MOTN-017 is unknown here",
         ),
     ],
 )

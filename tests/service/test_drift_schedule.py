@@ -1,4 +1,4 @@
-"""A drift check becomes due so many days after the last one that ended well; whoever looks is told, nothing moves."""
+"""A drift check becomes due so many days after the last one that ended well; it is reported, nothing moves."""
 
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -50,7 +50,7 @@ async def test_a_week_after_the_last_check_the_next_is_reported_as_due(tmp_path:
     robot, other = (each.name for each in config.robots)
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}  # never checked
     journal_path(config).parent.mkdir(parents=True, exist_ok=True)
-    journal_path(config).touch()  # somebody opens it for the first time just now
+    journal_path(config).touch()  # opened for the first time
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}
     await run_in(config, await scene_for("drift_check"), "drift_check")
     due = today_date() + timedelta(7)

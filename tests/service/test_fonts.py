@@ -1,4 +1,4 @@
-"""Chinese on a device that has no Chinese font: the pages bring their own, and nobody else fetches it."""
+"""Chinese on a device that has no Chinese font: the pages bring their own, and no other device fetches it."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,7 +15,7 @@ LATIN_ONLY = """<?xml version="1.0"?><fontconfig><dir>/usr/share/fonts/truetype/
 <cachedir>{cache}</cachedir></fontconfig>"""
 OURS = "Noto Sans SC"
 SMALL = "/assets/pages-"  # cut to the characters of our own texts
-RARE = "龘龖"  # in nobody's texts; a person may be called so
+RARE = "龘龖"  # in no text; a person may be called so
 
 
 @asynccontextmanager

@@ -1,4 +1,4 @@
-"""Going back to an older version of a robot's parameters, at the door: the same bytes, by whoever has control."""
+"""Going back to an older version of a robot's parameters, over HTTP: the same bytes, by the person in control."""
 
 from pathlib import Path
 

@@ -14,9 +14,9 @@ from cellcal.service.cell_process.messages import Order
 from cellcal.service.people.roles import Role
 from tests.service.service_client import ORIGIN, ROLES, ServiceClient, another_browser, open_service_client
 
-NOBODY, DEVICE = "nobody", "a device alone"
-ANYBODY = {NOBODY, DEVICE, *Role}
-KNOWN = ANYBODY - {NOBODY}
+SIGNED_OUT, DEVICE = "signed out", "a device alone"
+ANYBODY = {SIGNED_OUT, DEVICE, *Role}
+KNOWN = ANYBODY - {SIGNED_OUT}
 RUNNERS = {Role.TECHNICIAN, Role.ENGINEER}
 
 # who may use a route at all; what /api/commands takes is in ORDERS
@@ -115,7 +115,7 @@ def own_routes(app: FastAPI) -> set[tuple[str, str]]:
 
 
 async def sign_in_as(service_client: ServiceClient, who: str) -> None:
-    if who == NOBODY:
+    if who == SIGNED_OUT:
         return
     assert (await service_client.from_console()).status_code == 303
     if who != DEVICE:
@@ -176,7 +176,7 @@ async def test_an_order_is_taken_from_whom_may_give_it(tmp_path: Path, who: str)
                 gone = "desk.stop_unconfirmed" if op == "stop" else "desk.gone"
                 assert answer.json()["code"] == gone, op  # it went to the desk, which does not run here
             else:
-                assert answer.status_code == (401 if who == NOBODY else 403), op
+                assert answer.status_code == (401 if who == SIGNED_OUT else 403), op
 
 
 @pytest.mark.parametrize("who", [DEVICE, Role.VIEWER, Role.ADMIN])

@@ -88,7 +88,7 @@ async def by_tab(page: Page, test_id: str) -> None:
     for _ in range(120):
         await page.keyboard.press("Tab")
         focused, outline_px = await page.evaluate(FOCUSED)
-        assert focused == "BODY" or outline_px >= 2, f"nobody sees that {focused} has the focus"
+        assert focused == "BODY" or outline_px >= 2, f"the focus of {focused} is not visible"
         if focused == test_id:
             return
     raise AssertionError(f"no Tab leads to {test_id}")

@@ -74,7 +74,7 @@ async def test_every_instrument_of_a_cell_says_what_it_can(tmp_path: Path) -> No
         for role in (
             "tracker",
             "probe",
-        ):  # nobody has read them: there is nothing to show, and that is no fault
+        ):  # not read yet: there is nothing to show, and that is no fault
             assert (device_of(glance, role)["value"], device_of(glance, role)["value_age_s"]) == (None, None)
         assert device_of(glance, "tracker")["due"] == "2999-12-31"
         assert questions == []  # looking is not reading
@@ -172,7 +172,7 @@ async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
     tracker.answers.release()
     await _poll_until(lambda: tracker.doing == ["point"], lambda: asyncio.sleep(0))
     clock.now_s += 60.0
-    await glance.poll_once()  # a run asks: nobody else does
+    await glance.poll_once()  # during a run's requests there is no polling
     assert tracker.doing == ["point"]
     tracker.answers.release()
     assert (await reading).station == 1
@@ -195,7 +195,7 @@ async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
 
 
 class TypedGauge:
-    """A gauge whose readings a person types: each question would be asked of somebody."""
+    """A gauge whose readings a person types: each question would reach a person."""
 
     name = "tape"
     capabilities = GaugeCapabilities(

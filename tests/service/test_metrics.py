@@ -279,7 +279,7 @@ async def test_with_a_token_only_its_holder_reads_it_from_here_or_from_afar(tmp_
             transport=httpx.ASGITransport(app), base_url="http://127.0.0.1"
         ) as browser:
             answer = await browser.get("/metrics", headers={"authorization": f"Bearer {short or ''}"})
-            assert answer.status_code == 401, "a token that anybody can guess lets nobody in"
+            assert answer.status_code == 401, "a token that can be guessed admits no request"
 
 
 async def test_no_secret_and_no_name_of_a_person_is_in_it(tmp_path: Path) -> None:

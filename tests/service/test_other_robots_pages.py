@@ -23,7 +23,7 @@ LOSS: dict[str, Any] = {
     "robot": "fanuc", "what": "lost", "detected_by": "the controller reports: SRVO-062", "mode": "M1",
     "words": "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
     "procedure": "mastering_recovery", "settings": {},
-    "reasons": ["another robot was selected at the desk", "nobody here knows the alarm SYST-001"],
+    "reasons": ["another robot was selected at the desk", "the alarm SYST-001 is unknown here"],
     "alone_wanted": True,
 }  # fmt: skip
 LOST = {  # in sentences that begin as such

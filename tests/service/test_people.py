@@ -186,7 +186,7 @@ def test_one_device_and_the_whole_station_have_their_share(tmp_path: Path) -> No
     named = {"name": lambda n: f"p{n}", "device": lambda n: f"d{n}"}
     assert _count_tries(station, clock, every_s=600.0, **named) == 100
     clock.pass_by(DAY_S)
-    station.note_guess("somebody", "somewhere")
+    station.note_guess("a name", "an address")
 
 
 def _count_tries(

@@ -1,4 +1,4 @@
-"""A real browser makes its key, enrols, proves itself and signs somebody in; another origin's page gets nowhere."""
+"""A real browser makes its key, enrols, proves itself and signs a person in; another origin's page gets nowhere."""
 
 import asyncio
 from contextlib import AsyncExitStack

@@ -20,7 +20,7 @@ def test_the_first_to_order_has_control_until_handing_it_over() -> None:
     control.take_control(TOM)
     with pytest.raises(ElsewhereError, match="Tom"):
         control.take_control(TINA)
-    control.answer_request(TINA.id, give=True)  # nobody asks, and Tina has nothing to give
+    control.answer_request(TINA.id, give=True)  # there is no request, and Tina has nothing to give
     control.request_control(TINA)
     control.answer_request(TINA.id, give=True)
     assert control.current_holder == TOM

@@ -198,7 +198,7 @@ async def test_a_screen_left_alone_shows_and_stops_and_wants_the_pin_for_the_res
     async with open_service_client(tmp_path) as service_client:
         await service_client.from_console()
         await service_client.sign_in("Tom")
-        for _ in range(3):  # whoever works is not locked out
+        for _ in range(3):  # a person at work is not locked out
             service_client.clock.pass_by(290.0)
             assert (await service_client.send_order({"op": "pause"})).json()["code"] == "desk.gone"
         service_client.clock.pass_by(301.0)
@@ -310,7 +310,7 @@ async def test_sign_in_errors_do_not_reveal_what_was_wrong(tmp_path: Path) -> No
         await service_client.from_console()
         answers = [
             await service_client.sign_in("Tom", "000000"),
-            await service_client.sign_in("Nobody", "000000"),
+            await service_client.sign_in("Unknown", "000000"),
         ]
         assert answers[0].json() == answers[1].json()
         assert [a.status_code for a in answers] == [403, 403]

@@ -137,7 +137,7 @@ async def test_an_unenrolled_browser_sees_nothing(tablet_service: ServiceWithTab
         await page.get_by_test_id("enrol-device").click()
         await expect_shown(page, "enrol-fault")
         await tablet_service.enrol_tablet(page, "tablet 3")
-        await expect(page).not_to_have_url(re.compile("enrol/+[^/]"))  # the token is nobody's to read
+        await expect(page).not_to_have_url(re.compile("enrol/+[^/]"))  # the token must not be readable
         await page.reload()  # the key is kept: it comes in by itself, looks on and may ask for a stop
         await page.evaluate("location.hash = '#/'")
         await expect_shown(page, "looks-on")
@@ -150,7 +150,7 @@ async def test_an_unenrolled_browser_sees_nothing(tablet_service: ServiceWithTab
 async def test_an_answer_from_before_the_enrolment_ends_no_session(
     tablet_service: ServiceWithTablets,
 ) -> None:
-    """It says that the device is unknown, so the device proves itself again: not over whoever signed in meanwhile."""
+    """It says that the device is unknown, so the device proves itself again: not over a person who signed in meanwhile."""
     requested, answered = asyncio.Event(), asyncio.Event()
 
     async def delay_answer(route: Route) -> None:

@@ -254,7 +254,7 @@ def _stand_at_the_moved_work(points: list[dict[str, Any]], program: bytes) -> No
 async def test_a_project_that_came_along_gives_the_same_and_names_nothing_else(tmp_path: Path) -> None:
     project = project_files("cell_7", "project.toml", "robot.toml", "door_fixture.aln.json")
     files = uploaded_files(SOURCES)
-    (tmp_path / "secret.toml").write_text("[[parameter]]\nname = 'nobody may read this'\n", encoding="utf-8")
+    (tmp_path / "secret.toml").write_text("[[parameter]]\nname = 'secret'\n", encoding="utf-8")
     text = (FOLDER / "cell_7" / "project.toml").read_text(encoding="utf-8")
     async with an_engineer(tmp_path) as service_client:
         job = await run_job(
@@ -311,7 +311,7 @@ async def test_this_cell_compensates_by_its_own_parameters_and_entered_tools(tmp
     assert job["preview"]["parameters"].startswith(f"{robot.serial}, 1, ")
     assert job["preview"]["collisions_checked"] is True  # the cell file tells of a floor
     assert job["preview"]["counts"] == {"changed": 20, "unchanged": 0, "left": 4}
-    assert job["preview"]["verdicts"]["unknown"] == 4, "nobody knows tool 3"
+    assert job["preview"]["verdicts"]["unknown"] == 4, "tool 3 is unknown"
 
 
 def _save_parameters(folder: Path, serial: str) -> None:

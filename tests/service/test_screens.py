@@ -1,4 +1,4 @@
-"""Screens over real sockets: one that takes nothing keeps one message, holds nobody up, and is dropped."""
+"""Screens over real sockets: one that takes nothing keeps one message, delays no other, and is dropped."""
 
 import asyncio
 import base64
@@ -21,7 +21,7 @@ from cellcal.service.web.context import ServiceSettings
 from cellcal.service.web.websocket_hub import OpenScreen, OpenScreens
 from tests.service.browser_pages import PATIENCE_S, serve_app, wait_for_value
 
-LIVE = 1_000_000  # bytes of a message, so that a link that nobody reads is full after a few
+LIVE = 1_000_000  # bytes of a message, so that an unread link is full after a few
 _NUMBER = re.compile(rb'"n":(\d+)')
 
 
@@ -117,7 +117,7 @@ async def test_a_screen_that_reads_late_is_shown_the_newest_and_not_what_it_miss
             assert _NUMBER.findall(open_screen.newest["live"].encode()) == [str(last).encode()]
             received = await asyncio.to_thread(_read_until, screen, last)
         assert received == sorted(received)
-        assert len(received) < last, "a link that nobody reads took all of them: this test shows nothing"
+        assert len(received) < last, "an unread link took all of them: this test shows nothing"
 
 
 def _read_until(screen: socket.socket, last: int) -> list[int]:

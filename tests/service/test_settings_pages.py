@@ -145,7 +145,7 @@ async def test_settings_that_are_refused_are_named_with_their_bounds(
         refused = page.get_by_test_id("no-outlook")
         for words in SAID[locale]:
             await expect(refused).to_contain_text(words)
-        await expect(refused).not_to_contain_text("--set")  # nobody at a tablet has a command line
+        await expect(refused).not_to_contain_text("--set")  # a tablet has no command line
         await expect(refused.locator("[lang=en]")).to_have_count(0)
         await hold_to_rules(page, "a refusing dry run")
 
@@ -169,7 +169,7 @@ async def test_a_run_that_settings_did_not_let_begin_names_them_as_the_form_does
         await expect(reason).to_contain_text("número de herramienta")
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).not_to_contain_text("tool_number")
-        await expect(outcome).not_to_contain_text("cellcal")  # nobody at a tablet has a command line
+        await expect(outcome).not_to_contain_text("cellcal")  # a tablet has no command line
         await page.get_by_test_id("dismiss").click()
         await expect(outcome).to_have_count(0)
 

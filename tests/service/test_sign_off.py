@@ -195,7 +195,7 @@ def test_authorization_resolves_a_name_to_its_account() -> None:
     assert permits.signers_of(emil) == [{"name": "Emil", "role": "engineer"}]
     console = permits.authorize(LOCAL_PERSON, "4", 1, order, session)
     assert permits.signers_of(console)[0]["role"] == "console"
-    assert permits.signers_of("nobody") == []
+    assert permits.signers_of("unknown") == []
 
 
 async def test_signing_writes_the_certificate_anew(tmp_path: Path) -> None:

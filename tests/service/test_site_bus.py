@@ -78,7 +78,10 @@ def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) 
                 )
             )
             texts = [alarm["text"] for alarm in cell_view(listener, "cell-07").alarms]
-            assert texts == ["E-stop.", "nothing is heard of its desk"]  # nobody said that the stop is over
+            assert texts == [
+                "E-stop.",
+                "nothing is heard of its desk",
+            ]  # the end of the stop was not reported
         wait_until(lambda: cell_view(listener, "cell-07").link == "offline")
         assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
 
@@ -153,7 +156,7 @@ def test_a_monitor_that_comes_again_keeps_what_it_had(tmp_path: Path) -> None:
             site.append_to_journal("cell-07", RUN, 4, first=first)
 
 
-def test_foreign_puts_reach_nobody_and_no_cell_hears_anything(tmp_path: Path) -> None:
+def test_foreign_puts_reach_no_listener_and_no_cell_hears_anything(tmp_path: Path) -> None:
     site = LoopbackSite(tmp_path, "cell-07", "cell-08")
     read_authority(site.folder).issue_certificate("laptop", tmp_path)  # certified, but no rule names it
     seven, eight = site.station_keys("cell-07"), site.station_keys("cell-08")
@@ -198,7 +201,7 @@ def _config_with_certificate(site: LoopbackSite, certificate: Path) -> zenoh.Con
     return link.zenoh_config(changes)
 
 
-def test_without_a_certificate_or_with_another_authority_nobody_comes_in(tmp_path: Path) -> None:
+def test_without_a_certificate_or_with_another_authority_no_peer_is_admitted(tmp_path: Path) -> None:
     site = LoopbackSite(tmp_path, "cell-07")
     other = tmp_path / "other"
     other.mkdir()

@@ -300,7 +300,7 @@ def test_the_tail_follows_while_the_journal_is_written_and_cannot_write_it(tmp_p
         journal.append("r-1", "finding", {"value": "ü"})
         assert [event.seq for event in (*first, *tail.events_after(1))] == [1, 2]
         assert chain_flaw(event_to_json(first[0])) == ""
-        assert "not what its hash says" in chain_flaw(event_to_json(first[0]) | {"actor": "somebody else"})
+        assert "not what its hash says" in chain_flaw(event_to_json(first[0]) | {"actor": "another person"})
         assert tail._database is not None
         with pytest.raises(sqlite3.OperationalError, match="readonly"):
             tail._database.execute("DELETE FROM event")
@@ -386,7 +386,7 @@ def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None
     assert link_state(0.0) == "silent"
     fleet.take_sample(name, sealer.sign_message(name, 2, state), 1.0)
     assert link_state(1.5) == "online"
-    assert link_state(1.6 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
+    assert link_state(1.6 + SILENT_S) == "silent"  # the cable was pulled: no connection was closed
     fleet.take_sample(name, sealer.sign_message(name, 1, state), 9.0)
     assert link_state(9.0) == "silent"  # an old one, said again
     fleet.take_sample(name, b"{}", 9.0)

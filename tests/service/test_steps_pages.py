@@ -316,7 +316,7 @@ async def test_the_approved_plan_is_drawn_until_the_run_has_left_it(
 async def test_more_speed_turned_up_at_the_pendant_waits_for_a_yes(
     pendant: FakePendant, tmp_path: Path
 ) -> None:
-    """U7: old and new are named, the points stay, and the robot stands until somebody agrees; less is never asked."""
+    """U7: old and new are named, the points stay, and the robot stands until a person agrees; less is never asked."""
     await pendant.move_to_joints(pendant.start_rad)
     await pendant.fake_client.inject_fault("override", device="fanuc", percent=30)
     async with a_run(pendant, "mastering_record", hold=True, poses=12) as page:
@@ -357,7 +357,7 @@ async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do
     async with a_run(pendant, "mastering_record", poses=12) as page:
         await wait_for_question(page, "wire_is_hooked")
         opens, hint = page.get_by_test_id("open-camera"), page.get_by_test_id("photo-told")
-        await opens.click()  # nobody allowed it
+        await opens.click()  # it was not allowed
         await expect(hint).to_contain_text("Allow it in the browser's settings")
         await page.context.grant_permissions(["camera"])
         await opens.click()

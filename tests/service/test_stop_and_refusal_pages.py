@@ -137,7 +137,7 @@ NOT_CONFIRMED = {
 
 @pytest.mark.parametrize("locale", NOT_CONFIRMED)
 @pytest.mark.parametrize("unanswered", [StopUnconfirmedError, CellProcessGoneError])
-async def test_a_stop_that_nobody_confirms_is_not_said_to_be_done(
+async def test_an_unconfirmed_stop_is_not_shown_as_done(
     tablet_service: ServiceWithTablets,
     monkeypatch: pytest.MonkeyPatch,
     locale: str,

@@ -54,7 +54,7 @@ from tests.service.webhook_receiver import WebhookReceiver
 # one who began it looks at its end. Anything else belongs into drivers/supervision.py.
 SHORT_LIVED = {
     ("service/cell_process/__main__.py", "_attend"): "one order each: it answers whatever it raises",
-    ("service/cell_process/cell_controller.py", "obey"): "one order, awaited by whoever gave it",
+    ("service/cell_process/cell_controller.py", "obey"): "one order, awaited by its caller",
     ("service/cell_process/cell_controller.py", "_set_going"): "the run: what it raises is its outcome",
     ("service/cell_process/hold_to_move.py", "_moved"): "one move, awaited",
     ("service/cell_process/live_values.py", "look"): "one look at an instrument; its end is looked at",
@@ -366,7 +366,7 @@ async def test_a_link_that_failed_is_shown_for_a_while_and_then_told_to_be_gone(
     register.broke("CAN receiver of x", InjectedHereError())
     assert register.holder_of("CAN receiver of x") is None
     await poll_until(lambda: told and told[0] == ["CAN receiver of x"])
-    await poll_until(lambda: told[-1] == [])  # nobody has to ask: whoever listens is told
+    await poll_until(lambda: told[-1] == [])  # without a request: listeners are notified
     assert register.task_names() == []
     register.note_start("CAN receiver of x")
     register.broke("CAN receiver of x", InjectedHereError())

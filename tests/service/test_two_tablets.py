@@ -205,7 +205,7 @@ class TestHoldToMove:
         await tablets.waits_for_hold()
         tom, tina = tablets.tom, tablets.tina
         await expect_enabled(tom, "hold")
-        await expect_enabled(tina, "hold")  # nobody has ordered anything yet
+        await expect_enabled(tina, "hold")  # there was no order yet
         fingers, at = await touch_session(tom)
         for ending in ("lifted", "cancelled", "second finger", "hidden", "blurred"):
             await press_points(fingers, at)

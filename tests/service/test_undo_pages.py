@@ -99,7 +99,7 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
 
     async with pendant.viewer.open_page() as page:
         banner = page.get_by_test_id("loss")
-        await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
+        await expect(banner).to_contain_text("holds a mastering that was not confirmed")
         await expect(banner.get_by_role("link")).to_have_attribute("href", "#/procedure/mastering_undo")
         await page.screenshot(path=tmp_path / "unconfirmed_1280.png")
         await hold_to_rules(page, "unconfirmed")
@@ -130,10 +130,10 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
             lost = {"mastering": {"counts_at_zero": other, "mastered": False}}
             journal_write(journal, lost, robot, "over a lost one")
         # the watch tells of it within ten seconds; a press made for the session before is refused
-        await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
+        await expect(banner).to_contain_text("holds a mastering that was not confirmed")
         await start_undo(
             page
-        )  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
+        )  # what it goes back to is no mastering, and no text must be unfolded to learn it
         await expect(page.get_by_test_id("review-unmasters")).to_contain_text("NOT be mastered")
         await expect(rows.nth(6).locator("td")).to_have_text(["mastered", "yes", re.compile("no"), NO_CHANGE])
         await pendant.viewer.send_order(op="stop")

@@ -1,4 +1,4 @@
-"""Alarms reach a real receiver that comes and goes: none is lost, none is doubled, and nobody else is reached."""
+"""Alarms reach a real receiver that comes and goes: none is lost, none is doubled, and no other address is reached."""
 
 import asyncio
 import base64
@@ -82,7 +82,7 @@ def sender_thread(cell: Path) -> Iterator[Say]:
 
 
 def killed_while_it_waits(cell: Path) -> None:
-    """Run the sender as a process, let it take an alarm in while nobody is there, and kill it."""
+    """Run the sender as a process, let it take an alarm in while the receiver is away, and kill it."""
     command = [sys.executable, "-m", "cellcal.service.export.webhook_sender", str(cell)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdin is not None

@@ -24,7 +24,7 @@ ALONE = ("unshare", "--user", "--map-root-user", "--net")
 
 def test_service_cell_and_browser_work_where_no_network_is() -> None:
     if subprocess.run([*ALONE, "true"], capture_output=True, check=False).returncode != 0:
-        pytest.skip("this computer lends nobody a network of their own (unshare)")
+        pytest.skip("this computer permits no network namespace (unshare)")
     ran = subprocess.run(
         [*ALONE, sys.executable, "-c", LOOPBACK_UP, STORY, "-q", "-p", "no:cacheprovider"],
         cwd=ROOT, capture_output=True, text=True, check=False,

@@ -1,4 +1,4 @@
-"""A tab of a real Chromium, enrolled once and then touched by nobody: what it shows, as it shows it."""
+"""A tab of a real Chromium, enrolled once and then not touched: what it shows, as it shows it."""
 
 import json
 from collections.abc import AsyncIterator
@@ -86,7 +86,7 @@ class WatchedTab:
 
 @asynccontextmanager
 async def open_tab(data_dir: Path, port: int) -> AsyncIterator[WatchedTab]:
-    """Open the service's page in a browser that was enrolled; nobody signs in, it looks on."""
+    """Open the service's page in a browser that was enrolled; without a sign-in, it looks on."""
     token = AccountStore(data_dir).create_enrolment("tab", "test")
     async with open_chromium() as browser:
         context = await browser.new_context(viewport={"width": 1280, "height": 800})

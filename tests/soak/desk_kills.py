@@ -1,6 +1,6 @@
 """kill -9 of the service at random instants, in a browser's view: the same step, no point lost or doubled.
 
-A program at the service's door presses and follows every session; a tab of a real Chromium looks on, and nobody
+A program at the service's door presses and follows every session; a tab of a real Chromium looks on without a
 touches it: after every other restart it is reloaded, else it finds back by itself.
 """
 
@@ -63,8 +63,8 @@ def desk_kills(kills: int) -> CampaignFigures:
     line = (
         f"desk_kills: {kills} kills ({kill_counts}), {observations.under_way} of them in a run; "
         f"{observations.points['robot']} captures and "
-        f"{observations.points['person']} points that a person taught are stored; a tab that nobody "
-        f"touched, reloaded "
+        f"{observations.points['person']} points that a person taught are stored; a tab that was "
+        f"not touched, reloaded "
         f"{observations.reloads} times, showed the run again {observations.compared} times; "
         f"{len(observations.wrong)} times another step, a "
         f"lost or a doubled point (must be 0) {observations.wrong[:3]}; longest until all was right again "
@@ -176,7 +176,7 @@ async def _same_again(eyes: Observers, journal: Path, observations: KillObservat
 
 
 def _tab_is_back(eyes: Observers, run: dict[str, Any] | None) -> bool:
-    """Whether the tab has found back by itself and has lost nothing; nobody presses anything meanwhile."""
+    """Whether the tab has found back by itself and has lost nothing, without a press of any button."""
     session, tab, before = eyes.browser.session, eyes.tab.shown, eyes.shown
     if not (_is_connected(session) and tab.online):
         return False

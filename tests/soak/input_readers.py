@@ -1,6 +1,6 @@
 """Every input of files and messages as a door: valid examples, and the reader that the program uses for them.
 
-A reader may refuse with a `CellError` or an `OSError`; anything else would be a trace on somebody's terminal.
+A reader may refuse with a `CellError` or an `OSError`; anything else would be a trace on a user's terminal.
 """
 
 import json

@@ -72,7 +72,7 @@ def screens(count: int) -> CampaignFigures:
     line = (
         f"screens: the web process takes {cost.share:.1%} of a core for live values to {count} screens at "
         f"{cost.rate_hz:.1f} Hz while nothing runs (at most 5 %), {cost.alone:.1%} for one; while records are taken, "
-        f"{_FASTER:g} times as fast as by a robot, {cost.record_share:.1%}: live values, the orders of whoever takes "
+        f"{_FASTER:g} times as fast as by a robot, {cost.record_share:.1%}: live values, the orders of sessions that take "
         f"them ({cost.record_alone:.1%} with one screen), and {cost.sessions_hz:.1f} whole sessions a second to each "
         f"(no limit); {len(cost.without_s)} captures without them took {without}, {len(cost.with_s)} beside "
         f"them {beside}: later by {1e3 * late_s:+.1f} ms, spread {1e3 * noise_s:.1f} ms"

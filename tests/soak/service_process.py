@@ -24,7 +24,7 @@ _presses = itertools.count(1)
 
 
 def free_port() -> int:
-    """Return a port that nobody has just now."""
+    """Return a port that is free at present."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -173,7 +173,7 @@ class ScriptedBrowser:
         return bool(record.get("prompt_id") == prompt["id"] and record["ready"])
 
     async def press_button(self, order: dict[str, Any]) -> None:
-        """Press a button; one that is out of date is pressed again by whoever looks at the next session."""
+        """Press a button; one that is out of date is pressed again by a reader of the next session."""
         assert self.session is not None
         envelope = {"id": f"press {next(_presses)}", "rev": self.session["rev"], "order": order}
         with suppress(httpx.TransportError):  # the service was killed meanwhile

@@ -32,9 +32,7 @@ _PLAYERS = 2
 _PATIENCE_S = 300.0
 _AWAY_S = 6.5
 _EVENTS_HZ = 50
-_PRESIGNED = (
-    10  # joints are opened when somebody looks at them, so repeating some changes nothing for the monitor
-)
+_PRESIGNED = 10  # joints are opened on request, so repeating some changes nothing for the monitor
 
 
 def site(cells: int) -> CampaignFigures:
@@ -186,7 +184,7 @@ def _play_cells() -> None:
     root, names = Path(sys.argv[1]), json.loads(sys.stdin.readline())
     with ThreadPoolExecutor(16) as opening:  # a peer takes half a second to open
         players = list(opening.map(lambda name: _SimulatedCell(root, name), names))
-    for player in players:  # what is said before a cell knows of its listener is said to nobody
+    for player in players:  # what is said before a cell knows of its listener is lost
         wait_until(
             lambda awaited_player=player: awaited_player.joints_publisher.matching_status.matching,
             _PATIENCE_S,

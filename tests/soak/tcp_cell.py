@@ -107,7 +107,7 @@ def _flange_difference(there: np.ndarray, here: np.ndarray) -> np.ndarray:
 def tcp_cell(seeds: int) -> CampaignFigures:
     """Six attitudes to 60 degrees, 0.2 mm of touch noise, the world with all it hides; then until it is enough.
 
-    What the arm's own errors do is stated as the settings have it when nobody changes them.
+    What the arm's own errors do is stated as in the default settings.
     """
     with tempfile.TemporaryDirectory() as folder:
         six = [_run_seed(seed, folder, SIX) for seed in _progress("tools in a cell, six touches", seeds)]

@@ -44,7 +44,7 @@ async def _fill_setting(page: Page, path: str, value: Any) -> None:
     elif kind == "file":
         await _choose_file(page, path, value)
     else:
-        raise AssertionError(f"nobody here knows how to fill in {path}, of kind {kind}")
+        raise AssertionError(f"it is not defined how to fill in {path}, of kind {kind}")
 
 
 async def _type_number(page: Page, field: Locator, test_id: str, si: float) -> None:

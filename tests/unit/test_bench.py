@@ -26,7 +26,7 @@ from cellcal.service.engineering.bench.results import BenchResult, BenchTopic, a
 from cellcal.service.engineering.bench.simulated import draw_arms, draw_joints
 from cellcal.service.engineering.bench.topics import TOPICS, choose_topics
 
-NOBODY = Contestant("nobody", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0")
+ABSENT = Contestant("absent_peer", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0")
 
 
 def small_inputs(count=50):
@@ -47,13 +47,13 @@ def test_ours_runs_in_its_own_process_and_is_right():
 
 def test_a_peer_that_is_not_installed_is_named_with_its_cure(tmp_path):
     program = tmp_path / "peer.py"
-    program.write_text("def compensate(inputs, measure):\n    import a_peer_of_nobody\n", encoding="utf-8")
-    nobody = Contestant("nobody", str(program), "a-peer-of-nobody==1.0")
+    program.write_text("def compensate(inputs, measure):\n    import a_peer_of_none\n", encoding="utf-8")
+    absent_peer = Contestant("absent_peer", str(program), "a-peer-of-none==1.0")
     _, inputs = small_inputs(3)
-    answer = run_contestant(nobody, "compensate", inputs, {})
+    answer = run_contestant(absent_peer, "compensate", inputs, {})
     assert isinstance(answer, AbsentContestant)
-    assert "not installed: a_peer_of_nobody (a-peer-of-nobody==1.0" in answer.reason
-    assert "--peer-python nobody=" in answer.reason
+    assert "not installed: a_peer_of_none (a-peer-of-none==1.0" in answer.reason
+    assert "--peer-python absent_peer=" in answer.reason
 
 
 def test_a_peer_that_breaks_is_named_too():
@@ -79,7 +79,7 @@ def test_nothing_solved_can_still_be_written(tmp_path):
     both, inputs = small_inputs(2)
     answers = {"joints": inputs["joints"], "claimed": np.zeros(2), "seconds": np.array(1.0)}
     lost = judge_answers(PEERS[0], both, inputs["joints"], answers)
-    topic = BenchTopic("compensate", "why", (lost,), (AbsentContestant(NOBODY, "not installed"),))
+    topic = BenchTopic("compensate", "why", (lost,), (AbsentContestant(ABSENT, "not installed"),))
     document = as_document((topic,), 0, 1)
     row = json.loads(json.dumps(document, allow_nan=False))["topics"][0]["results"][0]
     assert row["error"] is None
@@ -118,15 +118,15 @@ def test_turns_keep_the_best_time_and_do_not_ask_the_missing_again():
 
     def run_one(each):
         called_names.append(each.name)
-        return AbsentContestant(each, "gone") if each is NOBODY else {}
+        return AbsentContestant(each, "gone") if each is ABSENT else {}
 
     def judge_one(each, answers):
         return BenchResult(each.name, "all", 1, next(times), 0.0, "mm")
 
-    results, absent = take_turns((OURS, NOBODY), 3, run_one, judge_one)
+    results, absent = take_turns((OURS, ABSENT), 3, run_one, judge_one)
     assert [result.seconds for result in results] == [0.1]
-    assert [each.contestant for each in absent] == [NOBODY]
-    assert called_names.count("nobody") == 1
+    assert [each.contestant for each in absent] == [ABSENT]
+    assert called_names.count("absent_peer") == 1
 
 
 def test_the_determinant_root_is_that_of_the_sum():
@@ -220,6 +220,6 @@ def test_words_on_the_command_line():
     for wrong in ("swim",):
         with pytest.raises(BenchError):
             choose_topics(wrong)
-    for wrong in ("pybotics", "nobody=/bin/sh", "pybotics=/nowhere/python"):
+    for wrong in ("pybotics", "absent_peer=/bin/sh", "pybotics=/nowhere/python"):
         with pytest.raises(BenchError):
             parse_interpreters((wrong,))

@@ -66,7 +66,7 @@ def test_what_moved_between_two_looks_from_the_same_side_is_reported() -> None:
     warm = compare_sides(capture_flank(POSES, off_m=6e-4))
     assert not warm.nothing_moved
     assert warm.moved_m == pytest.approx(6e-4, abs=3e-4)
-    assert warm.backlash_rad is None  # nobody came from the other side
+    assert warm.backlash_rad is None  # it was not approached from the other side
 
 
 def test_a_loose_hook_is_more_than_any_gear_has() -> None:

@@ -166,7 +166,7 @@ def test_a_number_that_was_not_measured_is_listed_with_its_row(tmp_path, capsys)
     ended, found = predict_at(capsys, path, "--level", "0")
     assert ended == 0
     (rejected,) = (row for row in found["rejected"] if row["row"] == 6)
-    assert "nobody measured" in rejected["reason"]
+    assert "marks a missing measurement" in rejected["reason"]
     assert np.isfinite(found["fit"]["rmse_m"])
 
 

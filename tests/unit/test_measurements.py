@@ -247,7 +247,7 @@ def test_groups_of_the_file_are_kept(tmp_path):
 
 def test_excel_files(tmp_path):
     book = openpyxl.Workbook()
-    book.active.append(["made by", "somebody"])
+    book.active.append(["made by", "a technician"])
     sheet = book.create_sheet("data")
     sheet.append([*Q, "x", "y", "z"])
     for row in table_of():

@@ -24,7 +24,7 @@ POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
 
 @pytest.fixture
 def config(tmp_path: Path) -> CellConfig:
-    """A cell on whose address nobody listens."""
+    """A cell at whose address there is no listener."""
     return read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=600.0))
 
 

@@ -154,7 +154,7 @@ def test_a_version_written_concurrently_is_not_overwritten(tmp_path, monkeypatch
         link(source, target)
 
     monkeypatch.setattr(os, "link", link_after_other)
-    with pytest.raises(ParameterSetError, match="somebody else"):
+    with pytest.raises(ParameterSetError, match="another process"):
         sets.save_draft(draft_set([ParameterValue("J2 offset", "rad", 6e-4)]))
     assert sets.load_set("2022-17").values == theirs.values
     assert {item.name for item in (tmp_path / "2022-17").iterdir()} == {"v0001.toml", "v0002.toml"}

@@ -127,7 +127,7 @@ def test_another_key_is_an_unknown_key(key: CellKey, tmp_path: Path) -> None:
     forged = station_key(tmp_path).sign_document("test 1", CONTENT).encode()
     assert (
         check_document(forged).finding is CheckFinding.INTACT
-    )  # it says itself that nobody checked whose key it is
+    )  # it states that the key's owner was not checked
     found = check_document(forged, expected_key=key.public_key)
     assert (found.finding, found.content) == (CheckFinding.UNKNOWN_KEY, None)
 

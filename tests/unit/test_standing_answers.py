@@ -40,7 +40,7 @@ async def test_manual_steps_looks_and_writes_go_to_a_person_and_so_does_all_that
     alone = automatic_operator(VOUCHED)
     assert (await alone.confirm(PLAN)).who == CELL_FILE
     assert (await alone.confirm(instruction)).who == "Anna"
-    assert (await alone.confirm(PLAN)).who == "Anna"  # whoever was called may stand in the cell
+    assert (await alone.confirm(PLAN)).who == "Anna"  # a called person may stand in the cell
 
 
 async def test_what_only_a_person_knows_ends_it_too() -> None:

@@ -105,7 +105,7 @@ def test_a_program_that_is_not_ours_forbids_a_move_and_ours_does_not(state: Runt
         ("One of the RTDE input registers are already in use! …", "another program already commands"),
         ("ur_rtde: Please enable remote control on the robot!", "Local"),
         ("Failed to start control script, before timeout of 5 seconds", "did not start the program"),
-        ("Something nobody has heard before", "Something nobody has heard before"),
+        ("An unknown message", "An unknown message"),
     ],
 )
 def test_library_messages_are_reported_in_our_words(library_message: str, says: str) -> None:

@@ -90,7 +90,7 @@ def test_two_lengths_or_an_undescribed_place_are_refused() -> None:
     few = wire_mounting(1, 0, joints[:2], np.ones(2))
     with pytest.raises(DegenerateDataError, match="fewer than three"):
         fit_network(MODEL, fixture_belief(), [few])
-    with pytest.raises(CalibrationError, match="nobody described"):
+    with pytest.raises(CalibrationError, match="is not described"):
         fit_network(MODEL, fixture_belief(), [wire_mounting(9, 0, joints, np.ones(len(joints)))])
     with pytest.raises(DegenerateDataError):
         fit_network(MODEL, fixture_belief(), [])

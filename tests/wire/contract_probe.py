@@ -131,7 +131,7 @@ class ProbeContract:
         fault, parameters = probe_case.link_faults[way]
         touch = await watch_touch(probe, probe_case, fake_client)
         await fake_client.inject_fault(fault, device=probe_case.name, **parameters)
-        if fault == "refuse":  # nobody new is let in; who is in stays in
+        if fault == "refuse":  # no new client is admitted; connected ones stay
             await fake_client.inject_fault("reset", device=probe_case.name, count=1)
         async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
             with pytest.raises(DeviceError) as failure:

@@ -24,7 +24,7 @@ ABILITIES = {
 }
 
 
-MODES = {  # a switch that somebody turns, and what the controller calls its places
+MODES = {  # a switch, and what the controller calls its places
     "fanuc": ("t1_mode", "AUTO", "T1"),
     "ur": ("local_mode", "remote control", "local control"),
 }

@@ -25,8 +25,8 @@ class RobotCase:
     slow_rad_s: float
     heal: Callable[[FakeCellClient, Any], Awaitable[None]]  # robot ready again, whatever a test did to it
     link_faults: tuple[Fault, ...]  # every way in which the cable can fail
-    stop_fault: Fault  # somebody presses the emergency stop
-    slow_fault: Fault  # somebody turns the speed down to 15 %
+    stop_fault: Fault  # the emergency stop is pressed
+    slow_fault: Fault  # the speed is turned down to 15 %
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 

@@ -44,7 +44,7 @@ class RtdeController:
         self._writers: list[asyncio.StreamWriter] = []
 
     def send_data(self, data: bytes) -> None:
-        """Send to whoever is connected."""
+        """Send to the connected client."""
         for writer in self._writers:
             writer.write(data)
 

@@ -76,7 +76,7 @@ class TestOurDriver:
             (lambda: error_packet(ces.ES_C_StartMeasurement, ces.ES_RS_SensorNotStable), "SensorNotStable"),
             (lambda: status_change(ces.ES_SSC_MeasStatus_NotReady), "MeasurementStatusNotReady"),
         ],
-        ids=["error of nobody", "error of the start", "event"],
+        ids=["unsolicited error", "error of the start", "event"],
     )
     async def test_hears_of_a_broken_beam_and_measures_again(self, instead: Any, says: str) -> None:
         peer = PeerTracker(SERIAL, PLACE_M)

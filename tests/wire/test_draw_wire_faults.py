@@ -292,7 +292,7 @@ class TestTheTrapsOfSocketcand:
 
 @pytest.fixture
 async def virtual_gauge() -> AsyncIterator[tuple[DrawWire, can.BusABC]]:
-    """A gauge on an in-process bus, and the bus as a node sees it; nobody answers unless the test does."""
+    """A gauge on an in-process bus, and the bus as a node sees it; only the test answers."""
     channel = f"bus {id(asyncio.get_running_loop())}"
     node = can.Bus(interface="virtual", channel=channel)
     link = CanopenLink(

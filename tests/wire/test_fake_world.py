@@ -168,7 +168,7 @@ async def test_a_healthy_robot_has_no_tcp_error_and_a_wrong_turn_has_one():
         b'{"do": "fault", "name": "wire_snap", "spice": 1}\n',
         b'{"do": "advance", "seconds": -1}\n',
         b'{"do": "advance"}\n',
-        b'{"do": "tcp_error", "robot": "nobody"}\n',
+        b'{"do": "tcp_error", "robot": "unnamed"}\n',
     ],
 )
 async def test_nonsense_is_refused_in_words(line):

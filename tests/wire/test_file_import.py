@@ -79,7 +79,7 @@ class TestTyped:
 
     async def test_a_missing_operator_is_reported(self) -> None:
         async with gauge_config().open() as device:
-            with pytest.raises(RefusedError, match="nobody to ask"):
+            with pytest.raises(RefusedError, match="no operator to enter"):
                 await device.read_distance()
 
     async def test_poses_are_typed_in_a_named_convention(self, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Somebody switches the tool on the pendant: seen over the wire, and nothing is moved or measured with it."""
+"""The tool is switched on the pendant: seen over the wire, and nothing is moved or measured with it."""
 
 from typing import Any
 

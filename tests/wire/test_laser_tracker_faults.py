@@ -142,7 +142,7 @@ class TestTheLink:
         await simulated_tracker.stop()
         with pytest.raises(UnreachableError, match=r"127\.0\.0\.1"):
             async with config.open():
-                pytest.fail("there is nobody")
+                pytest.fail("there is no operator")
 
     async def test_leaves_nothing_behind(self, simulated_tracker: FakeTracker) -> None:
         before = asyncio.all_tasks()

@@ -302,7 +302,7 @@ class TestMotionThatGoesWrong:
     async def test_a_write_that_was_done_but_not_answered_is_put_right(
         self, fanuc: Any, fake_client: FakeCellClient
     ) -> None:
-        """The controller obeyed and nobody knows: the old data are put back on a new connection."""
+        """The controller obeyed without an answer: the old data are put back on a new connection."""
         before = await fanuc.read_mastering()
         await fake_client.inject_fault("act_then_cut", device="fanuc", count=1)
         with pytest.raises(UnreachableError, match="restored"):

@@ -61,7 +61,7 @@ async def test_a_dial_gauge_that_cannot_measure_says_why(
 async def test_terminals_that_were_added_are_noticed_at_the_next_connect(
     cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
-    """Four more analogue words push the digital inputs away; the coupler says so, and nobody has to count."""
+    """Four more analogue words push the digital inputs away; the coupler reports it, and no setting must count them."""
     await PROBES["touch_probe"].heal(fake_client)
     await fake_client.inject_fault("terminal_added", device="probe")
     async with open_retrying(_device_config(cell, "probe")) as probe:
@@ -96,7 +96,7 @@ async def test_the_echo_leaves_other_outputs_alone(cell: CellConfig, fake_client
     config = _device_config(cell, "probe")
     client = AsyncModbusTcpClient(config.address, port=config.port)
     assert await client.connect()
-    await client.write_coil(0x0200 + 6, True)  # somebody's gripper
+    await client.write_coil(0x0200 + 6, True)  # another user's gripper
     async with config.open() as probe:
         await probe.read_contact()
         await probe.read_contact()

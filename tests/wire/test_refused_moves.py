@@ -41,7 +41,7 @@ async def do_nothing() -> None:
 
 @dataclass
 class RobotAtHome:
-    """A robot at home in a cell whose obstacles nobody has told, so that each move is asked for."""
+    """A robot at home in a cell whose obstacles are not described, so that each move is asked for."""
 
     case: RobotCase
     fake_client: FakeCellClient
@@ -202,7 +202,7 @@ async def fresh_robot_at_home(fresh_fakes: tuple[Path, FakeCellClient]) -> Async
 
 
 async def mastered_anew(scene: RobotAtHome) -> None:
-    """Lose the encoders' battery; somebody masters the robot from memory, a turn of J2 beside the truth."""
+    """Lose the encoders' battery, then master the robot from memory, a turn of J2 beside the truth."""
     robot = scene.robot
     at_zero = (await scene.read_truth())["counts_at_zero"]
     await lose_encoders(scene)

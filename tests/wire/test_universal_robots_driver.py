@@ -176,7 +176,7 @@ async def _read_on(robot: UniversalRobot) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "says"),
-    [("local_mode", "Local"), ("program_pause", "somebody else"), ("slider", "speed slider")],
+    [("local_mode", "Local"), ("program_pause", "another client"), ("slider", "speed slider")],
 )
 async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
     robot: UniversalRobot, fake_robot: FakeRobot, fault: str, says: str
@@ -201,7 +201,7 @@ async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
 async def test_a_running_program_of_others_is_not_ended(robot: UniversalRobot, fake_robot: FakeRobot) -> None:
     await fake_robot.inject_fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
-    assert "somebody else" in str(failure)
+    assert "another client" in str(failure)
     assert fake_robot.true_state()["program"] == "other_client"
     assert fake_robot.true_state()["moving"]
 
@@ -414,7 +414,7 @@ async def test_any_stop_ends_the_move_for_good(
     stood_at = fake_robot.true_state()["controller_joints_rad"]
     await fake_robot.inject_fault("unlock_protective_stop", {})
     await fake_robot.inject_fault("release_emergency_stop", {})
-    fake_robot.server.controller.resume_program()  # somebody presses play
+    fake_robot.server.controller.resume_program()  # play is pressed
     await until_ready(robot, Readiness.READY)
     assert fake_robot.true_state()["program"] is None
     assert fake_robot.true_state()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)

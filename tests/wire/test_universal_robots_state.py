@@ -130,7 +130,7 @@ async def test_a_busy_event_loop_is_not_a_silent_robot(controller: RtdeControlle
     reading = asyncio.create_task(client.read_fresh())
     await asyncio.sleep(0)
     controller.send_data(state_message(2.0))
-    time.sleep(2 * SHORT_S)  # noqa: ASYNC251 - somebody blocks the loop
+    time.sleep(2 * SHORT_S)  # noqa: ASYNC251 - blocks the loop on purpose
     assert (await reading).timestamp_s == 2.0
     client.close()
 

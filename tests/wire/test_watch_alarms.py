@@ -113,4 +113,4 @@ async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alon
     _, strange, _ = await loss_after_alarm(fanuc, cell, tmp_path)
     assert known_loss is not None
     assert strange is not None
-    assert set(strange.reasons) - set(known_loss.reasons) == {"nobody here knows the alarm MOTN-017"}
+    assert set(strange.reasons) - set(known_loss.reasons) == {"the alarm MOTN-017 is unknown here"}

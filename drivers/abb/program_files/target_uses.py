@@ -25,7 +25,7 @@ class _AgreedUse(NamedTuple):
 
     tool: str | None
     frame: str | None
-    why: str  # nobody can tell tool or frame; "" where nothing is in the way
+    why: str  # why tool or frame cannot be determined; "" where they can
     different: bool
     seen_from_flange: bool
 

@@ -1,4 +1,4 @@
-"""Frames and tools that a program chooses, or sets itself: in which its positions stand, and when nobody can tell.
+"""Frames and tools that a program selects or sets: those of its positions, and when they cannot be determined.
 
 Positions with UF : F or UT : F stand in the frame or tool that is chosen when they are moved to.
 """

@@ -22,7 +22,7 @@ from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Posi
 
 _BLOCK = 20_000
 _SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
-REMOTE = "remote"  # of a tool that stands in the cell: nobody moves it
+REMOTE = "remote"  # of a tool that stands in the cell: not moved
 _KIND = {
     CoordinateForm.CARTESIAN: CARTESIAN,
     CoordinateForm.JOINTS: JOINTS,

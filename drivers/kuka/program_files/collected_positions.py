@@ -57,7 +57,9 @@ class KrlPositions:
     user_frames: list[str | None] = field(default_factory=list)
     tools: list[str | None] = field(default_factory=list)
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
-    barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or base nobody can tell, and why
+    barred: dict[int, str] = field(
+        default_factory=dict
+    )  # rows whose tool or base cannot be determined, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
     usual_rows: "array[int]" = field(default_factory=lambda: array("q"))  # written as the controller does

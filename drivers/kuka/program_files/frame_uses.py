@@ -72,7 +72,7 @@ class FrameUse:
         return None if value == UNKNOWN else value
 
     def barred_reason(self, *, said_before: bool) -> str:
-        """Return why nobody can tell what holds, with what other routines set; "" where nothing is in the way."""
+        """Return why the active frames cannot be determined, with what other routines set; "" where they can."""
         if any(value not in self.values for value, _ in self.below) or (self.values and self.reset_below):
             return BARRED["called"]
         if UNKNOWN in self.values:

@@ -154,7 +154,7 @@ class PointUses:
         return MoveFrames(None, None, why, routine.name) if why else MoveFrames(tool, base, "", routine.name)
 
     def _set_several_times(self, routine: KrlRoutine, *, base_said: bool) -> str:
-        """Return why nobody can tell the base where it is written as numbers more than once."""
+        """Return why the base cannot be determined where it is written as numbers more than once."""
         written = (
             routine.base.value_in_force(said_before=base_said) == "$" and len(self.set_frames["BASE"]) > 1
         )
@@ -230,7 +230,7 @@ class PointUses:
 
 
 def in_set_table(set_tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:
-    """Return why nobody can tell where a tool or base of the tables is that programs set; "" where none does."""
+    """Return why a table's tool or base that programs set is unknown; "" where none is set."""
     for which, number in (("TOOL", tool), ("BASE", base)):
         is_table_entry = number is not None and number.isdigit() and number != "0"
         if is_table_entry and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):

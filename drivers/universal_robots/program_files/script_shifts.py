@@ -161,7 +161,7 @@ class ScriptShifts:
                 yield self._make_shift(offset, function, COMPUTED_PLACE, UNREADABLE, None)
 
     def _unknown_variables(self) -> Iterator[ProgramShift]:
-        """Yield moves to variables of which nobody can tell whether they go along with the work."""
+        """Yield moves to variables that may or may not move with the work."""
         for name, uses in self.finder.found.uses.items():
             offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame")]
             if not offsets or self.finder.is_known(name) or name in self.parameters:

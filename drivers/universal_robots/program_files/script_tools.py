@@ -56,7 +56,7 @@ class ScriptTools:
         return (named.pop() or None) if len(named) == 1 else None
 
     def barred_reason(self, place: ScriptPlace) -> str:
-        """Return why nobody can tell the tool of a place though the text sets one; "" where nothing is in the way."""
+        """Return why the tool of a position cannot be determined though the text sets one; "" where it can."""
         found = self._in_force(place)
         if len({name for name, _ in found}) > 1:
             return "the program goes to it with different tools"

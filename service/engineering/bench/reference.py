@@ -1,4 +1,4 @@
-"""Our solvers on the shipped reference problems: for whoever has to believe them without having written them.
+"""Our solvers on the shipped reference problems: evidence for readers who did not write them.
 
 Each problem is solved as it stands, in another unit of length, in a turned and shifted world, and with its rows in
 another order. The answers come from ``calibration/reference_data``, where an independent solver put them.

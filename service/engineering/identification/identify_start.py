@@ -57,7 +57,7 @@ def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> Identif
     if options.start == "previous":
         if options.sets is None or not options.serial:
             raise MeasurementError(
-                "nobody said which robot's previous parameters to start from.",
+                "it is not given which robot's previous parameters to start from.",
                 remedy="Give `--save FOLDER` and `--serial`, or `--start FILE`.",
             )
         return _of_set(ParameterSets(options.sets).load_set(options.serial), nominal, free)

@@ -184,7 +184,7 @@ def _usable_rows(
         cell = table.texts.get((row, table.names.index(name)), "")
         what = f"holds {cell!r}, which is no number" if cell else "is empty"
         if not np.isnan(numbers[name][row]):
-            what = f"holds {numbers[name][row]:g}, which nobody measured"
+            what = f"holds {numbers[name][row]:g}, which marks a missing measurement"
         rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
     return good, tuple(rejected)
 

@@ -86,7 +86,7 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
 
 
 def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
-    """Return how a model with a DH table deviates from nominal; nobody knows how certainly."""
+    """Return how a model with a DH table deviates from nominal; its uncertainty is unknown."""
     if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
         raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
     errors = model.dh.to_rows() - nominal.dh.to_rows()

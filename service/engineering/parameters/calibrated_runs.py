@@ -63,7 +63,7 @@ def draft_of(arm: CalibratedArm, who: SetOrigin) -> ParameterSet:
 def _with_correlations(
     values: tuple[ParameterValue, ...], correlations: tuple[tuple[float, ...], ...]
 ) -> tuple[ParameterValue, ...]:
-    """Return values with their correlations, without which nobody can say how surely a point will be hit."""
+    """Return values with their correlations, without which the uncertainty of a point cannot be computed."""
     if not correlations:
         return values
     return tuple(replace(value, correlations=rho) for value, rho in zip(values, correlations, strict=True))

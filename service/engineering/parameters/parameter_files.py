@@ -253,7 +253,7 @@ def _controller_table(model: RobotModel, nominal: RobotModel) -> tuple[UrKinemat
 def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
     if not factory_hash:
         raise ParameterSetError(
-            "nobody knows by which hash ROS names this arm.",
+            "the hash by which ROS names this arm is unknown.",
             remedy="Import the controller's calibration.conf first: the hash of its table is that name.",
         )
     text = write_ros_kinematics(RosKinematics(ros_frames(model), factory_hash))

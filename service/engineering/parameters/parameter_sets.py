@@ -1,4 +1,4 @@
-"""Parameter sets of robots: text files with versions that nobody overwrites, and that tell when they were touched.
+"""Parameter sets of robots: text files with versions that are never overwritten and whose changes are detected.
 
 One folder a robot, one TOML file a version. A file holds deviations from a nominal model in SI, their standard
 uncertainties, where they come from, the hash of the version before, and its own. Going back is a new version
@@ -42,7 +42,7 @@ class ParameterSetError(CalibrationError):
 
 @dataclass(frozen=True, slots=True)
 class ParameterValue:
-    """One deviation from nominal, with its standard uncertainty where somebody knows it."""
+    """One deviation from nominal, with its standard uncertainty where known."""
 
     name: str
     unit: str  # rad | m | rad/m | 1
@@ -355,10 +355,10 @@ def _write_new(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         draft.chmod(PRIVATE_FILE)
-        os.link(draft, path)  # fails if somebody else wrote this version meanwhile
+        os.link(draft, path)  # fails if another process wrote this version meanwhile
     except FileExistsError as taken:
         raise ParameterSetError(
-            f"{path} was written by somebody else just now.", remedy="Try again."
+            f"{path} was written by another process just now.", remedy="Try again."
         ) from taken
     finally:
         draft.unlink()

@@ -61,7 +61,7 @@ def read_calibration_conf(text: str, nominal: RobotModel) -> UrKinematics:
 
 
 def write_calibration_conf(kinematics: UrKinematics, nominal: RobotModel) -> str:
-    """Write the form of ``calibration.conf``; the checksum line is left out where nobody knows it."""
+    """Write the form of ``calibration.conf``; the checksum line is left out where it is unknown."""
     deltas = kinematics.table.to_rows() - _dh_table(nominal).to_rows()
     columns = {"theta": 0, "a": 2, "d": 1, "alpha": 3}
     lines = ["[mounting]"]

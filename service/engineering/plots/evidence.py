@@ -155,7 +155,7 @@ class IdentificationEvidence:
 
     @cached_property
     def signed_mm(self) -> dict[str, tuple[Array, Array]]:
-        """Residuals before and after [mm] in directions that mean something to whoever looks at a robot.
+        """Residuals before and after [mm] in directions that a technician can recognize at the robot.
 
         Outwards, sideways and upwards from the first axis for positions; along the wire for lengths.
         """

@@ -1,4 +1,4 @@
-"""One page for whoever has one minute: what was measured, how good it became, where, and what to doubt."""
+"""One page of summary: what was measured, the accuracy reached, where, and what is doubtful."""
 
 import numpy as np
 from matplotlib.figure import FigureBase

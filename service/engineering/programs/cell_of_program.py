@@ -243,7 +243,7 @@ def find_contradiction(
 
 
 def missing_reason(what: str, name: str | None, project: Project) -> str:
-    """Return why a point is left whose tool or frame nobody knows."""
+    """Return why a point of unknown tool or frame is left unchanged."""
     if name is None:
         key = "tool" if what == "tool" else "frame"
         return f"the program does not say which {what}, and {project.path.name} has no [unsaid] {key}"

@@ -1,4 +1,4 @@
-"""Drafts of files that are being written: hidden, and named after their process, so that nobody has to ask whose.
+"""Drafts of files that are being written: hidden, and named after their process, which identifies their owner.
 
 A killed process leaves its drafts behind. The next run in the same folder removes them; those of a process that
 still lives, or of another computer, stay.
@@ -37,5 +37,5 @@ def _is_alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     except (OSError, OverflowError):
-        return True  # of somebody else
+        return True  # of another user
     return True

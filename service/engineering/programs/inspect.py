@@ -41,7 +41,7 @@ class InspectionRequest:
 
 @dataclass(frozen=True, eq=False)
 class InspectedProgram:
-    """One program; ``reach`` and ``identical`` are None where nobody asked."""
+    """One program; ``reach`` and ``identical`` are None where not requested."""
 
     source: ProgramSource
     program: ProgramFile

@@ -125,7 +125,7 @@ def move_transfer(
 def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:
     """Return a user frame's new pose (4, 4) for the controller, and what to type: programs then stay as they are.
 
-    Nothing is told of the frame that is the robot's base: nobody can enter another one.
+    The frame that is the robot's base is not listed: it cannot be entered.
 
     The frame is entered where the work is, so only the robot's errors at the new place remain uncorrected.
 

@@ -58,7 +58,7 @@ class ProjectTool:
     """A tool as the controller has it, and as it really is."""
 
     entered: Array  # (4, 4) flange_tip in the controller
-    real: Array  # (4, 4), the same where nobody measured it
+    real: Array  # (4, 4), the same where it was not measured
     sigma_m: float = 0.0  # of one coordinate of the real tip
     measured: bool = False
 
@@ -92,7 +92,7 @@ class Project:
         return None if self.identified is None else self.identified.state
 
     def real_arm(self, flange_tip: Array) -> TipArm:
-        """Return the real arm with a tip: as identified, or as the controller believes where nobody measured it."""
+        """Return the real arm with a tip: as identified, or as the controller assumes where it was not measured."""
         if self.identified is None:
             return TipArm(self.controller, flange_tip)
         return TipArm.of_state(replace(self.identified.state, flange_tool=flange_tip))

@@ -1,4 +1,4 @@
-"""Frames and tools of a project as its controller's own backup holds them, so that nobody types them off."""
+"""Frames and tools of a project read from its controller's own backup instead of being typed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

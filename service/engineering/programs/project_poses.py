@@ -19,7 +19,7 @@ class ProjectError(CellError):
 
 
 def refuse_keys(table: Table, valid_keys: set[str], where: str) -> None:
-    """Refuse a key that nobody would read: a misspelled limit is no limit.
+    """Refuse a key that is not read: a misspelled limit is no limit.
 
     Raises
     ------

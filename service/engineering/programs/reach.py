@@ -34,7 +34,7 @@ _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
 
 @dataclass(frozen=True, eq=False)
 class ProgramReach:
-    """N points of a program in a cell; NaN for what nobody knows."""
+    """N points of a program in a cell; NaN where unknown."""
 
     joints_rad: Array  # (N, n) that the controller computes
     base_place_m: Array  # (N, 3) where the controller believes the tip to be

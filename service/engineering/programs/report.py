@@ -21,7 +21,7 @@ _TWO_FILES = (".src", ".dat")  # of one KUKA program: motions and points
 
 @dataclass(frozen=True, eq=False)
 class ProgramEntry:
-    """One program of a report, N points in the order of the file; NaN for what nobody knows."""
+    """One program of a report, N points in the order of the file; NaN where unknown."""
 
     file: str  # the source
     written: str  # where the new one is

@@ -24,7 +24,7 @@ _DECIMALS = 6  # of a millimetre or a degree: finer than any program writes
 
 
 def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
-    """Return the N points of a program as columns of COLUMNS; None for what nobody knows."""
+    """Return the N points of a program as columns of COLUMNS; None where unknown."""
     before, after = result.before.positions, result.after.positions
     count = len(before)
     base = result.base_tip_after[:, :3, 3]

@@ -42,7 +42,7 @@ class ProgramResult:
     turn_rad: Array  # (N,) by how much it turned
     base_tip_before: Array  # (N, 4, 4) the written tip in the controller's base; NaN where unknown
     base_tip_after: Array  # (N, 4, 4), of the cell that the new program is for
-    expected_error_m: Array  # (N,) k = 2, of the tip at its work in that cell; NaN where nobody can know
+    expected_error_m: Array  # (N,) k = 2, of the tip at its work in that cell; NaN where unknown
     uncorrected_m: Array  # (N,) what the point would miss by without the robots' models; NaN where not asked
     warnings: tuple[str, ...] = ()  # sentences about the program as a whole
     findings: tuple[PointFinding, ...] = ()

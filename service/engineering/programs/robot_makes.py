@@ -13,8 +13,8 @@ class RobotMake:
     brand: str
     models: str  # what the names of its models begin with
     orientation: str  # a convention of `calibration.orientation`
-    flange: str = ""  # the tool that nobody enters, for it is the flange; "" where there is none
-    base: str = ""  # the user frame that nobody enters, for it is the base
+    flange: str = ""  # the tool that is not entered, for it is the flange; "" where there is none
+    base: str = ""  # the user frame that is not entered, for it is the base
 
 
 MAKES = (

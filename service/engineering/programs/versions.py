@@ -39,7 +39,7 @@ class CloneState(StrEnum):
     OLD = "old version"  # the master's program has changed since
     OUTDATED = "cell has changed"  # a calibration, tool, frame or alignment of either cell has
     EDITED = "points edited"  # in the cell
-    UNKNOWN = "no record"  # nobody knows what it was made from
+    UNKNOWN = "no record"  # what it was made from is unknown
     MISSING = "not there"
 
 
@@ -70,7 +70,7 @@ class ProgramInCell:
     program: str
     state: CloneState
     master_sha256: str  # of the program as it is in the master's cell
-    made_from_sha256: str  # of the program that the clone was made from; empty where nobody knows
+    made_from_sha256: str  # of the program that the clone was made from; empty where unknown
     made_at: str
     note: str
 
@@ -211,7 +211,7 @@ def _of_project(path: Path) -> list[ProgramInCell]:
     clone = read_project(path)
     if clone.master is None:
         raise FilesError(
-            f"{path}: this is a master's project, and a master is nobody's clone.",
+            f"{path}: this is a master's project, and a master is not a clone.",
             remedy="Name the projects of its clones.",
         )
     master = read_project(clone.master)
@@ -282,7 +282,7 @@ def _read_records(path: Path) -> list[CloneRecord]:
     except (OSError, ValueError, KeyError, TypeError) as broken:
         raise FilesError(
             f"{path} is no record of clones: {broken!r}.",
-            remedy="Clone the programs again, or remove it: then nobody knows what they were made from.",
+            remedy="Clone the programs again, or remove it: then what they were made from is unknown.",
         ) from broken
     return found
 

@@ -65,7 +65,7 @@ class DrawnCell:
         turned = exp_twist(np.array([0.0, 0.0, 0.0, 0.0, 0.0, self.around]))
         self.base_fixture = turned @ FIXTURE @ self._stray_pose(self.shift_m, self.turn_rad)
         self.flange_tool = ENTERED_TOOL @ self._stray_pose(1e-3, 5e-3)
-        self.base_frame = turned @ ENTERED_FRAME  # as entered: nobody measured it well
+        self.base_frame = turned @ ENTERED_FRAME  # as entered: not measured well
 
     def _stray_pose(self, shift_m: float, turn_rad: float) -> np.ndarray:
         scale = np.repeat([shift_m, turn_rad], 3)

@@ -318,7 +318,7 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 300)
     monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
-    alive, held_end = os.pipe()  # ends when nobody is left that holds it
+    alive, held_end = os.pipe()  # ends when no process holds it
 
     def hang_in_worker(_: Sequence[ProgramSource]) -> None:
         os.write(held_end, b"x")

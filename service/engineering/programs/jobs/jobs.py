@@ -187,7 +187,7 @@ class Jobs:
         if work.task is not None and work.state in _OPEN:
             if not work.task.cancelling():  # a second one would not wait for the process to end
                 work.task.cancel()
-            await asyncio.wait([work.task])  # goes on where whoever asked has left
+            await asyncio.wait([work.task])  # continues after the client has left
 
     async def close_all(self) -> None:
         """End every job and forget what was made."""

@@ -187,7 +187,7 @@ class JobPreview(ResponseModel):
 
 
 class PointPreview(ResponseModel):
-    """One point; places are in its user frame. None for what nobody knows."""
+    """One point; positions are in its user frame. None: unknown."""
 
     program: str
     point: str

@@ -1,0 +1,117 @@
+"""Names in Python are plain: no bare participles or metaphors, few one-word functions, one meaning for a class name."""
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices")
+PARTICIPLES = frozenset(
+    ("told", "said", "heard", "seen", "held", "kept", "given", "known", "asked", "lent", "wanted", "left")
+)
+METAPHORS = frozenset(
+    (
+        "house",
+        "door",
+        "desk",
+        "entrance",
+        "hands",
+        "furniture",
+        "mishap",
+        "mishaps",
+        "paper",
+        "carrier",
+        "story",
+        "storyteller",
+        "teller",
+        "dice",
+        "keepsake",
+        "outlook",
+        "glance",
+        "whoever",
+        "nobody",
+        "somebody",
+    )
+)  # fmt: skip  `room` is a setting of procedures that journals and cell files contain
+MOST_PLAIN_FAULTS = 3.0  # of 1000 identifiers
+MOST_ONE_WORD = 0.25  # of the functions of a package
+MOST_PERSON_LINES = 10  # of the five packages together: a class name and a code that journals contain
+INDEFINITE_PERSON = re.compile("whoever|nobody|somebody", re.IGNORECASE)
+# Class names that two packages use on purpose: fakes share no code with drivers, and the words are the field's.
+SHARED_CLASS_NAMES: frozenset[str] = frozenset(("RuntimeState", "Waypoint"))
+
+
+@cache
+def trees(package: str) -> tuple[ast.Module, ...]:
+    """Return the syntax trees of a package's files."""
+    return tuple(
+        ast.parse(file.read_text(encoding="utf-8")) for file in sorted((ROOT / package).rglob("*.py"))
+    )
+
+
+def identifiers(tree: ast.AST) -> Iterator[str]:
+    """Yield the names that a file defines: functions, classes, parameters, variables, attributes."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name
+            case ast.arg(arg=name):
+                yield name
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                yield name
+
+
+def function_names(tree: ast.AST) -> Iterator[str]:
+    """Yield the names of functions and methods, special methods excluded."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not node.name.startswith("__"):
+            yield node.name
+
+
+def class_packages() -> dict[str, set[str]]:
+    """Return in which packages each public class name occurs."""
+    found: dict[str, set[str]] = defaultdict(set)
+    for package in PACKAGES:
+        for tree in trees(package):
+            for node in ast.walk(tree):
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    found[node.name].add(package)
+    return found
+
+
+@pytest.mark.parametrize("words", [PARTICIPLES, METAPHORS], ids=("participles", "metaphors"))
+@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
+def test_bare_participles_and_metaphors_are_rare_as_names(package: str, words: frozenset[str]) -> None:
+    names = [name for tree in trees(package) for name in identifiers(tree)]
+    faults = [name for name in names if name.strip("_").lower() in words]
+    assert len(names) > 1000
+    assert 1000 * len(faults) / len(names) <= MOST_PLAIN_FAULTS, sorted(set(faults))
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
+def test_function_names_have_more_than_one_word(package: str) -> None:
+    names = [name for tree in trees(package) for name in function_names(tree)]
+    one_word = [name for name in names if "_" not in name.strip("_")]
+    assert len(names) > 100
+    assert len(one_word) / len(names) <= MOST_ONE_WORD, sorted(set(one_word))
+
+
+def test_indefinite_persons_are_rare() -> None:
+    lines = [
+        f"{file.relative_to(ROOT)}:{number}"
+        for package in PACKAGES
+        for file in sorted((ROOT / package).rglob("*.py"))
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1)
+        if INDEFINITE_PERSON.search(line)
+    ]
+    assert len(lines) <= MOST_PERSON_LINES, lines
+
+
+def test_a_class_name_occurs_in_one_package() -> None:
+    shared = {name for name, packages in class_packages().items() if len(packages) > 1}
+    assert shared == SHARED_CLASS_NAMES, sorted(shared ^ SHARED_CLASS_NAMES)
