@@ -60,7 +60,7 @@ class CellCheckReport:
         """Whether a device was left alone because somebody works with it."""
         return any(device.state == IN_USE for device in self.devices)
 
-    def as_object(self) -> dict[str, Any]:
+    def as_object(self) -> dict[str, object]:
         """Return the report for ``--json``."""
         return {**asdict(self), "all_reached": self.all_reached}
 
