@@ -41,7 +41,7 @@ class PreviewRequest(BaseModel):
 
 
 @router.post("/dry-runs", **response_options(DryRunSeen, "what the run would do and bring"))
-async def preview_run(requested: PreviewRequest, request: Request, who: Who) -> dict[str, object]:
+async def preview_run(requested: PreviewRequest, request: Request, who: Who) -> dict[str, Any]:
     """Foretell a run: steps, poses, duration, predicted uncertainty, and what the cell lacks."""
     del who
     config = app_context(request).config
@@ -56,7 +56,7 @@ def _catalogue_response(config: CellConfig, robot: str | None, *, packs: bool) -
     return Response(body, headers=headers, media_type=FiniteJsonResponse.media_type)
 
 
-def _procedure_rows(config: CellConfig, robot: str | None) -> list[dict[str, object]]:
+def _procedure_rows(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
     from cellcal.service.runs.run_preview import list_procedures  # noqa: PLC0415  heavy: not while the service starts
 
     named = config.robot_named(robot).name
@@ -83,13 +83,13 @@ def _settings_schema(config: CellConfig, robot: str, procedure: str) -> dict[str
     return schema
 
 
-def _preview_to_json(config: CellConfig, requested: PreviewRequest) -> dict[str, object]:
+def _preview_to_json(config: CellConfig, requested: PreviewRequest) -> dict[str, Any]:
     from cellcal.procedures.catalogue import definition_named  # noqa: PLC0415  heavy: not while the service starts
     from cellcal.service.engineering.parameters.simulated_cells import refuse_paths  # noqa: PLC0415  as above
     from cellcal.service.runs.run_preview import dry_run  # noqa: PLC0415  as above
 
     refuse_paths(definition_named(requested.procedure).spec_type, requested.settings)
-    found: dict[str, object] = to_jsonable_python(
+    found: dict[str, Any] = to_jsonable_python(
         dry_run(config, requested.procedure, requested.settings, requested.robot)
     )
     return found
