@@ -12,8 +12,8 @@ import logging
 import threading
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypedDict
 
 from cellcal.calibration.errors import CellError
 
@@ -23,6 +23,16 @@ SOUND_S = 30.0  # after so long without a failure the pause begins at the shorte
 _AFTER_S = 0.05
 SHOWN_S = 60.0  # a failure that was overcome is shown for so long
 REMEDY = "It is started again by itself. If this stays, send the log to the maker of the program."
+
+
+class TroubleDocument(TypedDict):
+    """The failures of a long-running task, as JSON."""
+
+    task: str
+    message: str
+    remedy: str
+    failures: int
+    running: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +45,15 @@ class TaskTrouble:
     failures: int  # one after the other
     running: bool  # whether it runs again
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> TroubleDocument:
         """Return it for a screen."""
-        return asdict(self)
+        return {
+            "task": self.task,
+            "message": self.message,
+            "remedy": self.remedy,
+            "failures": self.failures,
+            "running": self.running,
+        }
 
 
 @dataclass(slots=True)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from cellcal.drivers.interfaces import ProbeCapabilities, TrackerCapabilities
 from cellcal.procedures.cell import Cell
 
 Triple = tuple[float, float, float]
@@ -25,9 +26,14 @@ def instruments_of(cell: Cell, tool_tip_m: Triple | None = None) -> Instruments:
     tracker = None if cell.tracker is None else cell.tracker_setup
     return Instruments(
         probe_tip_m=None if probe is None else probe.tip_in_flange_m,
-        probe_sigma_m=getattr(getattr(cell.probe, "capabilities", None), "sigma_m", 0.0),
+        probe_sigma_m=_sigma_m(None if cell.probe is None else cell.probe.capabilities),
         probe_tip_sigma_m=0.0 if probe is None else probe.sigma_tip_m,
         target_m=None if tracker is None else tracker.target_in_flange_m,
-        tracker_sigma_m=getattr(getattr(cell.tracker, "capabilities", None), "sigma_m", 0.0),
+        tracker_sigma_m=_sigma_m(None if cell.tracker is None else cell.tracker.capabilities),
         tool_tip_m=tool_tip_m,
     )
+
+
+def _sigma_m(capabilities: ProbeCapabilities | TrackerCapabilities | None) -> float:
+    """Return the scatter of an instrument; 0 of one that is not there, or whose cell file does not state it."""
+    return 0.0 if capabilities is None else capabilities.sigma_m

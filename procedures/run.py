@@ -305,7 +305,7 @@ class Run:
     def _record_failure(self, body: Mapping[str, Any], error: BaseException, stopped: bool) -> None:
         error_body = {
             "error": type(error).__name__,
-            "code": getattr(error, "code", ""),
+            "code": error.code if isinstance(error, CellError) else "",
             "message": str(error),
         }
         fact = {

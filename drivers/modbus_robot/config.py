@@ -46,6 +46,11 @@ class ModbusRobotConfig(BaseModel):
 
         return capabilities_of(load_profile(self.profile))
 
+    @property
+    def pendant_language(self) -> str:
+        """The key of the pendant's language among the program writers of the registry."""
+        return self.profile
+
     @asynccontextmanager
     async def open(self) -> AsyncIterator["ModbusRobot"]:
         """Connect, check the serial number, and hang up at the end."""

@@ -51,6 +51,11 @@ class UniversalRobotConfig(BaseModel):
         """What this robot can do, known before it is reached."""
         return CAPABILITIES
 
+    @property
+    def pendant_language(self) -> str:
+        """The key of the pendant's language among the program writers of the registry."""
+        return self.driver
+
     @asynccontextmanager
     async def open(self) -> AsyncIterator[UniversalRobot]:
         """Connect for reading, check model and serial number; give the robot back at the end."""

@@ -7,7 +7,7 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 import asyncio
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, SessionComm
 from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.gc_freeze import freeze_startup_objects
+from cellcal.service.session_documents import OrderReply
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
@@ -52,13 +53,13 @@ async def _run_controller(path: Path, *, broken_off: bool) -> None:
 
 
 async def _answer_line(
-    controller: CellController, line: bytes, write: Callable[[dict[str, Any]], None]
+    controller: CellController, line: bytes, write: Callable[[Mapping[str, object]], None]
 ) -> None:
     request: Any = None
     try:
         request = parse_json(line)
         if request.get("ask") == "session":
-            reply: dict[str, Any] = {"ok": True, "session": controller.describe_session()}
+            reply: OrderReply = {"ok": True, "session": controller.describe_session()}
         elif request.get("ask") == ALIVE:
             reply = {"ok": True}
         else:
@@ -78,10 +79,10 @@ def _name_long_line() -> None:
     SUPERVISOR.note_failure("orders to the cell", LineTooLongError("an order"), running=True)
 
 
-def _make_writer() -> Callable[[dict[str, Any]], None]:
+def _make_writer() -> Callable[[Mapping[str, object]], None]:
     stream, lines = sys.stdout.buffer, LineWriter()
 
-    def write(message: dict[str, Any]) -> None:
+    def write(message: Mapping[str, object]) -> None:
         line = lines.line_of(message)
         with contextlib.suppress(BrokenPipeError):  # the reader is gone: standard input ends as well
             stream.write(line)

@@ -68,11 +68,18 @@ from cellcal.service.runs.launch import resume_run_on, start_run_on
 from cellcal.service.runs.open_cell import open_cell
 from cellcal.service.runs.run_procedure import RunConditions
 from cellcal.service.runs.settings import build_spec
+from cellcal.service.session_documents import (
+    CertificateDocument,
+    LiveValues,
+    OnCellEvent,
+    OrderReply,
+    OutcomeDocument,
+    SessionDocument,
+)
 from cellcal.service.watching.automatic_operator import AutomaticOperator
 from cellcal.service.watching.loss_response import WATCH, PreparedAnswer
 
 _log = logging.getLogger(__name__)
-Tell = Callable[[str, dict[str, Any]], None]  # "session" or "live", and its content
 PERIOD_S = 0.1
 _RETRY_S = 2.0
 _REPLIES_KEPT = 1000
@@ -89,7 +96,7 @@ class CellController:
     """One cell at work. `attend` keeps the devices and shows them; `obey` does what a screen orders."""
 
     def __init__(
-        self, config: CellConfig, tell: Tell, *, clock: Callable[[], float] = time.monotonic
+        self, config: CellConfig, tell: OnCellEvent, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._config, self._tell, self._clock = config, tell, clock
         self._operator = ScreenOperator(self._advance_revision)
@@ -108,14 +115,14 @@ class CellController:
         self._journal_end = ""  # in words, that it is missing
         self._run: RunStatus | None = None
         self._task: asyncio.Task[None] | None = None
-        self._replies: OrderedDict[str, asyncio.Task[dict[str, Any]]] = OrderedDict()
+        self._replies: OrderedDict[str, asyncio.Task[OrderReply]] = OrderedDict()
         self._orders: dict[str, tuple[str, Order]] = {}
         self._leave = asyncio.Event()
         self.rev = int(time.time() * 1000)  # a restart never repeats one
 
     # what screens see
 
-    def describe_session(self) -> dict[str, Any]:
+    def describe_session(self) -> SessionDocument:
         """Return everything that is not a live value."""
         run, prompt = self._run, self._operator.prompt
         return {
@@ -184,7 +191,7 @@ class CellController:
                 self._publish_live({"devices": []})
             await asyncio.sleep(_RETRY_S)
 
-    def _publish_live(self, live_values: dict[str, Any]) -> None:
+    def _publish_live(self, live_values: LiveValues) -> None:
         devices = [*live_values["devices"], *self._others.as_json()]
         if devices:
             self._tell("live", {"rev": self.rev, "at_s": time.time(), **live_values, "devices": devices})
@@ -255,7 +262,7 @@ class CellController:
 
     # orders
 
-    async def execute_command(self, command: SessionCommand) -> dict[str, Any]:
+    async def execute_command(self, command: SessionCommand) -> OrderReply:
         """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed.
 
         A stop is obeyed each time: no id and no revision keeps it back.
@@ -263,19 +270,28 @@ class CellController:
         if isinstance(command.order, HoldOrder | StopRun):
             return await self._execute_order(command)
         if command.id in self._replies and self._orders.get(command.id) != (command.who, command.order):
-            used = {"ok": False, "code": "desk.id_used", "message": "This press was used for another order."}
-            return {**used, "remedy": "Press again."}
+            return {
+                "ok": False,
+                "code": "desk.id_used",
+                "message": "This press was used for another order.",
+                "remedy": "Press again.",
+            }
         if command.id not in self._replies:
             if command.rev != self.rev and not isinstance(command.order, REVISION_FREE):
-                stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
-                return {**stale, "remedy": "Look at the present step.", "session": self.describe_session()}
+                return {
+                    "ok": False,
+                    "code": "desk.stale",
+                    "message": "The page was out of date.",
+                    "remedy": "Look at the present step.",
+                    "session": self.describe_session(),
+                }
             self._orders[command.id] = (command.who, command.order)
             self._replies[command.id] = asyncio.create_task(self._execute_order(command))
             while len(self._replies) > _REPLIES_KEPT:
                 self._orders.pop(self._replies.popitem(last=False)[0])
         return await asyncio.shield(self._replies[command.id])
 
-    async def _execute_order(self, command: SessionCommand) -> dict[str, Any]:
+    async def _execute_order(self, command: SessionCommand) -> OrderReply:
         try:
             await self._signer_roles.note_signers("" if self._run is None else self._run.run_id, command)
             await self._dispatch_order(command)
@@ -372,8 +388,8 @@ class CellController:
         with open_journal(self._config) as journal:
             body = {"who": who, "lines": list(order.lines)}
             journal.append(run.run_id, EventKind.SIGNED, body, key="signed", actor=who)
-        run.outcome |= await self._write_certificate(run.run_id)
-        run.outcome["signed"] = {"who": who, "at_s": time.time()}
+        certificate = await self._write_certificate(run.run_id)
+        run.outcome = {**run.outcome, **certificate, "signed": {"who": who, "at_s": time.time()}}
         self._advance_revision()
 
     def _select_robot(self, robot: str) -> None:
@@ -407,7 +423,9 @@ class CellController:
         """Start what the cell file allows; it answers what it can, and a person at any screen the rest."""
         if answer.procedure is None or self._is_busy:
             return
-        order = StartRun(op="start", procedure=answer.procedure, settings=answer.settings, hold_to_move=False)
+        order = StartRun(
+            op="start", procedure=answer.procedure, settings=dict(answer.settings), hold_to_move=False
+        )
         operator = AutomaticOperator(self._config.watch, cell.operator)
         with log_failures("recovery without a person"):  # the loss stays on the screen: a person decides
             self._launch_run(replace(cell, operator=operator), order, WATCH)
@@ -491,8 +509,8 @@ class CellController:
         self._run_in_progress.clear_run()
         return outcome
 
-    async def _outcome_to_json(self, outcome: RunOutcome) -> dict[str, Any]:
-        document: dict[str, Any] = to_jsonable_python(
+    async def _outcome_to_json(self, outcome: RunOutcome) -> OutcomeDocument:
+        document: OutcomeDocument = to_jsonable_python(
             {
                 "verdict": outcome.verdict,
                 "reason": outcome.reason,
@@ -502,9 +520,9 @@ class CellController:
                 "result": outcome.result,
             }
         )
-        return document | await self._write_certificate(outcome.run_id)
+        return {**document, **await self._write_certificate(outcome.run_id)}
 
-    async def _write_certificate(self, run_id: str) -> dict[str, Any]:
+    async def _write_certificate(self, run_id: str) -> CertificateDocument:
         """Write the certificate of a run as its journal now stands; say where, or why there is none."""
         try:
             issued = await asyncio.to_thread(issue_certificate, self._config, run_id)
@@ -533,5 +551,5 @@ class CellController:
         await asyncio.wait({task})
 
 
-def _outcome_fields(verdict: str, reason: str, remedy: str = "") -> dict[str, Any]:
+def _outcome_fields(verdict: str, reason: str, remedy: str = "") -> OutcomeDocument:
     return {"verdict": verdict, "reason": reason, "remedy": remedy}

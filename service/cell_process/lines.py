@@ -6,7 +6,7 @@ the same, names it, and goes on with the next.
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -57,7 +57,7 @@ class LineWriter:
     def __init__(self) -> None:
         self._logged: set[str] = set()
 
-    def line_of(self, message: dict[str, Any]) -> bytes:
+    def line_of(self, message: Mapping[str, object]) -> bytes:
         """Return the line, with its end."""
         line = _dumped(message)
         if len(line) <= LONGEST_LINE:
@@ -111,7 +111,7 @@ def _say_so(message: dict[str, Any], size: int) -> None:
             )
 
 
-def _bare(message: dict[str, Any]) -> dict[str, Any]:
+def _bare(message: Mapping[str, object]) -> Mapping[str, object]:
     """Return what is left where nothing can be shortened enough: a reply that says so, or live values of nothing."""
     error = LineTooLongError("the message")
     if "number" in message:

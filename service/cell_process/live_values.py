@@ -24,6 +24,7 @@ from cellcal.drivers.supervision import log_failures, message_and_remedy_of
 from cellcal.procedures.cell import Cell
 from cellcal.service.cell_process.recording_check import SETTLE_SIGMAS, ObservedMotion, SettleDetector
 from cellcal.service.runs.instruments import SharedInstrument, share_instruments, shared_instruments
+from cellcal.service.session_documents import DeviceDocument, LiveValues
 
 CONDITION_EVERY_S = 1.0
 STOP_EVERY_S = 0.15  # at every second look: a stopped robot is shown within half a second, in a run, too
@@ -59,7 +60,7 @@ class DeviceStatus:
         if not self.live and condition.readiness is not Readiness.UNREACHABLE:
             self.heard_at_s = now_s
 
-    def as_json(self, now_s: float, *, is_queried: bool = False) -> dict[str, Any]:
+    def as_json(self, now_s: float, *, is_queried: bool = False) -> DeviceDocument:
         """Return it for a screen: the value with its age, and what is wrong. ``is_queried``: by a run, just now."""
         condition = self.condition
         return {
@@ -132,7 +133,7 @@ class LivePoller:
         await asyncio.gather(*tasks, return_exceptions=True)
         self._looks.clear()
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> LiveValues:
         """Return the live message: newest values with their ages."""
         now_s = self._clock()
         others = (
@@ -198,7 +199,7 @@ def _initial_status(role: str, device: Any, cell: Cell) -> DeviceStatus:
     )
 
 
-def _value_of(reading: Any) -> dict[str, Any]:
+def _value_of(reading: Any) -> dict[str, object]:
     """Return a reading as a screen shows it."""
     if isinstance(reading, LengthReading):
         return {"length_m": reading.value_m, "sigma_m": reading.sigma_m}

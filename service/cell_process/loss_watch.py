@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from cellcal.drivers.errors import DeviceError
 from cellcal.procedures.cell import Cell
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.session_documents import LossDocument
 from cellcal.service.watching.follow import RobotWatches
 from cellcal.service.watching.loss_response import PreparedAnswer, answer_to
 from cellcal.service.watching.watch import PositionLoss
@@ -57,7 +57,7 @@ class LossWatch:
             del self._losses[robot]
             self._changed(robot)
 
-    def as_json(self) -> list[dict[str, Any]]:
+    def as_json(self) -> list[LossDocument]:
         """Return what was lost, and what is prepared for it."""
         return [
             {

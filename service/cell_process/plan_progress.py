@@ -10,6 +10,7 @@ from typing import Any
 
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.progress import StepProgress
+from cellcal.service.session_documents import PlanDocument
 
 SAME_RAD = 1e-6  # a move's end is the very pose of its plan
 _DIGITS = 5  # of a radian: a picture shows no less
@@ -42,7 +43,7 @@ class PlanProgress:
             self._measured |= {place for place in [self._current_pose_index()] if place is not None}
             self._goal_rad = None
 
-    def as_json(self) -> dict[str, Any] | None:
+    def as_json(self) -> PlanDocument | None:
         """Return it for a screen; None where no plan is under way."""
         if not self._poses:
             return None

@@ -21,6 +21,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import changes_text, cure_text, frame_changes
 from cellcal.procedures.steps.meters import MeterFigure, MeterReading, read_meter
 from cellcal.service.cell_process.screen_operator import Prompt
+from cellcal.service.session_documents import RecordingDocument, SettleDocument
 
 SETTLE_S = 1.0
 SETTLE_SIGMAS = 2.0  # of the gauge: a resting wire scatters by less, a swinging one by more
@@ -64,7 +65,7 @@ class SettleDetector:
             return False
         return now_s - self._calm_since_s >= SETTLE_S
 
-    def as_json(self, now_s: float) -> dict[str, Any]:
+    def as_json(self, now_s: float) -> SettleDocument:
         """Return it for a screen."""
         return {"std_m": self.std_m, "limit_m": self.limit_m, "settled": self.is_settled(now_s)}
 
@@ -121,7 +122,7 @@ class RecordingCheck:
             words = self.words or "this cannot be recorded just now"
             raise NotYetError(words, code=self.why, remedy=self.remedy)
 
-    def as_json(self) -> dict[str, Any] | None:
+    def as_json(self) -> RecordingDocument | None:
         """Return it for a screen; None while nothing is recorded."""
         if not self.prompt_id:
             return None

@@ -1,12 +1,12 @@
 """What a screen knows of the run under way: its steps as planned, where it stands, how it ended."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from cellcal.procedures.procedure_definition import Phase, with_planned_counts
 from cellcal.procedures.progress import StepProgress
 from cellcal.service.cell_process.plan_progress import PlanProgress
 from cellcal.service.cell_process.remaining_time import RemainingTime
+from cellcal.service.session_documents import OutcomeDocument, RunDocument, RunEventDocument
 
 _MOST_EVENTS = 200  # events; the journal has them all
 
@@ -24,11 +24,11 @@ class RunStatus:
     step: str = ""
     index: int = 0
     expected: int = 0
-    events: list[dict[str, Any]] = field(default_factory=list)
+    events: list[RunEventDocument] = field(default_factory=list)
     found: list[str] = field(
         default_factory=list
     )  # of a run that goes on, from its journal: before it is replayed
-    outcome: dict[str, Any] | None = None
+    outcome: OutcomeDocument | None = None
     hold_to_move: bool = False
     does: str = ""  # what the present step does: read, move, write, solve
     instrument: str = ""  # the role of the one that was asked for a reading last
@@ -69,7 +69,7 @@ class RunStatus:
         )
         del self.events[:-_MOST_EVENTS]
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> RunDocument:
         """Return it for a screen."""
         return {
             "id": self.run_id,

@@ -2,12 +2,13 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.instruction_page import InstructionPage, StepKind, page_of
+from cellcal.service.session_documents import PromptDocument
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +24,18 @@ class Prompt:
     page: StepKind = "ask"
     data: Mapping[str, Any] = field(default_factory=dict)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PromptDocument:
         """Return it for a screen."""
-        return {**{f.name: getattr(self, f.name) for f in fields(self)}, "data": dict(self.data)}
+        return {
+            "id": self.id,
+            "kind": self.kind,
+            "key": self.key,
+            "text": self.text,
+            "unit": self.unit,
+            "step": self.step,
+            "page": self.page,
+            "data": dict(self.data),
+        }
 
 
 class StalePromptError(RefusedError):

@@ -16,6 +16,7 @@ from cellcal.drivers.supervision import start_task
 from cellcal.service.cell_process.live_values import DeviceStatus
 from cellcal.service.cell_process.loss_watch import LossWatch
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.session_documents import DeviceDocument
 from cellcal.service.watching.follow import RobotListener, follow_robot
 
 _log = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class UnselectedRobots:
         for name in list(self._tasks):
             await self._stop_robot(name)
 
-    def as_json(self) -> list[dict[str, Any]]:
+    def as_json(self) -> list[DeviceDocument]:
         """Return how they are, as devices of the live message."""
         now_s = self._clock()
         return [shown.as_json(now_s) for shown in self._shown.values()]

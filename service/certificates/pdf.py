@@ -7,7 +7,7 @@ other scripts take a font of this computer; where none has the characters, nothi
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import orjson
 import typst
@@ -89,7 +89,7 @@ def _load_fonts(*, of_computer: bool) -> typst.Fonts:
     return typst.Fonts(include_system_fonts=of_computer, include_embedded_fonts=True)
 
 
-def _as_data(page: CertificatePage) -> dict[str, Any]:
+def _as_data(page: CertificatePage) -> dict[str, object]:
     day = read_time(page.ended_utc)
     return asdict(page) | {"day": [day.year, day.month, day.day]}
 

@@ -93,7 +93,7 @@ def _print_list(console: "Console", found: "Sequence[CatalogueEntry]") -> None:
     console.print(f"Robots: {len(shown)}, makers: {makers}.")
 
 
-def _as_row(entry: "CatalogueEntry") -> dict[str, Any]:
+def _as_row(entry: "CatalogueEntry") -> dict[str, object]:
     row = {"name": entry.name, "title": entry.title, "maker": entry.maker, "family": entry.family}
     row |= {"kind": entry.kind, "licence": entry.licence}
     return {**row, "axes": entry.axes, "doubts": entry.doubts, "withheld": entry.withheld or None}

@@ -2,7 +2,7 @@
 
 import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -362,7 +362,7 @@ def _print_saved(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool
     return 0
 
 
-def _head_to_json(item: "ParameterSet") -> dict[str, Any]:
+def _head_to_json(item: "ParameterSet") -> dict[str, object]:
     keys = (
         "robot_serial", "version", "model", "made_at", "made_by", "source", "note",
         "rolls_back_to", "factory_hash", "sha256",
@@ -370,7 +370,7 @@ def _head_to_json(item: "ParameterSet") -> dict[str, Any]:
     return {key: getattr(item, key) for key in keys}
 
 
-def _change_to_json(change: "ParameterChange") -> dict[str, Any]:
+def _change_to_json(change: "ParameterChange") -> dict[str, object]:
     values = {
         key: None if value is None else value.value
         for key, value in (("before", change.before), ("after", change.after))

@@ -1,7 +1,8 @@
 """``cellcal procedures`` and ``cellcal run --dry-run``: what is possible here, and what a run would do."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.text import Text
@@ -109,7 +110,7 @@ def _print_settings(procedure: str, config: "CellConfig | None", robot: str | No
 
 
 def print_dry_run(
-    config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], *, as_json: bool
+    config: "CellConfig", procedure: str, robot: str | None, settings: Mapping[str, object], *, as_json: bool
 ) -> int:
     """Print a dry run; return 0 where the cell lacks nothing."""
     from pydantic_core import to_jsonable_python

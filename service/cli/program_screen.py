@@ -173,7 +173,9 @@ def print_status(found: Sequence["ProgramInCell"], refused: Sequence["RefusedPro
             console.print(f"* {one.program} in {one.cell}: {one.note}", markup=False)
 
 
-def status_as_object(found: Sequence["ProgramInCell"], refused: Sequence["RefusedProgram"]) -> dict[str, Any]:
+def status_as_object(
+    found: Sequence["ProgramInCell"], refused: Sequence["RefusedProgram"]
+) -> dict[str, object]:
     """Return the same for JSON."""
     return {
         "programs": [

@@ -8,11 +8,11 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 
 
-def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
+def settings_of(pairs: tuple[str, ...]) -> dict[str, object]:
     """Return KEY=VALUE pairs as a spec's settings; CellError for what is none, twice there or no finite number."""
     from cellcal.calibration.errors import CellError
 
-    settings: dict[str, Any] = {}
+    settings: dict[str, object] = {}
     for pair in pairs:
         key, separator, text = pair.partition("=")
         if not separator or not key:

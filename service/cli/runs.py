@@ -1,6 +1,7 @@
 """``cellcal run | runs | show | resume``: do it, and look at what was done."""
 
 import asyncio
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -287,7 +288,7 @@ async def run_live(
     config: "CellConfig",
     procedure: str,
     robot: str | None,
-    settings: dict[str, Any],
+    settings: Mapping[str, object],
     answers: Path | None,
     *,
     accept_missing_end: bool = False,

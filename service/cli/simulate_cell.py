@@ -1,7 +1,8 @@
 """``cellcal simulate-cell``: a simulated cell made like the real one, from files of tag points; no device needed."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
@@ -64,7 +65,7 @@ def robot(  # noqa: PLR0913  a command's options are its arguments
     accuracy_class
         Of the limits: A, B or C.
     """
-    settings: dict[str, Any] = {
+    settings: dict[str, object] = {
         "model": model, "tip_link": tip_link, "level": level, "accuracy_class": accuracy_class,
     }  # fmt: skip
     if urdf is not None:
@@ -174,7 +175,7 @@ def export(
 def _calibrate_part(
     part: str,
     files: tuple[Path, Path],
-    settings: dict[str, Any],
+    settings: Mapping[str, object],
     options: tuple[tuple[str, ...], tuple[str, ...]],
 ) -> "tuple[CalibratedPart, SimulationCell]":
     from cellcal.procedures.simulation_cell import calibrate_part

@@ -1,7 +1,8 @@
 """``cellcal watch``: follow a cell's encoders, and recover or offer it."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
@@ -67,7 +68,7 @@ async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
 
 
 async def _recover_unattended(
-    config: "CellConfig", robot: str, procedure: str, settings: dict[str, Any]
+    config: "CellConfig", robot: str, procedure: str, settings: Mapping[str, object]
 ) -> None:
     """Run the recovery; whatever keeps it from ending is said, and the watch goes on."""
     from rich.markup import escape

@@ -1,7 +1,8 @@
 """The shapes of arm and cell from a TOML file, in millimetres and degrees as people measure them."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def read_cell_shape(
         raise CellShapeError(f"{path}: {refused.message}") from refused
 
 
-def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
+def surroundings_of(data: Mapping[str, object], where: str) -> Surroundings:
     """Read the same keys from a table, ``[robot.space]`` of a cell file; ``where`` names it in errors.
 
     Raises
@@ -106,7 +107,7 @@ def check_shapes(model_name: str, surroundings: Surroundings) -> None:
         clearance_check(model_name, surroundings)
 
 
-def _read_capsule(table: dict[str, Any], where: str) -> LinkCapsule:
+def _read_capsule(table: Mapping[str, object], where: str) -> LinkCapsule:
     _check_keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), where)
     if type(table["link"]) is not int:
         raise CellShapeError(f"{where}: link is a whole number, 0 for the base")
@@ -116,7 +117,7 @@ def _read_capsule(table: dict[str, Any], where: str) -> LinkCapsule:
     )
 
 
-def _read_box(table: dict[str, Any], where: str) -> BoxBlock:
+def _read_box(table: Mapping[str, object], where: str) -> BoxBlock:
     _check_keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, where)
     angles = np.deg2rad(_read_triple(table, "rpy_deg", where)) if "rpy_deg" in table else np.zeros(3)
     centre = np.array(_read_place(table, "centre_in_base_mm", where))
@@ -125,7 +126,7 @@ def _read_box(table: dict[str, Any], where: str) -> BoxBlock:
     return BoxBlock(str(table["name"]), base_box, size)
 
 
-def _read_sphere(table: dict[str, Any], where: str) -> SphereObstacle:
+def _read_sphere(table: Mapping[str, object], where: str) -> SphereObstacle:
     _check_keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), where)
     return SphereObstacle(
         str(table["name"]),
@@ -134,20 +135,20 @@ def _read_sphere(table: dict[str, Any], where: str) -> SphereObstacle:
     )
 
 
-def _read_plane(table: dict[str, Any], where: str) -> PlaneObstacle:
+def _read_plane(table: Mapping[str, object], where: str) -> PlaneObstacle:
     _check_keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), where)
     x, y, z = _read_triple(table, "normal_in_base", where)
     return PlaneObstacle(str(table["name"]), _read_place(table, "point_in_base_mm", where), (x, y, z))
 
 
-def _read_tables(data: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+def _read_tables(data: Mapping[str, object], key: str, where: str) -> list[Mapping[str, object]]:
     tables = data.get(key, [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise CellShapeError(f"{where}: {key} is written as [[{key}]]")
     return tables
 
 
-def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], where: str) -> None:
+def _check_keys(table: Mapping[str, object], required: set[str], optional: set[str], where: str) -> None:
     missing, unknown = required - table.keys(), table.keys() - required - optional
     if missing or unknown:
         raise CellShapeError(
@@ -155,23 +156,24 @@ def _check_keys(table: dict[str, Any], required: set[str], optional: set[str], w
         )
 
 
-def _read_place(table: dict[str, Any], key: str, where: str) -> Place:
+def _read_place(table: Mapping[str, object], key: str, where: str) -> Place:
     x, y, z = (value / 1e3 for value in _read_triple(table, key, where))
     return x, y, z
 
 
-def _read_triple(table: dict[str, Any], key: str, where: str) -> list[float]:
+def _read_triple(table: Mapping[str, object], key: str, where: str) -> list[float]:
     values = table[key]
     if not isinstance(values, list) or len(values) != 3 or not all(_is_number(v) for v in values):
         raise CellShapeError(f"{where}: {key} is three finite numbers")
     return [float(v) for v in values]
 
 
-def _read_number(table: dict[str, Any], key: str, where: str) -> float:
-    if not _is_number(table[key]):
+def _read_number(table: Mapping[str, object], key: str, where: str) -> float:
+    value = table[key]
+    if not _is_number(value):
         raise CellShapeError(f"{where}: {key} is a finite number")
-    return float(table[key])
+    return float(value)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return type(value) in (int, float) and bool(np.isfinite(value))  # type: ignore[call-overload]  # type() checked

@@ -86,7 +86,7 @@ def plan_demo_arm(reference: str) -> DemoArm:
     return DemoArm(model, best.joints_rad, anchor, mouth, wire.range_m, floor, best.link_radius_m)
 
 
-def describe_arms(cell_file: Path) -> dict[str, Any]:
+def describe_arms(cell_file: Path) -> dict[str, dict[str, object]]:
     """Return what the fakes are told of the robots that a cell file names, by their names in it.
 
     Raises
@@ -110,7 +110,7 @@ def describe_arms(cell_file: Path) -> dict[str, Any]:
     return found
 
 
-def described(model: RobotModel, park_deg: list[float], *, drives: bool) -> dict[str, Any]:
+def described(model: RobotModel, park_deg: list[float], *, drives: bool) -> dict[str, object]:
     """Return what the fakes are told of one arm."""
     table = dh_of_chain(model)
     rows = np.column_stack(

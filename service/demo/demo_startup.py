@@ -2,12 +2,13 @@
 
 import asyncio
 import itertools
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.demo.fake_cell import QUICKLY
 from cellcal.service.demo.faults import ROBOT
 from cellcal.service.demo.web_routes import DemoCellProcessClient
+from cellcal.service.session_documents import SessionDocument
 
 _WHO = "demo"
 _PATIENCE_S = 120.0
@@ -37,21 +38,23 @@ class DemoStartup:
 
     async def _take_record(self) -> None:
         await self._wait_until(lambda session: session["connection"]["connected"])
-        settings: dict[str, Any] = {"procedure": "mastering_record", "settings": {}, "hold_to_move": False}
+        settings = {"procedure": "mastering_record", "settings": {}, "hold_to_move": False}
         await self._send_order({"op": "start", **settings})
         while (await self._wait_until(lambda session: session["prompt"] or _has_ended(session)))["prompt"]:
-            prompt = (self._link.session or {}).get("prompt")
+            session = self._link.session
+            prompt = None if session is None else session["prompt"]
             if prompt is not None:
                 await self._send_order({"op": "answer", "prompt_id": prompt["id"], "value": "yes"})
         await self._send_order({"op": "dismiss"})
 
-    async def _send_order(self, order: dict[str, Any]) -> None:
-        session = self._link.session or {"rev": 0}
+    async def _send_order(self, order: Mapping[str, object]) -> None:
+        session = self._link.session
+        rev = 0 if session is None else session["rev"]
         await self._link.send_order(
-            {"id": f"opening {next(self._numbers)}", "rev": session["rev"], "who": _WHO, "order": order}
+            {"id": f"opening {next(self._numbers)}", "rev": rev, "who": _WHO, "order": order}
         )
 
-    async def _wait_until(self, true: Any) -> dict[str, Any]:
+    async def _wait_until(self, true: Callable[[SessionDocument], object]) -> SessionDocument:
         while True:
             session = self._link.session
             if session is not None and session["robot"] == ROBOT and true(session):
@@ -59,5 +62,5 @@ class DemoStartup:
             await asyncio.sleep(_LOOK_S)
 
 
-def _has_ended(session: dict[str, Any]) -> bool:
+def _has_ended(session: SessionDocument) -> bool:
     return session["run"] is None or session["run"]["state"] == "ended"

@@ -1,7 +1,7 @@
 """What can be made to happen to the demo's cell, one button each; the words are the pages'."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.demo.fake_cell_client import FakeCellClient
@@ -18,7 +18,7 @@ class DemoFault:
     kind: str
     device: str
     fault: str
-    arguments: dict[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, object] = field(default_factory=dict)
 
 
 DEMO_FAULTS = (
@@ -61,7 +61,7 @@ DEMO_FAULTS = (
 _BY_NAME = {mishap.name: mishap for mishap in DEMO_FAULTS}
 
 # A lost zero is not among them: that is what cellcal is for.
-_CLEARING_FAULTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
+_CLEARING_FAULTS: tuple[tuple[str, str, Mapping[str, object]], ...] = (
     (ROBOT, "release_emergency_stop", {}),
     (ROBOT, "auto_mode", {}),
     (ROBOT, "select", {"tool": 1}),

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,7 +110,7 @@ async def run_recovery_demo(folder: Path, scenario: DemoScenario) -> DemoReport:
     return _build_report(scenario, demo_outcome)
 
 
-_FAULTS: dict[str, tuple[str, dict[str, Any], str]] = {
+_FAULTS: dict[str, tuple[str, Mapping[str, object], str]] = {
     "turns": ("battery_loss", {"axes": "all"}, "the encoder battery is pulled, and the arm sags a little"),
     "all": ("reference_loss", {}, "every encoder loses its reference"),
     "crash": ("crash", {}, "the arm hits something, bends, and loses its encoder battery"),
@@ -120,7 +120,7 @@ _FAULTS: dict[str, tuple[str, dict[str, Any], str]] = {
 }
 
 
-def fault_of(loss: str) -> tuple[str, dict[str, Any]]:
+def fault_of(loss: str) -> tuple[str, Mapping[str, object]]:
     """Return the world's fault for a loss: turns, motor:J3, all, crash, memory, backup, swap."""
     if loss in _FAULTS:
         return _FAULTS[loss][:2]
@@ -196,7 +196,7 @@ async def _lose_and_notice(
     config: CellConfig,
     cell: Cell,
     fake_cell: FakeCellClient,
-    fault: tuple[str, dict[str, Any]],
+    fault: tuple[str, Mapping[str, object]],
     scenario: DemoScenario,
 ) -> PositionLoss:
     """Let the watch follow the healthy robot, pull the plug behind its back, and wait until it says so."""

@@ -1,7 +1,6 @@
 """What the demo found, as the one object of ``cellcal demo --json``."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from cellcal.service.demo.timing import RobotTime
 
@@ -42,7 +41,7 @@ class DemoReport:
     clock: RobotTime | None = None  # of the whole recovery
     gate: tuple[tuple[str, bool, str], ...] = field(default=())
 
-    def as_object(self) -> dict[str, Any]:
+    def as_object(self) -> dict[str, object]:
         """Return the object of ``--json``."""
         return {
             "loss": self.loss,

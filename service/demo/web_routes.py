@@ -4,7 +4,6 @@ These routes are there in a demo only. They command no robot: they change the wo
 """
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +19,7 @@ from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.demo.faults import DEMO_FAULTS, ROBOT, clear_faults, trigger_fault
 from cellcal.service.demo.jogging import can_jog, jog_for
 from cellcal.service.demo.technician_actions import perform_instruction
+from cellcal.service.session_documents import CommandDocument, OnCellEvent, OrderReply, PromptDocument
 from cellcal.service.web.cell_client import CellProcessClient
 from cellcal.service.web.dependencies import Who, app_context
 
@@ -87,16 +87,14 @@ class DemoWorld:
 class DemoCellProcessClient(CellProcessClient):
     """The line to the desk, with hands: what a person says is done at the cabinet is done in the world first."""
 
-    def __init__(
-        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None], world: DemoWorld
-    ) -> None:
+    def __init__(self, cell_file: Path, on_event: OnCellEvent, world: DemoWorld) -> None:
         super().__init__(cell_file, on_event)
         self.world = world
 
-    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: CommandDocument) -> OrderReply:
         """Send a command; before a yes to an instruction, do what it asks for."""
-        if self._is_yes(command):
-            prompt = (self.session or {})["prompt"]
+        prompt = None if self.session is None else self.session["prompt"]
+        if prompt is not None and self._is_yes(command, prompt):
             done = await perform_instruction(self.world.fake_cell, prompt["key"], prompt["text"])
             if done:
                 self.world.record_press(f"hand_{done}")
@@ -105,8 +103,10 @@ class DemoCellProcessClient(CellProcessClient):
     @property
     def jog_target(self) -> tuple[str, str, str] | None:
         """Robot, procedure and key of what is asked, where the technician can jog the arm there; else None."""
-        session = self.session or {}
-        run, prompt = session.get("run"), session.get("prompt")
+        session = self.session
+        if session is None:
+            return None
+        run, prompt = session["run"], session["prompt"]
         if run is None or prompt is None:
             return None
         target = session["robot"], run["procedure"], prompt["key"]
@@ -124,13 +124,12 @@ class DemoCellProcessClient(CellProcessClient):
         await jog_for(self.world.fake_cell, *target, self.world.rng)
         self.world.record_press(JOGGED)
 
-    def _is_yes(self, command: dict[str, Any]) -> bool:
+    def _is_yes(self, command: CommandDocument, prompt: PromptDocument) -> bool:
         """Whether the desk will take this as the answer to what it asks just now."""
-        order, session = command["order"], self.session or {}
-        prompt = session.get("prompt")
+        order, session = command["order"], self.session
         return (
-            order["op"] == "answer"
-            and prompt is not None
+            session is not None
+            and order["op"] == "answer"
             and prompt["kind"] == "confirm"
             and prompt["id"] == order["prompt_id"]
             and session["rev"] == command["rev"]
@@ -148,9 +147,7 @@ class DemoExtension:
         """The routes of the demo's bar."""
         return router
 
-    def make_link(
-        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]
-    ) -> CellProcessClient:
+    def make_link(self, cell_file: Path, on_event: OnCellEvent) -> CellProcessClient:
         """Return a line to the cell's process that does in the world what a person says was done."""
         return DemoCellProcessClient(cell_file, on_event, DemoWorld(self.fake_cell))
 

@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from cellcal.calibration.errors import CellError
-from cellcal.drivers.supervision import SUPERVISOR
+from cellcal.drivers.supervision import SUPERVISOR, TroubleDocument
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.exposition import MetricFamily, render_text
+from cellcal.service.session_documents import DeviceDocument, EventContent, LiveDocument, SessionDocument
 from cellcal.service.times import read_time
 
 CONTROLLER_SILENT_S = 5.0
@@ -40,20 +41,20 @@ class CellMetrics:
 
     def __init__(self, config: CellConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._config, self._clock = config, clock
-        self._session: dict[str, Any] | None = None
-        self._live: dict[str, Any] | None = None
+        self._session: SessionDocument | None = None
+        self._live: LiveDocument | None = None
         self._heard_at_s = float("-inf")
         self._counted = _RunCounts()
         self._ledger: Any = None
         self._reading = threading.Lock()
         self._reminder: Any = None
 
-    def on_event(self, kind: str, content: dict[str, Any]) -> None:
+    def on_event(self, kind: str, content: EventContent) -> None:
         """Take what the desk said."""
         if kind == "session":
-            self._session = content
+            self._session = cast(SessionDocument, content)
         elif kind == "live":
-            self._live = content
+            self._live = cast(LiveDocument, content)
         elif kind == "gone":
             self._session = self._live = None
         self._heard_at_s = self._clock()
@@ -88,10 +89,10 @@ class CellMetrics:
         yield MetricFamily(
             "cellcal_cell_up", "gauge", "Whether the cell's devices are connected."
         ).add_sample(connected)
-        run = (session or {}).get("run") or {}
-        active = run.get("state") not in (None, "ended")
+        run = None if session is None else session["run"]
+        active = run is not None and run["state"] != "ended"
         yield MetricFamily("cellcal_run_active", "gauge", "Whether a run is under way.").add_sample(active)
-        asks = bool((session or {}).get("prompt"))
+        asks = session is not None and session["prompt"] is not None
         yield MetricFamily("cellcal_waits_for_person", "gauge", "Whether a question is open.").add_sample(
             asks
         )
@@ -100,8 +101,8 @@ class CellMetrics:
             key = (("code", alarm.code),)
             alarms.samples[key] = alarms.samples.get(key, 0.0) + 1.0
         yield alarms if alarms.samples else alarms.add_sample(0, {"code": "any"})
-        yield from _device_metrics((live or {}).get("devices", []))
-        yield from _task_metrics((session or {}).get("troubles", []))
+        yield from _device_metrics([] if live is None else live["devices"])
+        yield from _task_metrics([] if session is None else session["troubles"])
 
     def _read_on(self) -> bool:
         from cellcal.service.record.journal_files import journal_path  # noqa: PLC0415  heavy: not while the service starts
@@ -211,7 +212,7 @@ class CellMetrics:
         yield sent.add_sample(standing.delivered)
 
 
-def _task_metrics(of_the_cell: list[dict[str, Any]]) -> Iterator[MetricFamily]:
+def _task_metrics(of_the_cell: list[TroubleDocument]) -> Iterator[MetricFamily]:
     failing = MetricFamily("cellcal_task_failing", "gauge", "Long-lived tasks that fail just now; 1 each.")
     for trouble in [*(trouble.to_json() for trouble in SUPERVISOR.list_troubles()), *of_the_cell]:
         failing.samples[(("task", trouble["task"]),)] = float(not trouble["running"])
@@ -221,7 +222,7 @@ def _task_metrics(of_the_cell: list[dict[str, Any]]) -> Iterator[MetricFamily]:
     yield failed.add_sample(sum(counts.values()), {"task": "any"})
 
 
-def _device_metrics(devices: list[dict[str, Any]]) -> Iterator[MetricFamily]:
+def _device_metrics(devices: list[DeviceDocument]) -> Iterator[MetricFamily]:
     ready = MetricFamily("cellcal_device_ready", "gauge", "Whether a device is ready.")
     state = MetricFamily("cellcal_device_state", "gauge", "The state of a device; always 1.")
     age = MetricFamily(

@@ -2,11 +2,11 @@
 
 import asyncio
 from pathlib import Path
-from typing import Any
 
 from cellcal.drivers.supervision import log_failures
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.cell_metrics import CellMetrics
+from cellcal.service.session_documents import EventContent
 from cellcal.service.site.forwarding_process import ForwardingProcess
 
 _SITE, _WEBHOOK = "cellcal.service.site.publisher", "cellcal.service.export.webhook_sender"
@@ -22,7 +22,7 @@ class EventSinks:
         ]
         self.meter = CellMetrics(config)
 
-    def on_event(self, kind: str, content: dict[str, Any]) -> None:
+    def on_event(self, kind: str, content: EventContent) -> None:
         """Pass on what the desk said."""
         with log_failures("figures of the cell"):
             self.meter.on_event(kind, content)

@@ -76,7 +76,7 @@ def _add_channel(writer: Any, name: str) -> int:
     return channel
 
 
-def _run_messages(view: RunView, events: list[JournalEvent]) -> Iterator[tuple[str, int, dict[str, Any]]]:
+def _run_messages(view: RunView, events: list[JournalEvent]) -> Iterator[tuple[str, int, dict[str, object]]]:
     head = {key: getattr(view, key) for key in ("run_id", "procedure", "state")}
     yield "run", _to_nanoseconds(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
     for event in events:

@@ -7,12 +7,12 @@ twice nor forgets to say that it is over.
 import json
 import sqlite3
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.webhook_target import WebhookError
@@ -162,7 +162,7 @@ class WebhookOutbox:
             raise
 
 
-def event_body(kind: str, data: dict[str, Any]) -> bytes:
+def event_body(kind: str, data: Mapping[str, object]) -> bytes:
     """Return the body of an event: {type, timestamp, data}."""
     return json.dumps({"type": kind, "timestamp": _utc_now(), "data": data}, allow_nan=False).encode()
 

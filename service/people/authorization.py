@@ -2,12 +2,12 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
 
 from cellcal.service.cell_process.messages import AnswerPrompt, Order
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PeopleError, PinAgainError, SecondPersonError
 from cellcal.service.people.roles import OrderNeed, Right, Role, need_of
+from cellcal.service.session_documents import QuestionContext, QuestionDocument
 
 _MOST_PASSED = 200
 
@@ -45,7 +45,7 @@ class OrderAuthorizer:
         self._behind: dict[str, tuple[tuple[str, str], ...]] = {}  # names and roles
 
     def authorize(
-        self, person: Person, press: str, rev: int, order: Order, session: dict[str, Any] | None
+        self, person: Person, press: str, rev: int, order: Order, session: QuestionContext | None
     ) -> str:
         """Return the name in which the order may go to the desk.
 
@@ -81,7 +81,7 @@ class OrderAuthorizer:
         return [{"name": name, "role": role} for name, role in self._behind.get(who, ())]
 
     def is_second_approval(
-        self, person: Person, order: Order, rev: int, session: dict[str, Any] | None
+        self, person: Person, order: Order, rev: int, session: QuestionContext | None
     ) -> bool:
         """Whether an order is the second approval that a first person's waits for: at any screen it counts."""
         if not isinstance(order, AnswerPrompt) or session is None or session["rev"] != rev:
@@ -99,7 +99,7 @@ class OrderAuthorizer:
         """The approval that waits for a second person's; an empty one where none does."""
         return self._first
 
-    def _approve_second(self, person: Person, prompt: dict[str, Any]) -> str:
+    def _approve_second(self, person: Person, prompt: QuestionDocument) -> str:
         before, question_text = self._first, _prompt_text(prompt)
         if before.question_text == question_text and before.name != person.name:
             self._first = _NONE
@@ -114,15 +114,15 @@ def _effective_role(person: Person) -> str:
     return CONSOLE_ROLE if person.alone else person.role.value
 
 
-def _prompt_text(prompt: dict[str, Any]) -> str:
+def _prompt_text(prompt: QuestionDocument) -> str:
     return str(sorted(prompt.items()))
 
 
-def _answered_prompt(order: AnswerPrompt, rev: int, session: dict[str, Any] | None) -> dict[str, Any]:
+def _answered_prompt(order: AnswerPrompt, rev: int, session: QuestionContext | None) -> QuestionDocument:
     prompt = None if session is None or session["rev"] != rev else session["prompt"]
     if prompt is None or prompt["id"] != order.prompt_id:
         raise StaleViewError
-    return dict(prompt)
+    return prompt
 
 
 def _refuse_order(person: Person, need: OrderNeed) -> None:

@@ -8,7 +8,6 @@ unanswered for half a minute is granted when the page that made it asks again: o
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from cellcal.service.people.errors import ElsewhereError
 
@@ -100,7 +99,7 @@ class SessionControl:
         if self._holder is not None and self._holder.id == session_id:
             self._holder = None
 
-    def to_json(self, session_id: str) -> dict[str, Any]:
+    def to_json(self, session_id: str) -> dict[str, object]:
         """Return it as the screen of one seat shows it."""
         asking = self.takeover_requester
         return {

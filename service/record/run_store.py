@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypedDict
 
 from pydantic import TypeAdapter
 
@@ -180,7 +180,17 @@ class RunStore:
         self._journal.append(f"import-{body['sha256'][:12]}", EventKind.STORED, body, actor=actor)
 
 
-def stored_body(what: str, subject: str, robot_serial: str, value: Any) -> dict[str, Any]:
+class StoredBody(TypedDict):
+    """The body of a STORED event: a value that outlives its run, with its hash."""
+
+    what: str
+    subject: str
+    robot_serial: str
+    value: Any
+    sha256: str
+
+
+def stored_body(what: str, subject: str, robot_serial: str, value: Any) -> StoredBody:
     """Return the body of a STORED event."""
     return {
         "what": what,

@@ -35,7 +35,7 @@ def make_handlers(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
     }
 
 
-def answer_to(handlers: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
+def answer_to(handlers: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, object]:
     """Return the answer to one line, or why there is none."""
     question = parse_json(line)
     try:

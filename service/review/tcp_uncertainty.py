@@ -5,7 +5,7 @@ calibration). A part that was not measured is named, never guessed.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -47,7 +47,7 @@ def tip_uncertainty(
         found[TOOL] = turn @ _tip_covariance(tool.value) @ turn.T
     if arm is not None:
         found[ARM] = _of_arm(reviewer, arm, joints, tip)
-    shape = _ellipsoid_to_json(sum(found.values(), np.zeros((3, 3)))) if found else {}
+    shape: EllipsoidShape = _ellipsoid_to_json(sum(found.values(), np.zeros((3, 3)))) if found else {}
     runs = tuple(result.run_id for result in (tool, arm) if result is not None)
     return TipUncertainty(tuple(joints.tolist()), tip, tuple(found), runs=runs, **shape)
 
@@ -88,7 +88,14 @@ def _of_arm(
     return found
 
 
-def _ellipsoid_to_json(covariance_m2: Array) -> dict[str, Any]:
+class EllipsoidShape(TypedDict, total=False):
+    """Semi-axes [m] of an ellipsoid, and their directions in the base as a matrix, row by row."""
+
+    semi_axes_m: tuple[float, ...]
+    base_ellipsoid: tuple[float, ...]
+
+
+def _ellipsoid_to_json(covariance_m2: Array) -> EllipsoidShape:
     values, axes = np.linalg.eigh(covariance_m2)
     axes = axes[:, ::-1]
     axes[:, 2] *= np.sign(np.linalg.det(axes))

@@ -1,6 +1,7 @@
 """Reach every device of a cell and say what is missing, before anybody relies on it."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
+from cellcal.drivers.registry import RobotConfig
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, JournalDamage
@@ -60,18 +62,23 @@ class CellCheckReport:
         """Whether a device was skipped because it is in use."""
         return any(device.state == IN_USE for device in self.devices)
 
-    def as_object(self) -> dict[str, Any]:
+    def as_object(self) -> dict[str, object]:
         """Return the report for ``--json``."""
         return {**asdict(self), "all_reached": self.all_reached}
 
 
 async def check_cell(config: CellConfig) -> CellCheckReport:
     """Reach all devices at once; an unreachable one is a line of the report, not an end."""
-    pairs: list[tuple[Any, str]] = [(robot, robot.serial) for robot in config.robots]
-    pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.gauges]
+    folder = lease_folder(config)
+    pairs: list[tuple[Any, str]] = [
+        (entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.gauges
+    ]
     pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.trackers]
     pairs += [(entry.device, config.robot_named(entry.setup.robot).serial) for entry in config.probes]
-    devices = await asyncio.gather(*(_check_device(*pair, lease_folder(config)) for pair in pairs))
+    devices = await asyncio.gather(
+        *(_check_device(robot, robot.serial, folder, _report_robot) for robot in config.robots),
+        *(_check_device(*pair, folder, _report_device) for pair in pairs),
+    )
     with open_journal(config) as journal:
         damage = journal_flaw(config, journal)
         if damage:
@@ -99,7 +106,9 @@ def describe_damage(damage: JournalDamage) -> str:
     )
 
 
-async def _check_device(config: Any, robot: str, directory: Path) -> DeviceReport:
+async def _check_device(
+    config: Any, robot: str, directory: Path, report_on: Callable[[Any, Any], Awaitable[DeviceReport]]
+) -> DeviceReport:
     if is_held(directory, robot, DEVICES):
         return DeviceReport(
             config.name,
@@ -109,17 +118,19 @@ async def _check_device(config: Any, robot: str, directory: Path) -> DeviceRepor
         )
     try:
         async with config.open() as device:
-            report = await _report_device(device)
-            return report if not report.is_ready else await _hold_against_model(device, config, report)
+            return await report_on(device, config)
     except DeviceError as error:
         return DeviceReport(config.name, Readiness.UNREACHABLE, error.message, error.remedy)
 
 
-async def _hold_against_model(device: Any, config: Any, report: DeviceReport) -> DeviceReport:
+async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
+    report = await _report_device(device, config)
+    report = replace(report, keeps_mastering=device.capabilities.writes_mastering)
+    return await _hold_against_model(device, config.model, report) if report.is_ready else report
+
+
+async def _hold_against_model(device: Robot, name: str, report: DeviceReport) -> DeviceReport:
     """Compare where the controller sees its flange with where the file's model puts it."""
-    name = getattr(config, "model", None)
-    if name is None:
-        return report
     joints = await device.read_joints()
     error_m = model_error_m(load_model(name), joints.joints_rad, await device.flange_pose())
     if joints.moving or error_m <= MODEL_TOLERANCE_M:
@@ -132,16 +143,15 @@ async def _hold_against_model(device: Any, config: Any, report: DeviceReport) ->
     )
 
 
-async def _report_device(device: Device | Robot) -> DeviceReport:
+async def _report_device(device: Device | Robot, config: Any) -> DeviceReport:
+    del config
     identity = await device.identify()
     condition = await device.read_condition()
     who = f"{identity.vendor} {identity.model}, serial {identity.serial}, {identity.firmware}"
-    capabilities = getattr(device, "capabilities", None)
     return DeviceReport(
         name=device.name,
         state=condition.readiness,
         message=f"{who}. {condition.message}".strip(),
         remedy=condition.remedy,
         serial=identity.serial,
-        keeps_mastering=getattr(capabilities, "writes_mastering", False),
     )

@@ -1,6 +1,7 @@
 """A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +37,7 @@ class RunTarget:
     accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
 
 
-async def start_run(where: RunTarget, procedure: str, settings: dict[str, Any]) -> RunOutcome:
+async def start_run(where: RunTarget, procedure: str, settings: Mapping[str, object]) -> RunOutcome:
     """Run a procedure from its beginning."""
     # what is misspelt reaches no device
     spec = build_spec(where.config, where.config.robot_named(where.robot).name, procedure, settings)

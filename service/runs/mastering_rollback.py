@@ -69,7 +69,8 @@ class _MasteringRollback:
                 await self._restore_with_retries(pending)
         except (CellError, TimeoutError) as error:
             why = str(error) or "the robot did not answer in time"
-            error_fields = {"error": type(error).__name__, "code": getattr(error, "code", ""), "message": why}
+            code = error.code if isinstance(error, CellError) else ""
+            error_fields = {"error": type(error).__name__, "code": code, "message": why}
             self._append_note(EventKind.FAILED, step | {"stopped": False} | error_fields)
             _LOG.warning("run %s: the old mastering is not back: %s", self._run_id, why)
             return _NOT_DONE

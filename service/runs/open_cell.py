@@ -129,7 +129,7 @@ def _build_cell(
         gauge_setup=None if at is None else _gauge_setup(at),
         certificates=_instrument_certificates(config, entry.name),
         model=load_model(entry.model),
-        limits=MotionCaps(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
+        limits=MotionCaps(speed_rad_s=entry.speed_limit_rad_s, settle_s=entry.settle_s),
         level=motion.level,
         surroundings=motion.surroundings,
         programs=program_shelf(config, entry),

@@ -4,10 +4,9 @@ import re
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from cellcal.drivers.interfaces import Joints
-from cellcal.drivers.registry import PROGRAM_WRITERS
+from cellcal.drivers.registry import PROGRAM_WRITERS, RobotConfig
 from cellcal.drivers.wire.program_file import ProgramHeader, ProgramWriter
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.files import make_private_folder
@@ -38,9 +37,9 @@ class PendantPrograms:
         return str(path)
 
 
-def program_shelf(config: CellConfig, entry: Any) -> PendantPrograms | None:
+def program_shelf(config: CellConfig, entry: RobotConfig) -> PendantPrograms | None:
     """Return where programs for a robot are put; None where its language is unknown."""
-    writer = PROGRAM_WRITERS.get(getattr(entry, "profile", entry.driver))
+    writer = PROGRAM_WRITERS.get(entry.pendant_language)
     if writer is None:
         return None
     folder = config.cell.data_dir / "programs" / re.sub(r"[^A-Za-z0-9_-]", "_", entry.name)

@@ -8,7 +8,6 @@ import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
@@ -90,7 +89,7 @@ def pictures_of_run(events: Iterable[JournalEvent]) -> Iterator[RunPhoto]:
             yield RunPhoto(**parse_json(event.body), at_utc=event.wall_utc)
 
 
-def pictures_to_json(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
+def pictures_to_json(events: Iterable[JournalEvent]) -> list[dict[str, object]]:
     """Return the same for a certificate."""
     return [asdict(one) for one in pictures_of_run(events)]
 

@@ -1,5 +1,6 @@
 """What a run would do and reach, from the cell file and the journal alone: no device is touched."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from typing import Any
@@ -63,7 +64,9 @@ class ProcedureAvailability:
     due: date | None = None  # when it should be run next
 
 
-def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None) -> DryRun:
+def dry_run(
+    config: CellConfig, procedure: str, settings: Mapping[str, object], robot: str | None = None
+) -> DryRun:
     """Foretell a run.
 
     Raises
@@ -115,7 +118,7 @@ def offline_cell_with_history(config: CellConfig, robot: str | None = None) -> C
 
 
 def refuse_class_out_of_reach(
-    config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None
+    config: CellConfig, procedure: str, settings: Mapping[str, object], robot: str | None = None
 ) -> None:
     """Refuse a chosen class of limits that the predicted uncertainty cannot prove.
 
@@ -126,7 +129,7 @@ def refuse_class_out_of_reach(
     ClassOutOfReachError
         The message names the prediction and the classes within reach.
     """
-    in_force = chosen_by_cell(config, config.robot_named(robot).name, procedure) | settings
+    in_force = {**chosen_by_cell(config, config.robot_named(robot).name, procedure), **settings}
     chosen = in_force.get("accuracy_class")
     if chosen is None or in_force.get("limits") is not None:
         return

@@ -1,5 +1,6 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -17,7 +18,7 @@ from cellcal.service.engineering.parameters.simulated_cells import with_files
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 
 
-def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[str, Any]) -> Any:
+def build_spec(config: CellConfig, robot: str, procedure: str, settings: Mapping[str, object]) -> Any:
     """Return the procedure's spec.
 
     Raises
@@ -28,8 +29,8 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
     valid = _settings_of(procedure, settings)
     if "last_counts" in valid and "last_counts" not in settings:
         healthy = LastHealthyCounts(config.cell.data_dir).load_counts(robot)
-        settings = settings | {"last_counts": None if healthy is None else healthy.counts}
-    settings = chosen_by_cell(config, robot, procedure) | settings
+        settings = {**settings, "last_counts": None if healthy is None else healthy.counts}
+    settings = {**chosen_by_cell(config, robot, procedure), **settings}
     spec = spec_of(procedure, settings)
     try:
         return _in_the_cell(spec, config.motion_of(robot).surroundings)
@@ -37,11 +38,11 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
         raise _settings_error(procedure, str(error)) from error
 
 
-def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
+def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, object]:
     """Return the settings whose usual value follows from the cell: its devices, and what its file says."""
     takes = get_type_hints(definition_named(procedure).spec_type)
     wired, tracked = config.gauge_for(robot) is not None, config.tracker_for(robot) is not None
-    chosen: dict[str, Any] = {}
+    chosen: dict[str, object] = {}
     if "evidence" in takes and not wired:
         chosen["evidence"] = "places"  # without a draw-wire, by touched points, a seat or targets
     if takes.get("method") == Method and wired != tracked:
@@ -49,7 +50,7 @@ def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, 
     return chosen | dict(config.usual.get(robot, {}).get(procedure, {}))
 
 
-def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
+def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
     """Return a procedure's spec from settings alone; those that name files are read.
 
     Raises
@@ -75,7 +76,7 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
     return spec
 
 
-def _settings_of(procedure: str, settings: dict[str, Any]) -> set[str]:
+def _settings_of(procedure: str, settings: Mapping[str, object]) -> set[str]:
     """Return the settings that a procedure has; refuse others."""
     valid = {field.name for field in fields(definition_named(procedure).spec_type)}
     unknown = sorted(set(settings) - valid)
@@ -90,7 +91,7 @@ def _settings_of(procedure: str, settings: dict[str, Any]) -> set[str]:
 
 def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
     """Return the spec with every room in it knowing what stands in the cell, unless it was told otherwise."""
-    changed: dict[str, Any] = {}
+    changed: dict[str, object] = {}
     for entry in fields(spec):
         value = getattr(spec, entry.name)
         if isinstance(value, MotionBounds):

@@ -5,7 +5,8 @@ An alarm on the bus informs people. It is no safety function, and nothing acts o
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+
+from cellcal.service.session_documents import LiveDocument, SessionDocument
 
 CALM_S = 2.0  # a device that flaps is one alarm
 _QUIET = ("ready", "unknown")
@@ -25,7 +26,7 @@ class CellAlarm:
         """What makes it the same alarm again."""
         return f"{self.code}:{self.source}"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         """Return it as the bus carries it."""
         return {"id": self.alarm_id, **asdict(self)}
 
@@ -55,29 +56,27 @@ class AlarmSet:
         return changes
 
 
-def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> list[CellAlarm]:
+def wrong_in(session: SessionDocument | None, live: LiveDocument | None) -> list[CellAlarm]:
     """Return what is wrong by the desk's session and live values; nothing while there is no desk."""
     if session is None:
         return []
     found = []
-    connection = session.get("connection", {})
-    if not connection.get("connected") and connection.get("message") not in ("", "connecting"):
+    connection = session["connection"]
+    if not connection["connected"] and connection["message"] not in ("", "connecting"):
         found.append(
-            CellAlarm(
-                "cell.unreachable", session["cell"], connection["message"], connection.get("remedy", "")
-            )
+            CellAlarm("cell.unreachable", session["cell"], connection["message"], connection["remedy"])
         )
     found += [
         CellAlarm(f"position.{loss['what']}", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
         for loss in session.get("losses", [])
     ]
-    outcome = (session.get("run") or {}).get("outcome") or {}
-    if outcome.get("verdict") in ("broken", "cell_failed"):
-        found.append(
-            CellAlarm("run.broken", session["run"]["procedure"], outcome["reason"], outcome.get("remedy", ""))
-        )
+    run = session.get("run")
+    outcome = None if run is None else run.get("outcome")
+    if run is not None and outcome is not None and outcome["verdict"] in ("broken", "cell_failed"):
+        found.append(CellAlarm("run.broken", run["procedure"], outcome["reason"], outcome.get("remedy", "")))
+    devices = [] if live is None else live.get("devices", [])
     return found + [
         CellAlarm(f"device.{device['state']}", device["name"], device["message"], device["remedy"])
-        for device in (live or {}).get("devices", [])
+        for device in devices
         if device["state"] not in _QUIET
     ]

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.record.journal import JournalEvent
@@ -29,13 +28,15 @@ class CellAnswers:
 
     def __init__(self, journal: Path, outbox: Path, certificates: Path, ledger: SiteLedger) -> None:
         self._journal, self._outbox, self._certificates, self._ledger = journal, outbox, certificates, ledger
-        self.verbs: Mapping[str, Callable[[Mapping[str, str]], Iterator[dict[str, Any] | bytes]]] = {
+        self.verbs: Mapping[str, Callable[[Mapping[str, str]], Iterator[Mapping[str, object] | bytes]]] = {
             "outbox": self._outbox_rows,
             "runs": self._list_runs,
             "run": self._run_events,
         }
 
-    def answer_query(self, verb: str, parameters: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+    def answer_query(
+        self, verb: str, parameters: Mapping[str, str]
+    ) -> Iterator[Mapping[str, object] | bytes]:
         """Return the answer to a question.
 
         Raises
@@ -62,17 +63,17 @@ class CellAnswers:
                     return read_plain_bytes(path)
         raise SiteError(f"no certificate of the run {run_id[:100]!r} was issued.")
 
-    def _outbox_rows(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+    def _outbox_rows(self, parameters: Mapping[str, str]) -> Iterator[Mapping[str, object] | bytes]:
         first = _integer_parameter(parameters, "from", 1)
         most = min(_integer_parameter(parameters, "most", MOST_ROWS), MOST_ROWS)
         for row in rows_between(self._outbox, first, most):
             yield row.message
 
-    def _list_runs(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    def _list_runs(self, parameters: Mapping[str, str]) -> Iterator[Mapping[str, object]]:
         del parameters
         yield {"runs": self._ledger.list_runs()}
 
-    def _run_events(self, parameters: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    def _run_events(self, parameters: Mapping[str, str]) -> Iterator[Mapping[str, object]]:
         run_id, after = parameters.get("id", ""), _integer_parameter(parameters, "after", 0)
         database = journal_to_read(self._journal)
         if database is None:

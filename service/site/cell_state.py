@@ -1,12 +1,11 @@
 """The state of a cell as the site sees it: one message, whole, so that the newest one is enough."""
 
-from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.drift_schedule import DriftReminder
+from cellcal.service.session_documents import RunDocument, SessionDocument
 from cellcal.service.site.alarms import CellAlarm
 from cellcal.service.site.authority import valid_until
 from cellcal.service.site.ledger import SiteLedger
@@ -41,23 +40,22 @@ def overdue_items(due: list[dict[str, str]], today: date) -> list[dict[str, str]
 
 def state_of(
     config: CellConfig,
-    session: Mapping[str, Any] | None,
+    session: SessionDocument | None,
     ledger: SiteLedger,
     alarms: list[CellAlarm],
     due: list[dict[str, str]],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the body of the state message, without what the outbox holds."""
-    current: Mapping[str, Any] = session or {}
-    run, prompt = current.get("run"), current.get("prompt")
+    run, prompt = (None, None) if session is None else (session["run"], session["prompt"])
     return {
         "cell": config.cell.name,
         "robots": [
             {"name": robot.name, "model": robot.model, "serial": robot.serial} for robot in config.robots
         ],
         "attended": session is not None,  # whether the service of this cell runs
-        "connection": current.get("connection"),
-        "robot": current.get("robot"),
-        "level": current.get("level"),
+        "connection": None if session is None else session["connection"],
+        "robot": None if session is None else session["robot"],
+        "level": None if session is None else session["level"],
         "run": None if run is None else _run_summary(run),
         "asks": None if prompt is None else {"key": prompt["key"], "step": prompt["step"]},
         "alarms": [alarm.as_json() for alarm in alarms],
@@ -68,7 +66,15 @@ def state_of(
     }
 
 
-def _run_summary(run: Mapping[str, Any]) -> dict[str, Any]:
-    keys = ("id", "procedure", "title", "state", "step", "index", "expected")
-    outcome = run.get("outcome") or {}
-    return {key: run[key] for key in keys} | {"verdict": outcome.get("verdict")}
+def _run_summary(run: RunDocument) -> dict[str, object]:
+    outcome = run["outcome"]
+    return {
+        "id": run["id"],
+        "procedure": run["procedure"],
+        "title": run["title"],
+        "state": run["state"],
+        "step": run["step"],
+        "index": run["index"],
+        "expected": run["expected"],
+        "verdict": None if outcome is None else outcome["verdict"],
+    }

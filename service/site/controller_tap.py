@@ -4,11 +4,12 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, BinaryIO
+from typing import BinaryIO, cast
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.supervision import start_thread
+from cellcal.service.session_documents import LiveDocument, SessionDocument
 
 CONTROLLER_SILENT_S = 5.0
 LONGEST_LINE = 1 << 20
@@ -19,20 +20,20 @@ class ControllerTap:
 
     def __init__(self, stream: BinaryIO | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._session: tuple[float, dict[str, Any]] | None = None
-        self._live: tuple[float, dict[str, Any]] | None = None
+        self._session: tuple[float, SessionDocument] | None = None
+        self._live: tuple[float, LiveDocument] | None = None
         self.ended = threading.Event()
         if stream is not None:
             start_thread("desk tap", partial(self._read_stream, stream), self.ended)
 
-    def latest_session(self) -> dict[str, Any] | None:
+    def latest_session(self) -> SessionDocument | None:
         """Return the desk's session; None while there is no desk, or it is silent."""
         newest, live = self._session, self._live
         if newest is None or self._clock() - max(newest[0], live[0] if live else 0.0) > CONTROLLER_SILENT_S:
             return None
         return newest[1]
 
-    def latest_live(self) -> dict[str, Any] | None:
+    def latest_live(self) -> LiveDocument | None:
         """Return the newest live values; None while there are none that are new enough."""
         newest = self._live
         return None if newest is None or self._clock() - newest[0] > CONTROLLER_SILENT_S else newest[1]
@@ -47,9 +48,9 @@ class ControllerTap:
         if not isinstance(content, dict):
             return
         if kind == "live":
-            self._live = (self._clock(), content)
+            self._live = (self._clock(), cast(LiveDocument, content))
         elif kind == "session":
-            self._session = (self._clock(), content)
+            self._session = (self._clock(), cast(SessionDocument, content))
         elif kind == "gone":
             self._session = self._live = None
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
@@ -47,10 +47,36 @@ class _StationState:
     state_s: float | None = None  # when the state that was opened arrived
     state: SignedMessage | None = None
     clock_off_s: float = 0.0
-    alarms: dict[str, dict[str, Any]] = field(default_factory=dict)
+    alarms: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     waiting: dict[str, tuple[bytes, float]] = field(default_factory=dict)
     values: dict[str, SignedMessage] = field(default_factory=dict)
     reach: EventReach = field(default_factory=EventReach)
+
+
+class ReachDocument(TypedDict):
+    """Up to which journal event the site has everything, the newest that it knows of, and how many it lost."""
+
+    have: int
+    known: int
+    lost: int
+
+
+class CellRow(TypedDict):
+    """One line of the table as JSON; what a cell sent stands in it as it came."""
+
+    cell: str
+    name: str
+    link: str
+    age_s: NotRequired[float | None]
+    alarms: list[Mapping[str, Any]]
+    run: Mapping[str, Any] | None
+    asks: Mapping[str, Any] | None
+    attended: bool
+    drift: list[Mapping[str, Any]]
+    certificate: Mapping[str, Any] | None
+    due: list[Mapping[str, str]]
+    clock_off_s: float
+    events: ReachDocument
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +97,21 @@ class CellView:
     events: EventReach
     clock_off_s: float
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> CellRow:
         """Return it for other programs."""
-        document = {name: getattr(self, name) for name in self.__slots__ if name != "events"}
-        return document | {
+        return {
+            "cell": self.cell,
+            "name": self.name,
+            "link": self.link,
+            "age_s": self.age_s,
             "alarms": list(self.alarms),
+            "run": self.run,
+            "asks": self.asks,
+            "attended": self.attended,
             "drift": list(self.drift),
+            "certificate": self.certificate,
             "due": list(self.due),
+            "clock_off_s": self.clock_off_s,
             "events": {"have": self.events.upto, "known": self.events.existing, "lost": self.events.lost},
         }
 

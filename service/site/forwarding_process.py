@@ -9,12 +9,12 @@ import contextlib
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import orjson
 
 from cellcal.drivers.supervision import start_task
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
+from cellcal.service.session_documents import EventContent
 
 _MOST_WAITING = 1 << 20  # bytes in the pipe
 _SESSION_AGAIN_S = 2.0
@@ -29,7 +29,7 @@ class ForwardingProcess:
         self._process: asyncio.subprocess.Process | None = None
         self._session: bytes = b""
 
-    def on_event(self, kind: str, content: dict[str, Any]) -> None:
+    def on_event(self, kind: str, content: EventContent) -> None:
         """Pass on what the desk said."""
         line = orjson.dumps({"told": kind, "content": content}) + b"\n"
         if kind != "live":

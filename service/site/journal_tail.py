@@ -1,8 +1,9 @@
 """Follows a cell's journal, read only: the writing process is not disturbed."""
 
 import sqlite3
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
@@ -46,7 +47,28 @@ class JournalTail:
         return self._database
 
 
-def event_to_json(event: JournalEvent) -> dict[str, Any]:
+class EventBody(TypedDict):
+    """A journal event as the bus carries it: all that its hash covers; hashes as hexadecimal digits.
+
+    ``body`` is None where the text is too long for a message.
+    """
+
+    journal_seq: int
+    run_id: str
+    idx: int
+    kind: str
+    idem: str | None
+    body: str | None
+    body_bytes: int
+    wall_utc: str
+    mono_ns: int
+    boot_id: str
+    actor: str
+    prev: str
+    hash: str
+
+
+def event_to_json(event: JournalEvent) -> EventBody:
     """Return an event for the site: all that its hash covers, so that the chain can be checked there too.
 
     A body that is too long for a message is left out and named; the run's certificate carries what counts of it.
@@ -69,9 +91,10 @@ def event_to_json(event: JournalEvent) -> dict[str, Any]:
     }
 
 
-def chain_flaw(body: dict[str, Any]) -> str:
+def chain_flaw(body: Mapping[str, Any]) -> str:
     """Return what is wrong with an event as the site got it; nothing where its hash covers it."""
-    if body.get("body") is None:
+    text = body.get("body")
+    if text is None:
         return ""
     event = JournalEvent(
         seq=body["journal_seq"],
@@ -79,7 +102,7 @@ def chain_flaw(body: dict[str, Any]) -> str:
         idx=body["idx"],
         kind=body["kind"],
         idem=body["idem"],
-        body=body["body"],
+        body=text,
         wall_utc=body["wall_utc"],
         mono_ns=body["mono_ns"],
         boot_id=body["boot_id"],

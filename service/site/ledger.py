@@ -4,6 +4,7 @@ A fold over the journal's events, one at a time, so that a long journal is read 
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +30,7 @@ class _RunSummary:
     reason: str = ""
     step: str = ""
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
@@ -63,11 +64,11 @@ class SiteLedger:
         """Return one of the newest runs as it stands."""
         return self._runs.get(run_id)
 
-    def list_runs(self) -> list[dict[str, Any]]:
+    def list_runs(self) -> list[dict[str, object]]:
         """Return the newest runs, newest first."""
         return [run.as_json() for run in reversed(list(self._runs.values()))]  # zenoh's threads ask, too
 
-    def _begin_run(self, event: JournalEvent, header: dict[str, Any]) -> None:
+    def _begin_run(self, event: JournalEvent, header: Mapping[str, object]) -> None:
         serial = _value_at(header, "cell", "devices", 0, "identity", "serial")
         self._runs[event.run_id] = _RunSummary(
             event.run_id, str(header["procedure"]), str(serial or ""), event.wall_utc
@@ -75,7 +76,7 @@ class SiteLedger:
         while len(self._runs) > _RUNS_KEPT:
             self._runs.pop(next(iter(self._runs)))
 
-    def _end_run(self, run: _RunSummary, event: JournalEvent, body: dict[str, Any]) -> None:
+    def _end_run(self, run: _RunSummary, event: JournalEvent, body: Mapping[str, object]) -> None:
         run.state, run.reason = str(body.get("verdict", "")), str(body.get("reason", ""))
         run.ended_utc = event.wall_utc
         run.word = str(_value_at(body, "judgement", "word") or "")
@@ -94,7 +95,7 @@ class SiteLedger:
             "ended_utc": run.ended_utc,
         }
 
-    def _note_drift(self, run: _RunSummary, body: dict[str, Any]) -> None:
+    def _note_drift(self, run: _RunSummary, body: Mapping[str, object]) -> None:
         change_m = _value_at(body, "result", "look", "finding", "change_rms_m")
         if isinstance(change_m, int | float):
             self.drift.append(

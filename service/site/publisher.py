@@ -23,6 +23,7 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_files import journal_path
 from cellcal.service.record.signing import station_key
+from cellcal.service.session_documents import DeviceDocument
 from cellcal.service.site.alarms import CellAlarm
 from cellcal.service.site.answers import CellAnswers
 from cellcal.service.site.cell_alarms import CellAlarmWatch
@@ -124,7 +125,7 @@ class SitePublisher:
         for device in live["devices"]:
             self._publish_device(station, device, now_s)
 
-    def _publish_device(self, station: Station, device: dict[str, Any], now_s: float) -> None:
+    def _publish_device(self, station: Station, device: DeviceDocument, now_s: float) -> None:
         keys, value = self._parts.keys, device["value"]
         facts = {key: device[key] for key in ("name", "role", "age_s")}
         if value is not None and device["role"] == "robot":

@@ -112,7 +112,7 @@ def open_message(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -
     return SignedMessage(station, fields["epoch"], fields["seq"], fields["wall"], key, fields["body"])
 
 
-def _has_right_types(fields: dict[str, Any]) -> bool:
+def _has_right_types(fields: Mapping[str, Any]) -> bool:
     texts = all(isinstance(fields[key], str) for key in ("ed25519", "epoch", "key", "station", "wall"))
     seq = fields["seq"]
     if not texts or not _is_moment(fields["wall"]):

@@ -1,7 +1,8 @@
 """A cell on the bus: a liveliness token, publishers, and answers. No subscriber: nothing said to it is heard."""
 
 from collections import OrderedDict
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Self
 
 import zenoh
 from zenoh.ext import (
@@ -70,11 +71,11 @@ class Station:
         """Whether a router is connected."""
         return bool(self._session.info.routers_zid())
 
-    def publish_state(self, body: dict[str, Any]) -> None:
+    def publish_state(self, body: Mapping[str, object]) -> None:
         """Publish how the cell stands."""
         self._state.put(self._sign_live(self._keys.state_key, body), encoding=ENCODING)
 
-    def publish_value(self, key: str, body: dict[str, Any]) -> None:
+    def publish_value(self, key: str, body: Mapping[str, object]) -> None:
         """Publish a value that the next one replaces; lost where the link is."""
         if key not in self._values:  # declared, so that the router knows the way of each sample beforehand
             self._values[key] = self._session.declare_publisher(
@@ -82,7 +83,7 @@ class Station:
             )
         self._values[key].put(self._sign_live(key, body))
 
-    def publish_latest(self, key: str, body: dict[str, Any]) -> None:
+    def publish_latest(self, key: str, body: Mapping[str, object]) -> None:
         """Publish a value that later subscribers must receive, too."""
         if key not in self._latest:
             self._latest[key] = advanced_publisher(self._session, key, 1)
@@ -93,7 +94,7 @@ class Station:
         publisher = self._alarm if sent.key == self._keys.alarm_key else self._publisher_of(sent.key)
         publisher.put(sent.message, encoding=ENCODING)
 
-    def _sign_live(self, key: str, body: dict[str, Any]) -> bytes:
+    def _sign_live(self, key: str, body: Mapping[str, object]) -> bytes:
         return self._sealer.sign_message(key, self._outbox.next_live(), body)
 
     def _publisher_of(self, key: str) -> AdvancedPublisher:

@@ -5,8 +5,8 @@ for a person, stands in `standing_answers.py`.
 """
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
@@ -30,7 +30,7 @@ class PreparedAnswer:
     """The procedure that answers a loss, the command to type, and why it is not started alone (empty: it is)."""
 
     procedure: str | None
-    settings: dict[str, Any]
+    settings: Mapping[str, object]
     command: str
     reasons: tuple[str, ...]
 
@@ -54,7 +54,7 @@ def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, s
 def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     """Prepare the answer to a loss. The last healthy counts are among a recovery's settings already."""
     suspicion = loss.suspicion
-    settings: dict[str, Any] = dict(suspicion.procedure_settings())
+    settings = suspicion.procedure_settings()
     procedure = suspicion.answering_procedure
     option_text = "".join(
         f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")

@@ -1,10 +1,9 @@
 """The service's door: pages, orders and live values, all through one desk."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
-from typing import Any
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
@@ -16,6 +15,7 @@ from cellcal.service.export.event_sinks import EventSinks
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.authorization import OrderAuthorizer
 from cellcal.service.people.session_control import SessionControl
+from cellcal.service.session_documents import EventContent, OnCellEvent
 from cellcal.service.web import commands, exports, history, metrics, models, points, programs, sign_in
 from cellcal.service.web import procedures as outlook
 from cellcal.service.web import session_control as control
@@ -27,8 +27,6 @@ from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import add_pages, page_paths
 from cellcal.service.web.task_troubles import troubles_of
 from cellcal.service.web.websocket_hub import OpenScreens
-
-Heard = Callable[[str, dict[str, Any]], None]
 
 
 def create_app(settings: ServiceSettings) -> FastAPI:
@@ -43,7 +41,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     screens = OpenScreens()
     event_sinks = EventSinks(settings.cell_file, config)
 
-    def on_event(kind: str, content: dict[str, Any]) -> None:
+    def on_event(kind: str, content: EventContent) -> None:
         with log_failures("screens"):
             screens.broadcast(kind, content)
             if kind != "live":
@@ -101,7 +99,7 @@ def _show_troubles(context: AppContext) -> None:
     context.screens.broadcast("troubles", troubles_of(context.link.session))
 
 
-def _make_client(settings: ServiceSettings, on_event: Heard) -> CellProcessClient:
+def _make_client(settings: ServiceSettings, on_event: OnCellEvent) -> CellProcessClient:
     if settings.extension is None:
         return CellProcessClient(settings.cell_file, on_event)
     return settings.extension.make_link(settings.cell_file, on_event)

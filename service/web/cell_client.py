@@ -6,7 +6,7 @@ import itertools
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,13 @@ from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
 from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
 from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, LONGEST_LINE
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
+from cellcal.service.session_documents import (
+    CommandDocument,
+    LiveDocument,
+    OnCellEvent,
+    OrderReply,
+    SessionDocument,
+)
 from cellcal.service.web.liveness import (
     HANGS_AFTER_S,
     TICK_S,
@@ -91,7 +98,7 @@ class CellProcessClient:
     def __init__(
         self,
         cell_file: Path,
-        on_event: Callable[[str, dict[str, Any]], None],
+        on_event: OnCellEvent,
         *,
         hangs_after_s: float = HANGS_AFTER_S,
     ) -> None:
@@ -102,22 +109,24 @@ class CellProcessClient:
         self._broken_off = False  # the run under way waits for a person: it was to stop, or the desk hung
         self._begun_broken_off = False
         self._numbers = itertools.count(1)
-        self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._waiting: dict[int, asyncio.Future[OrderReply]] = {}
         self._process: asyncio.subprocess.Process | None = None
-        self.session: dict[str, Any] | None = None
-        self._live: tuple[float, dict[str, Any]] | None = None
+        self.session: SessionDocument | None = None
+        self._live: tuple[float, LiveDocument] | None = None
 
     def start_process(self) -> asyncio.Task[None]:
         """Begin to run the desk; it leaves when the task is cancelled."""
         return start_task(TASK, self._run_once)
 
     @property
-    def live_values(self) -> dict[str, Any] | None:
+    def live_values(self) -> LiveDocument | None:
         """The newest live values, None where none came just now: a desk that hangs must not look alive."""
-        heard_s, content = self._live or (float("-inf"), {})
-        return content if time.monotonic() - heard_s < _JUST_NOW_S else None
+        if self._live is None:
+            return None
+        received_s, content = self._live
+        return content if time.monotonic() - received_s < _JUST_NOW_S else None
 
-    async def send_order(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def send_order(self, command: CommandDocument) -> OrderReply:
         """Send a command and return the desk's reply; DeskGoneError where there is none."""
         if command["order"]["op"] == "stop":
             return await self._stop(command)
@@ -125,7 +134,7 @@ class CellProcessClient:
             self._broken_off = False
         return await self._request_reply({"command": command})
 
-    async def _stop(self, command: dict[str, Any]) -> dict[str, Any]:
+    async def _stop(self, command: CommandDocument) -> OrderReply:
         """Send a stop; without an answer say so, and see that no later desk goes on with the run by itself."""
         try:
             return await self._request_reply({"command": command}, is_stop=True)
@@ -133,14 +142,14 @@ class CellProcessClient:
             self._broken_off = True
             raise StopUnconfirmedError from error
 
-    async def _request_reply(self, message: dict[str, Any], *, is_stop: bool = False) -> dict[str, Any]:
+    async def _request_reply(self, message: Mapping[str, object], *, is_stop: bool = False) -> OrderReply:
         number, answer = self._send(message)
         try:
             return await self._answer_to(answer, is_stop=is_stop)
         finally:
             self._waiting.pop(number, None)
 
-    def _send(self, message: dict[str, Any]) -> tuple[int, asyncio.Future[dict[str, Any]]]:
+    def _send(self, message: Mapping[str, object]) -> tuple[int, asyncio.Future[OrderReply]]:
         """Write a message; what the pipe does not take yet waits in our own memory, as long as the desk lives."""
         process = self._process
         if process is None or process.returncode is not None or process.stdin is None:
@@ -154,12 +163,12 @@ class CellProcessClient:
             raise InvalidOrderError(f"it is longer than {LONGEST_LINE} bytes")
         if "ask" not in message and process.stdin.transport.get_write_buffer_size() > _MOST_UNREAD:
             raise DeskSilentError
-        answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[OrderReply] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         process.stdin.write(line)
         return number, answer
 
-    async def _answer_to(self, answer: asyncio.Future[dict[str, Any]], *, is_stop: bool) -> dict[str, Any]:
+    async def _answer_to(self, answer: asyncio.Future[OrderReply], *, is_stop: bool) -> OrderReply:
         """Wait for an answer; for that to a stop shortly where the desk says nothing at all meanwhile."""
         heard = self._lines_heard
         first_s = STOP_ANSWER_S if is_stop else ANSWER_S
@@ -221,7 +230,7 @@ class CellProcessClient:
             await asyncio.sleep(TICK_S)
 
     async def _wait_for_life(
-        self, process: asyncio.subprocess.Process, answer: asyncio.Future[dict[str, Any]]
+        self, process: asyncio.subprocess.Process, answer: asyncio.Future[OrderReply]
     ) -> None:
         while not answer.done() and process.returncode is None:
             await asyncio.wait({answer}, timeout=TICK_S)
@@ -249,7 +258,7 @@ class CellProcessClient:
                 answer.set_exception(CellProcessGoneError())
         self._on_event("gone", {})
 
-    def _handle_message(self, message: dict[str, Any]) -> None:
+    def _handle_message(self, message: Mapping[str, Any]) -> None:
         if "told" in message:
             if message["told"] == "session":
                 self.session = message["content"]

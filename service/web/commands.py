@@ -119,8 +119,15 @@ def _stale_response(context: "AppContext", behind: StaleViewError) -> JSONRespon
 
 
 async def _forward_order(context: "AppContext", pressed: PressedOrder, name: str) -> Any:
-    people = context.authorizer.signers_of(name)
-    reply = await context.link.send_order({**pressed.model_dump(mode="json"), "who": name, "people": people})
+    reply = await context.link.send_order(
+        {
+            "id": pressed.id,
+            "rev": pressed.rev,
+            "order": pressed.order.model_dump(mode="json"),
+            "who": name,
+            "people": context.authorizer.signers_of(name),
+        }
+    )
     if reply["ok"]:
         return reply
     texts = {part: without_paths(reply[part]) for part in ("message", "remedy") if part in reply}

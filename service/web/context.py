@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from fastapi import APIRouter
 
@@ -11,6 +11,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.authorization import OrderAuthorizer
 from cellcal.service.people.session_control import SessionControl
+from cellcal.service.session_documents import OnCellEvent
 from cellcal.service.web.cell_client import CellProcessClient
 from cellcal.service.web.websocket_hub import OpenScreens
 
@@ -23,9 +24,7 @@ class ServiceExtension(Protocol):
         """The routes, below ``/api``."""
         ...
 
-    def make_link(
-        self, cell_file: Path, on_event: Callable[[str, dict[str, Any]], None]
-    ) -> CellProcessClient:
+    def make_link(self, cell_file: Path, on_event: OnCellEvent) -> CellProcessClient:
         """Return the line to the cell's process."""
         ...
 

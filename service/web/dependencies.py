@@ -1,6 +1,6 @@
 """What routes ask of a request: the house, and who is asking."""
 
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
@@ -44,12 +44,12 @@ def person_of(connection: HTTPConnection) -> Person:
     return app_context(connection).authenticator.authenticate(token_of(connection))
 
 
-def sign_in_state(connection: HTTPConnection) -> dict[str, Any]:
+def sign_in_state(connection: HTTPConnection) -> dict[str, object]:
     """Return who asks and what is wanted next: a device's proof, a person, the PIN again, or nothing."""
     return sign_in_state_of(connection, token_of(connection))
 
 
-def sign_in_state_of(connection: HTTPConnection, token: str | None) -> dict[str, Any]:
+def sign_in_state_of(connection: HTTPConnection, token: str | None) -> dict[str, object]:
     """Return the same for a session that has only just begun: its cookie was not sent yet."""
     authenticator = app_context(connection).authenticator
     try:

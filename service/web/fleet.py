@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 import orjson
 from fastapi import APIRouter, FastAPI, Request, Response, WebSocket, WebSocketDisconnect
@@ -25,7 +25,7 @@ from cellcal.drivers.supervision import start_task
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.errors import NotSignedInError
 from cellcal.service.record.signing import CheckedDocument, CheckFinding
-from cellcal.service.site.fleet import Fleet
+from cellcal.service.site.fleet import CellRow, Fleet
 from cellcal.service.site.keys import SiteError
 from cellcal.service.web.dependencies import Who, person_of
 from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
@@ -70,18 +70,17 @@ class FleetContext:
 
     def update_rows(self) -> None:
         """Take the picture of now."""
-        views = [view.as_json() for view in self.bus.fleet.cell_views(time.monotonic())]
+        seen = self.bus.fleet.cell_views(time.monotonic())
         self.ages = {
-            view["cell"]: int(view["age_s"])
-            for view in views
-            if view["link"] != "online" and view["age_s"] is not None
+            view.cell: int(view.age_s) for view in seen if view.link != "online" and view.age_s is not None
         }
+        views = [view.as_json() for view in seen]
         for view in views:
             del view["age_s"]  # it changes all the time; the row does not
             view["clock_off_s"] = round(view["clock_off_s"])
             self.rows[view["cell"]] = self._row_to_json(view)
 
-    def _row_to_json(self, view: dict[str, Any]) -> bytes:
+    def _row_to_json(self, view: CellRow) -> bytes:
         """Return a cell's row; one that cannot be shown is never left as it was before."""
         try:
             return orjson.dumps(view)

@@ -1,7 +1,7 @@
 """What was done: runs, and their certificates. There is no way to delete anything here."""
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse
@@ -21,14 +21,14 @@ for room in (certificates, parameters, pictures, rollback, residuals, overlays, 
 
 
 @router.get("/runs", **response_options(list[RunLine], "all runs"))
-async def list_runs(request: Request, who: Who) -> list[dict[str, Any]]:
+async def list_runs(request: Request, who: Who) -> list[dict[str, object]]:
     """Return all runs of the cell, newest first."""
     del who
     return await asyncio.to_thread(_load_runs, app_context(request).config)
 
 
 @router.get("/runs/{run_id}", **response_options(RunDetail, "one run"))
-async def get_run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
+async def get_run(run_id: str, request: Request, who: Who) -> dict[str, object]:
     """Return one run: its settings, findings, result and verdict."""
     del who
     return await asyncio.to_thread(_load_run, app_context(request).config, run_id)
@@ -46,12 +46,12 @@ async def get_certificate(run_id: str, request: Request, who: Who) -> FileRespon
     return FileResponse(issued.json_path, media_type="application/json", filename=issued.json_path.name)
 
 
-def _load_runs(config: CellConfig) -> list[dict[str, Any]]:
+def _load_runs(config: CellConfig) -> list[dict[str, object]]:
     with open_journal(config) as journal:
         return [_run_line(view) for view in reversed(store_of(journal).list_runs())]
 
 
-def _load_run(config: CellConfig, run_id: str) -> dict[str, Any]:
+def _load_run(config: CellConfig, run_id: str) -> dict[str, object]:
     with open_journal(config) as journal:
         store = store_of(journal)
         view = store.find_run(store.resolve_run_id(run_id))
@@ -64,7 +64,7 @@ def _load_run(config: CellConfig, run_id: str) -> dict[str, Any]:
     }
 
 
-def _run_line(view: "RunView") -> dict[str, Any]:
+def _run_line(view: "RunView") -> dict[str, object]:
     keys = ("run_id", "procedure", "started_utc", "state", "reason", "begun_by", "begun_as")
     fields = {key: getattr(view, key) for key in keys}
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")

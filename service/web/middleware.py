@@ -12,7 +12,6 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 from urllib.parse import unquote_to_bytes
 
 from starlette.datastructures import MutableHeaders
@@ -218,7 +217,7 @@ class _ResponseSender:
         if headers.get("content-type", "").startswith(("text/html", "image/svg")):
             headers.setdefault("content-security-policy", _DOCUMENT_POLICY)
 
-    async def send_refusal(self, status: int, body: dict[str, Any]) -> None:
+    async def send_refusal(self, status: int, body: Mapping[str, object]) -> None:
         """Answer with a short JSON object, never with what was sent."""
         payload = json.dumps(body).encode()
         headers = [(b"content-type", b"application/json"), (b"content-length", str(len(payload)).encode())]

@@ -18,6 +18,7 @@ from cellcal.service.cell_process.messages import AnswerPrompt, Name
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.review.review_models import Displacement
+from cellcal.service.session_documents import OtherQuestion
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.parameters import SetHead, Version
@@ -88,7 +89,10 @@ async def roll_back(robot_serial: str, requested: RollbackRequest, request: Requ
     done: SetHead | None = await asyncio.to_thread(_refused_or_done, sets, robot_serial, requested)
     question = f"{robot_serial}: version {requested.to} after version {requested.newest}"
     order = AnswerPrompt(op="answer", prompt_id=question)
-    shown = {"rev": requested.newest, "prompt": {"id": question, "key": _KEY, "text": question}}
+    shown: OtherQuestion = {
+        "rev": requested.newest,
+        "prompt": {"id": question, "key": _KEY, "text": question},
+    }
     name = await authorize_order(context, who, f"{requested.id} {question}", requested.newest, order, shown)
     if done is not None:
         return done

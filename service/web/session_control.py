@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import AsyncIterator
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict
@@ -12,6 +12,7 @@ from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right, need_of
 from cellcal.service.people.session_control import SessionControl, SessionHolder
+from cellcal.service.session_documents import QuestionContext
 from cellcal.service.web.cell_client import CellProcessGoneError
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import ControlSeen, response_options
@@ -32,7 +33,7 @@ class ControlRequest(BaseModel):
 
 
 @router.post("/control", **response_options(ControlSeen, "who has control now"))
-async def change_control(requested: ControlRequest, request: Request, who: Who) -> dict[str, Any]:
+async def change_control(requested: ControlRequest, request: Request, who: Who) -> dict[str, object]:
     """Request to take over, or answer a request; the result is shown on every screen."""
     context = app_context(request)
     async with control_changes(context) as control:
@@ -59,7 +60,7 @@ async def authorize_order(
     press: str,
     rev: int,
     order: Order,
-    session: dict[str, Any] | None = None,
+    session: QuestionContext | None = None,
 ) -> str:
     """Return the name in which an order may go to the desk: the right, the PIN, the second person, the control.
 
@@ -70,17 +71,17 @@ async def authorize_order(
     PeopleError
         What is missing, and the cure.
     """
-    session = context.link.session if session is None else session
+    answered: QuestionContext | None = context.link.session if session is None else session
     async with control_changes(context) as control:
         stops = need_of(order, None).right is Right.STOP
         if (
             who.session_id
             and not stops
             and who.has_right(Right.RUN)
-            and not context.authorizer.is_second_approval(who, order, rev, session)
+            and not context.authorizer.is_second_approval(who, order, rev, answered)
         ):
             control.take_control(SessionHolder(who.session_id, who.name))
-        return context.authorizer.authorize(who, press, rev, order, session)
+        return context.authorizer.authorize(who, press, rev, order, answered)
 
 
 @contextlib.asynccontextmanager
@@ -104,7 +105,7 @@ def show_control(context: "AppContext", screen: OpenScreen) -> None:
     screen.show_message("control", encode_message("control", _control_to_json(context, screen.session_id)))
 
 
-def _control_to_json(context: "AppContext", session_id: str) -> dict[str, Any]:
+def _control_to_json(context: "AppContext", session_id: str) -> dict[str, object]:
     first = context.authorizer.first_approval
     return {**context.control.to_json(session_id), "approved": first.prompt_id, "approved_by": first.name}
 

@@ -6,7 +6,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -62,7 +62,7 @@ class HeartbeatNumbers:
 
 
 @router.get("/session", **response_options(SessionSeen, "the whole present state"))
-async def get_session(request: Request, who: Who) -> dict[str, Any]:
+async def get_session(request: Request, who: Who) -> dict[str, object]:
     """Return the whole present state: run, question, devices' connection, losses; null while the desk starts."""
     del who
     context = app_context(request)

@@ -1,9 +1,10 @@
 """Results of a benchmark as files: one JSON document, and a plot of each topic as PNG and SVG."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,7 +28,7 @@ _TITLE_LETTERS = 105
 _FEWFOLD = 20.0  # figures nearer together than this are compared by their lengths
 
 
-def write_results(document: dict[str, Any], topics: tuple[BenchTopic, ...], folder: Path) -> list[Path]:
+def write_results(document: Mapping[str, object], topics: tuple[BenchTopic, ...], folder: Path) -> list[Path]:
     """Write everything into a folder and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     text = folder / "bench.json"

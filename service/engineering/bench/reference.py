@@ -76,7 +76,7 @@ def check_all() -> tuple[ReferenceComparison, ...]:
     return tuple(each for name in reference_names() for each in check_problem(load_reference(name), name))
 
 
-def as_document(found: tuple[ReferenceComparison, ...]) -> dict[str, Any]:
+def as_document(found: tuple[ReferenceComparison, ...]) -> dict[str, object]:
     """Return one JSON object with every comparison."""
     rows = [
         {

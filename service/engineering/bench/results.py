@@ -5,7 +5,6 @@ import os
 import platform
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from cellcal.service.engineering.bench.contestants import AbsentContestant, Answers, Contestant
 
@@ -71,7 +70,7 @@ def take_turns(
     return tuple(best.values()), tuple(absent.values())
 
 
-def as_document(topics: tuple[BenchTopic, ...], seed: int, rounds: int) -> dict[str, Any]:
+def as_document(topics: tuple[BenchTopic, ...], seed: int, rounds: int) -> dict[str, object]:
     """Return one JSON object with everything, the machine and its load included."""
     return {
         "machine": {
@@ -87,7 +86,7 @@ def as_document(topics: tuple[BenchTopic, ...], seed: int, rounds: int) -> dict[
     }
 
 
-def _topic_to_json(topic: BenchTopic) -> dict[str, Any]:
+def _topic_to_json(topic: BenchTopic) -> dict[str, object]:
     rows = [
         {
             **asdict(result),

@@ -3,7 +3,6 @@
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -120,7 +119,7 @@ class IdentifiedCellReport:
         """The factor from a standard deviation to 95 %: Student's, if few independent rows determine it."""
         return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
         found = self.identification
         return {

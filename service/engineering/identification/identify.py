@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -107,7 +106,7 @@ class IdentifyReport:
         """The factor from a standard deviation to 95 %: Student's, if few independent rows determine it."""
         return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
         found = self.identification
         return {
@@ -150,7 +149,7 @@ class IdentifyReport:
             },
         }
 
-    def _residual_document(self) -> dict[str, Any] | None:
+    def _residual_document(self) -> dict[str, object] | None:
         residual = self.identification.residual
         if residual is None or self.with_residual is None:
             return None

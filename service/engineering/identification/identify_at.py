@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class TipsAt:
         None  # factors to degrees and millimetres, and columns of joints
     )
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` holds."""
         columns = zip(
             self.positions_m,

@@ -103,7 +103,7 @@ def _of_report(
     return IdentificationStart(StartingPoint(arm, free, places), f"the report {path.name}", sigmas)
 
 
-def places_document(state: ArmState, kind: str) -> dict[str, Any]:
+def places_document(state: ArmState, kind: str) -> dict[str, object]:
     """Return where devices and target are, as a report holds it and `read_start` reads it."""
     return {
         "kind": kind,

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -103,7 +102,7 @@ class PlanReport:
     not_checked: tuple[str, ...] = field(default=())
     shown: tuple[Array, tuple[str, ...]] = field(kw_only=True)  # factors to degrees and mm, columns of joints
 
-    def as_document(self) -> dict[str, Any]:
+    def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
         plan, shown = self.plan, self.shown[0]
         poses = np.zeros((0, len(shown))) if plan is None else plan.joints_rad[list(self.order)] * shown

@@ -70,7 +70,7 @@ def overlay_options(below: ReadOptions, above: ReadOptions) -> ReadOptions:
     )
 
 
-def layout_document(found: Measurements, options: ReadOptions) -> dict[str, Any]:
+def layout_document(found: Measurements, options: ReadOptions) -> dict[str, object]:
     """Return how a file was understood, as an object whose keys are those of a layout file."""
     layout = found.layout
     columns = {

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -44,7 +43,7 @@ class RecordInForce:
     stored_utc: str
     run_id: str
 
-    def as_content(self, cell: str) -> dict[str, Any]:
+    def as_content(self, cell: str) -> dict[str, object]:
         """Return what is signed."""
         return {
             "cell": cell,

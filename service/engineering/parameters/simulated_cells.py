@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -35,7 +36,7 @@ _ATTITUDE_FORMS = (
 _RESULT: TypeAdapter[CalibratedPart] = TypeAdapter(CalibratedPart)
 
 
-def with_files(kind: type, settings: dict[str, Any]) -> dict[str, Any]:
+def with_files(kind: type, settings: Mapping[str, object]) -> dict[str, object]:
     """Return a procedure's settings with the content of the files that they name."""
     hints = get_type_hints(kind)
     read = dict(settings)
@@ -48,7 +49,7 @@ def with_files(kind: type, settings: dict[str, Any]) -> dict[str, Any]:
     return read
 
 
-def refuse_paths(kind: type, settings: dict[str, Any]) -> None:
+def refuse_paths(kind: type, settings: Mapping[str, object]) -> None:
     """Refuse settings of a screen that name files of this computer: who looks from afar may not read them.
 
     Raises

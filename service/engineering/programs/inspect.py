@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -27,6 +27,22 @@ from cellcal.service.engineering.programs.reach import ProgramReach, reach_of
 from cellcal.service.exit_codes import ExitCode
 
 _DECIMALS = 6
+
+
+class PointRow(TypedDict):
+    """A point of a program for tables and JSON, in millimetres and degrees; None where it is not known."""
+
+    point: str
+    line: int
+    kind: str
+    user_frame: str | None
+    tool: str | None
+    configuration: str | None
+    position_mm: list[float | None] | None
+    joints_deg: list[float | None] | None
+    reach: str | None
+    miss_mm: float | None
+    known_within_mm: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +76,7 @@ class InspectedProgram:
         """Return how many points the arm cannot go to, of those that can be computed."""
         return 0 if self.reach is None else int(self.reach.failed.sum())
 
-    def as_object(self) -> dict[str, Any]:
+    def as_object(self) -> dict[str, object]:
         """Return the program and all its points for JSON, in millimetres and degrees."""
         positions = self.program.positions
         return {
@@ -77,7 +93,7 @@ class InspectedProgram:
             "points": list(self.iter_points()),
         }
 
-    def iter_points(self) -> Iterator[dict[str, Any]]:
+    def iter_points(self) -> Iterator[PointRow]:
         """Yield every point."""
         positions, reach = self.program.positions, self.reach
         places = _rounded_rows(positions.frame_tip[:, :3, 3] * 1e3)
@@ -246,7 +262,7 @@ def _read_cell(request: InspectionRequest) -> Project | None:
     )
 
 
-def _names_to_json(known_by_name: dict[str | None, bool]) -> list[dict[str, Any]]:
+def _names_to_json(known_by_name: dict[str | None, bool]) -> list[dict[str, object]]:
     return [{"name": name, "known": there} for name, there in known_by_name.items()]
 
 

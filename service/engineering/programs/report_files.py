@@ -111,7 +111,7 @@ def json_program(source: str, written: str, result: ProgramResult) -> bytes:
     )
 
 
-def finding_object(finding: PointFinding) -> dict[str, Any]:
+def finding_object(finding: PointFinding) -> dict[str, object]:
     """Return a finding in millimetres and degrees; None for what the program does not tell."""
     return {
         "line": finding.line,
@@ -141,7 +141,7 @@ def diff_of(source: str, written: str, result: ProgramResult) -> bytes:
     return unified_diff(result.before.to_bytes(), result.after.to_bytes(), source, written)
 
 
-def report_totals(report: ProgramsReport) -> dict[str, Any]:
+def report_totals(report: ProgramsReport) -> dict[str, object]:
     """Return a report's figures as a whole."""
     return {
         "program_count": len(report.entries),

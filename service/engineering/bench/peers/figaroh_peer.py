@@ -1,11 +1,13 @@
 """figaroh 1.0.2: its structural calibration of the full parameters, from a data file to a solution."""
 
 import tempfile
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _CONFIG = """
 robot: {{name: arm}}
@@ -29,7 +31,7 @@ tasks:
 """
 
 
-def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Time initialisation and solution together, as a user meets them; writing the data file is not timed."""
     base = import_module("figaroh.calibration.base_calibration")
     tools = import_module("figaroh.calibration.calibration_tools")
@@ -62,7 +64,7 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     }
 
 
-def poses(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def poses(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Solve the relaxed design and take the largest weights, as its threshold rule does for a fixed number."""
     optimal = import_module("figaroh.optimal.base_optimal_calibration")
     blocks, chosen = inputs["blocks"], int(inputs["chosen"])

@@ -1,8 +1,10 @@
 """cellcal itself, as one contestant among the others: through its public functions."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
@@ -25,7 +27,7 @@ from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # so that data decide, as for the peers
 
 
-def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def compensate(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Compensate all postures: targets, damping, status and verification included."""
     real, nominal = _build_model(inputs["real_dh"]), _build_model(inputs["nominal_dh"])
     joints = inputs["joints"]
@@ -33,7 +35,7 @@ def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"joints": done.joints_rad, "seconds": seconds, "claimed": done.has_converged}
 
 
-def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Identify from joints and positions to parameters and covariance, the first guess included."""
     nominal = _build_model(inputs["nominal_dh"])
     observations = _point_observations(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
@@ -50,7 +52,7 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"seconds": seconds, "check_positions": places, "parameters": len(layout)}
 
 
-def identify_often(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify_often(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Identify from many draws of the noise, for the mean square error at the check postures [m^2]."""
     nominal, sigma = _build_model(inputs["nominal_dh"]), float(inputs["sigma_m"])
     layout = _parameter_layout(
@@ -69,7 +71,7 @@ def identify_often(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"squares": np.array(squares)}
 
 
-def identify_before(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify_before(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Fit base and tool to the nominal arm: what the others have to beat."""
     nominal = _build_model(inputs["nominal_dh"])
     observations = _point_observations(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
@@ -84,7 +86,7 @@ def identify_before(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"seconds": seconds, "check_positions": places, "parameters": len(layout), "level": FRAMES}
 
 
-def identify_chosen(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify_chosen(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Let the program choose the level by cross-validation over the rows given, robustly, with its own priors."""
     nominal = _build_model(inputs["nominal_dh"])
     observations = _point_observations(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
@@ -98,7 +100,7 @@ def identify_chosen(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"seconds": seconds, "check_positions": places, "parameters": unknowns, "level": found.level}
 
 
-def poses(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def poses(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Choose by block exchange from three starts."""
     blocks = np.ascontiguousarray(inputs["blocks"])
     task = DesignTask(blocks, 1e-9 * np.eye(len(blocks)))

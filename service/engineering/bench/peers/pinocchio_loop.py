@@ -1,9 +1,11 @@
 """pinocchio, used as its examples do: one posture at a time, with its C++ kinematics, Jacobian and logarithm."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _TOLERANCE = 1e-8
 _DAMPING = 1e-12
@@ -13,7 +15,7 @@ _LOOSE = 1e-9  # of the normal matrix: a prior of metres and radians, for noise 
 _IDENTIFIED = 1e-6  # m, rad: below what anybody sees
 
 
-def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def compensate(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Newton with the same damping, cap and tolerance as ours, verified by the last forward kinematics."""
     pin = import_module("pinocchio")
     nominal, real = (_PinocchioArm(pin, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
@@ -65,17 +67,19 @@ def _solve_posture(pin: Any, arm: _PinocchioArm, target: Any, joints: Any) -> bo
     return False
 
 
-def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Gauss-Newton as one writes it: frames, regressor and residual of each posture onto lists."""
     return _fit_placements(inputs, measure, _plain_equations)
 
 
-def identify_lean(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify_lean(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Do the same, with nothing in the loop but calls of pinocchio and copies into arrays."""
     return _fit_placements(inputs, measure, _lean_equations)
 
 
-def _fit_placements(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str, Any]:
+def _fit_placements(
+    inputs: Mapping[str, NDArray[np.float64]], measure: Any, equations: Any
+) -> dict[str, object]:
     """Fit twists of all placements and the tool, held by a prior so loose that it decides only what data cannot."""
     pin = import_module("pinocchio")
     joints, measured = inputs["joints"], inputs["positions"]

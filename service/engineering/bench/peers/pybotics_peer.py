@@ -1,14 +1,16 @@
 """pybotics 3.1.2: its own inverse kinematics and its own optimiser hooks with scipy. It wants numpy below 2."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _POINTS = 100  # at about a hundred a second, more would tell nothing new
 
 
-def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def compensate(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Solve the first hundred postures with ``Robot.ik``, which works in millimetres and bounds joints by pi."""
     nominal, real = (_build_robot(inputs[f"{name}_dh"]) for name in ("nominal", "real"))
     joints = inputs["joints"][:_POINTS]
@@ -25,7 +27,7 @@ def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"joints": found, "seconds": seconds, "claimed": claimed}
 
 
-def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def identify(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Run scipy's default least squares on ``optimize_accuracy``: all 24 links' numbers, tool place and world."""
     optimization = import_module("pybotics.optimization")
     least_squares = import_module("scipy.optimize").least_squares

@@ -1,14 +1,16 @@
 """roboticstoolbox: its C++ Levenberg-Marquardt, ``ik_LM``, from the nominal joints, one posture at a time."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 _TOLERANCE = 1e-14  # half the squared error [m^2, rad^2]; with its default of 1e-6 it stops at tenths of a mm
 
 
-def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+def compensate(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
     """Search from the joints given, once: a second search would begin at random joints."""
     toolbox = import_module("roboticstoolbox")
     nominal, real = (_build_chain(toolbox, inputs[f"{name}_placements"]) for name in ("nominal", "real"))
