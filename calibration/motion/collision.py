@@ -177,7 +177,7 @@ class CollisionCheck:
             close = _bar_clearance(shape.arm, segments, i, j) < shape.margin_m
             near[links] = near.get(links, np.zeros(_TRIALS, dtype=bool)) | close
         touching = frozenset(links for links, close in near.items() if close.mean() > _ALWAYS)
-        if shape.assumed and model.sliding is not None:  # nobody knows how a slide's guide is built
+        if shape.assumed and model.sliding is not None:  # how a slide's guide is built is unknown
             slides = np.flatnonzero(model.sliding)
             touching |= {(i, j) for i, j in near if ((slides >= i) & (slides < j)).any()}
         return cls(model, shape, touching)

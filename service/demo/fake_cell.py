@@ -104,7 +104,7 @@ _OWN_ARM = {
     "anchor_mm": "[900.0, -700.0, -450.0]",
     "mouth_mm": "[750.0, 0.0, 550.0]",
 }
-OTHER_ARM = "robot"  # what the cell file calls an arm that somebody chose
+OTHER_ARM = "robot"  # what the cell file calls an arm of the user's choice
 
 
 @contextmanager

@@ -178,7 +178,7 @@ async def _take_record(config: CellConfig, cell: Cell, journal: Journal, scenari
 
 
 async def _back_to_work(door: FakeCellClient, plot: DemoScenario) -> None:
-    """Bring an arm that somebody chose away from the record's last pose, which may be at the end of its range."""
+    """Bring an arm of the user's choice away from the record's last pose, which may be at the end of its range."""
     if plot.arm is not None:
         plot.say("The robot goes back to its work.")
         await door.inject_fault("hand_moves", device=plot.robot, joints=plot.arm.park_rad.tolist())

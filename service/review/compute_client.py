@@ -22,7 +22,7 @@ ANSWER_S = 30.0
 TASK = "process that computes"
 _MOST_WAITING = 8
 _LEAVE_S = 3.0
-_LATE_S = 0.5  # to finish an answer that nobody waits for any more: starting the process again takes longer
+_LATE_S = 0.5  # to finish an answer without a receiver: starting the process again takes longer
 _REVIEWS = "cellcal.service.review.compute_worker"
 
 

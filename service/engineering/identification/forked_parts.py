@@ -99,7 +99,7 @@ class DisplayedRunner:
 def share_parts(display: WorkDisplay) -> Iterator[PartRunner]:
     """Give what carries out parts, on all processors where the system can fork this process safely.
 
-    Whoever else runs in this process must not: a lock that another thread has at the moment of forking is never
+    Other threads must not run in this process: a lock that another thread has at the moment of forking is never
     released in the forked process.
     """
     processors = processor_count()
@@ -116,7 +116,7 @@ def share_parts(display: WorkDisplay) -> Iterator[PartRunner]:
         yield ForkedRunner(pool, display)
         finished = True
     finally:
-        if not finished:  # nobody waits for what they work on
+        if not finished:  # their work has no receiver
             for process in forked:
                 process.terminate()
         pool.shutdown(cancel_futures=True)
