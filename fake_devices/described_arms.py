@@ -4,8 +4,8 @@ Imitates
     Any arm of six turning axes, behind whatever controller a cell file names.
 Source
     The JSON file of ``--arms``: one object a robot of the cell file, with its rows, coupling, limits, speeds and
-    parking posture as the process that starts the fakes knows them. Masses, stiffnesses, gear ratios and the wrist's coupling
-    are generic: those of the fakes' own FANUC M-6iB, scaled by the arm's reach. No maker has published them.
+    parking posture as the process that starts the fakes knows them. Masses, stiffnesses, gear ratios and the
+    wrist's coupling are generic: those of the fakes' own FANUC M-6iB, scaled by the arm's reach. No maker has published them.
 Modelled
     As for the arms that the fakes know by themselves.
 Not modelled
