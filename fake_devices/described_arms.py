@@ -5,7 +5,8 @@ Imitates
 Source
     The JSON file of ``--arms``: one object a robot of the cell file, with its rows, coupling, limits, speeds and
     parking posture as the process that starts the fakes knows them. Masses, stiffnesses, gear ratios and the
-    wrist's coupling are generic: those of the fakes' own FANUC M-6iB, scaled by the arm's reach. No maker has published them.
+    wrist's coupling are generic: those of the fakes' own FANUC M-6iB, scaled by the
+    arm's reach. No maker has published them.
 Modelled
     As for the arms that the fakes know by themselves.
 Not modelled

@@ -285,7 +285,7 @@ async def test_with_a_token_only_its_holder_reads_it_from_here_or_from_afar(tmp_
 async def test_no_secret_and_no_name_of_a_person_is_in_it(tmp_path: Path) -> None:
     async with open_service_client(tmp_path) as service_client:
         config = read_cell_file(service_client.app.state.context.settings.cell_file)
-        service_client.app.state.meter.received_keys("session", session_of("cell-7", controlled_by="Tom"))
+        service_client.app.state.meter.on_event("session", session_of("cell-7", controlled_by="Tom"))
         text = (await service_client.client.get("/metrics")).text
         assert pepper_of(config.cell.data_dir).hex() not in text
         assert not any(name in text for name in ("Tom", "Emil", "Ada"))
