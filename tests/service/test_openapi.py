@@ -38,8 +38,8 @@ def test_every_route_says_what_a_refusal_is(api_description: dict[str, Any]) -> 
         for method, operation in methods.items():
             for status in ("422", "default"):
                 schema = operation["responses"][status]["content"]["application/json"]["schema"]
-                assert schema == {"$ref": "#/components/schemas/Refused"}, f"{method} {path}"
-    assert api_description["components"]["schemas"]["Refused"]["required"] == ["code", "message", "remedy"]
+                assert schema == {"$ref": "#/components/schemas/RefusalResponse"}, f"{method} {path}"
+    assert api_description["components"]["schemas"]["RefusalResponse"]["required"] == ["code", "message", "remedy"]
 
 
 def test_every_route_says_what_is_in_its_answers(api_description: dict[str, Any]) -> None:
