@@ -7,8 +7,8 @@ Source
     for a probe's turn at twice its standard deviation. Refractive index of air: 0.95e-6 a kelvin (Edlen).
 Modelled
     Where the tripod stands (drawn at random, not published), where reflector and probe really sit on the flange,
-    noise of every measurement, a moved tripod, a broken beam, air drift and the error of lengths by a wrong temperature;
-    six fixed nests for the reflector, to which a person leads the beam.
+    noise of every measurement, a moved tripod, a broken beam, air that drifts and the error of lengths by a
+    wrong temperature; six fixed nests for the reflector, to which a person leads the beam.
 Not modelled
     Line of sight through the robot's own body, acceptance angle of the reflector, two faces, drift of the encoders.
 """

@@ -1,4 +1,4 @@
-# ruff: noqa: E501 - lines of XML stay whole
+
 """PolyScope programs (gzip XML) in the forms that public ones show; knows nothing of the reader."""
 
 import gzip
