@@ -1,4 +1,3 @@
-
 """PolyScope programs (gzip XML) in the forms that public ones show; knows nothing of the reader."""
 
 import gzip
