@@ -213,7 +213,13 @@ def mean_rotation(rotations: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Return the rotation nearest to a (3, 3) matrix in the least-squares sense."""
+    """Return the rotation nearest to a (3, 3) matrix in the least-squares sense.
+
+    References
+    ----------
+    S. Umeyama, Least-squares estimation of transformation parameters between two point patterns, IEEE Trans.
+    PAMI 13 (1991) 376.
+    """
     u, singular, vt = np.linalg.svd(matrix)
     if singular[1] < 1e-9 * max(singular[0], 1e-300):
         raise CalibrationError("no rotation is nearest to this matrix")

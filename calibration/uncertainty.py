@@ -35,6 +35,8 @@ def coverage_factor(degrees_of_freedom: float = float("inf"), probability: float
     """Return the two-sided Student factor k: 2.45 for 6 degrees of freedom at 95 %.
 
     With unlimited degrees of freedom and 95 % it is the conventional k = 2 rather than 1.96.
+
+    References: JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.3 and table G.2.
     """
     _require_that(
         degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"

@@ -14,6 +14,11 @@ class DhTable:
     """One row a joint, ``Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha) Rot(y, beta)``; fields are (n,).
 
     ``beta`` is Hayati's twist, for an axis (nearly) parallel to its predecessor, where ``d`` is not defined.
+
+    References
+    ----------
+    S. Hayati, M. Mirmirani, Improving the absolute positioning accuracy of robot manipulators, J. Robotic
+    Systems 2 (1985) 397: beta.
     """
 
     theta_rad: Array

@@ -94,6 +94,10 @@ def estimate_arm(
     Steps are taken in units of prior deviations, so that metres and radians meet on one scale. The iteration
     ends when what the next step could change, its own part or the curvature that it leaves out, is far below
     the posterior deviations.
+
+    References
+    ----------
+    J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 10: damped Gauss-Newton.
     """
     if weights is not None:
         problem = replace(problem, root=np.sqrt(weights))

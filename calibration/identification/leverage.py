@@ -65,7 +65,12 @@ def standardise_residuals(residuals: Array, columns: Array, covariance: Array, w
 
 
 def redundant_shares(fit: ArmFit, problem: FitProblem) -> Array:
-    """Return which part of each channel group's readings is redundant: not needed for the unknowns."""
+    """Return which part of each channel group's readings is redundant: not needed for the unknowns.
+
+    References
+    ----------
+    W. Foerstner, Reliability and discernability of extended Gauss-Markov models, DGK A98 (1983) 79: redundancy.
+    """
     observations = problem.observations
     groups, unknowns = channel_groups(observations.channels), effective_unknowns(fit)
     if len(groups) == 1:

@@ -66,6 +66,11 @@ def fit_robustly(layout: ParameterLayout, start: ArmState, problem: FitProblem) 
     A row is rejected beyond ``max(4, t)`` deviations of what its residual may be, where t would reject 0.05 good
     Gaussian rows in all, given how well so few residuals tell their deviation; unless its neighbours are off in
     the same way. The deviation is taken from the median, so up to half of the rows may be bad.
+
+    References
+    ----------
+    P. W. Holland, R. E. Welsch, Robust regression using iteratively reweighted least-squares, Comm. Statistics
+    A6 (1977) 813: Cauchy weights.
     """
     if not len(layout):
         return _without_fit(layout, start, problem)

@@ -84,6 +84,10 @@ def candidate_breaks(
     tuple of SeriesBreak
         Sorted by row. Whether breaks are real is for cross-validation to say: neighbours share errors, and
         the criterion takes them for independent.
+
+    References
+    ----------
+    G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461: the criterion.
     """
     fits = fits or FrameFits(model, observations)
     breaks: list[SeriesBreak] = []

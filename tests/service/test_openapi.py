@@ -39,7 +39,11 @@ def test_every_route_says_what_a_refusal_is(api_description: dict[str, Any]) -> 
             for status in ("422", "default"):
                 schema = operation["responses"][status]["content"]["application/json"]["schema"]
                 assert schema == {"$ref": "#/components/schemas/RefusalResponse"}, f"{method} {path}"
-    assert api_description["components"]["schemas"]["RefusalResponse"]["required"] == ["code", "message", "remedy"]
+    assert api_description["components"]["schemas"]["RefusalResponse"]["required"] == [
+        "code",
+        "message",
+        "remedy",
+    ]
 
 
 def test_every_route_says_what_is_in_its_answers(api_description: dict[str, Any]) -> None:
