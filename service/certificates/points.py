@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.canonical_json import canonical_json, sha256_of
@@ -11,6 +11,17 @@ from cellcal.procedures.run_history import EventKind, StepEffect
 from cellcal.service.record.journal import JournalEvent
 
 _LARGEST_VALUE = 20_000  # characters; what is longer, such as a stored record, is named by its hash
+
+
+class ReadingEntry(TypedDict):
+    """A reading of a run. A failed one has no value; a long value is named by its hash."""
+
+    step: str
+    at_utc: str
+    used: bool
+    reason: str  # why it was not used; empty where it was
+    value: NotRequired[Any]
+    value_sha256: NotRequired[str]
 
 
 @dataclass(slots=True)
@@ -23,9 +34,7 @@ class _RecordedFinding:
     reason: str = ""  # why it was not used
 
 
-def list_readings(
-    events: Sequence[JournalEvent], judgement: Mapping[str, Any] | None
-) -> list[dict[str, Any]]:
+def list_readings(events: Sequence[JournalEvent], judgement: Mapping[str, Any] | None) -> list[ReadingEntry]:
     """Return the readings of a run in the order they were taken; those not used carry the reason.
 
     ``judgement`` is the run's verdict: it names the steps that the procedure itself did not use, with the reason.
@@ -85,19 +94,24 @@ def _is_reading(body: Mapping[str, Any]) -> bool:
     return bool(body["effect"] == StepEffect.NONE and not calculated and not is_answer)
 
 
-def _reading_to_json(taken: _RecordedFinding, set_aside: Mapping[str, str]) -> dict[str, Any]:
+def _reading_to_json(taken: _RecordedFinding, set_aside: Mapping[str, str]) -> ReadingEntry:
     reason = taken.reason or set_aside.get(taken.step, "")
-    document = {"step": taken.step, "at_utc": taken.at_utc, "used": not reason, "reason": reason}
+    document: ReadingEntry = {
+        "step": taken.step,
+        "at_utc": taken.at_utc,
+        "used": not reason,
+        "reason": reason,
+    }
     value = taken.body["value"]
     if len(canonical_json(value)) > _LARGEST_VALUE:
-        return document | {"value_sha256": sha256_of(value)}
-    return document | {"value": value}
+        return {**document, "value_sha256": sha256_of(value)}
+    return {**document, "value": value}
 
 
-def _failed_readings(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
+def _failed_readings(events: Iterable[JournalEvent]) -> list[ReadingEntry]:
     """Return the attempts to read that gave nothing; a person's no and a calculation's refusal are none."""
     calculated: set[str] = set()
-    failed = []
+    failed: list[ReadingEntry] = []
     for event in events:
         body = parse_json(event.body)
         if event.kind == EventKind.ENTERED and isinstance(body["inputs"], dict):

@@ -1,7 +1,7 @@
 """Who accepted, approved and signed what of a run, in which role and when: folded from its journal."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.run_history import EventKind
@@ -10,7 +10,18 @@ from cellcal.service.record.journal import JournalEvent
 _APPROVED = ("approve", "may_")  # how the keys of questions begin that let a robot move
 
 
-def list_sign_offs(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
+class SignOffEntry(TypedDict):
+    """One acceptance, approval or signature."""
+
+    did: str
+    what: str
+    what_sha256: str
+    who: str
+    people: list[dict[str, str]]
+    at_utc: str
+
+
+def list_sign_offs(events: Iterable[JournalEvent]) -> list[SignOffEntry]:
     """Return every acceptance, approval and signature of a run, in the order given.
 
     Each has ``did`` (accepted, approved or signed), ``what`` (the step, or the line that was signed), ``who`` as
@@ -18,15 +29,23 @@ def list_sign_offs(events: Iterable[JournalEvent]) -> list[dict[str, Any]]:
     ``what_sha256``: the hash of what was accepted, empty where the words are all.
     """
     roles: dict[str, list[dict[str, str]]] = {}
-    found: list[dict[str, Any]] = []
+    found: list[SignOffEntry] = []
     for event in events:
         body = parse_json(event.body)
         if event.kind == EventKind.ANSWERS_AS:
             roles[body["who"]] = body["people"]
         for did, what, sha256 in _sign_off_actions(event.kind, body):
             who = str(body["who"] if "who" in body else body["value"]["who"])
-            entry = {"did": did, "what": what, "what_sha256": sha256, "who": who}
-            found.append(entry | {"people": roles.get(who, []), "at_utc": event.wall_utc})
+            found.append(
+                {
+                    "did": did,
+                    "what": what,
+                    "what_sha256": sha256,
+                    "who": who,
+                    "people": roles.get(who, []),
+                    "at_utc": event.wall_utc,
+                }
+            )
     return found
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, TroubleDocument
@@ -21,6 +21,9 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.exposition import MetricFamily, render_text
 from cellcal.service.session_documents import DeviceDocument, EventContent, LiveDocument, SessionDocument
 from cellcal.service.times import read_time
+
+if TYPE_CHECKING:
+    from cellcal.service.site.ledger import DriftEntry
 
 CONTROLLER_SILENT_S = 5.0
 _BATCH = 500
@@ -33,7 +36,7 @@ class _RunCounts:
     head: int = 0
     runs: dict[str, tuple[str, str]] = field(default_factory=dict)
     certificates: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
-    drifts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    drifts: dict[str, "DriftEntry"] = field(default_factory=dict)
 
 
 class CellMetrics:

@@ -82,7 +82,14 @@ def points_table(config: CellConfig, run_id: str) -> ExportTable:
         *(ExportColumn(name, unit_of(name.rpartition(".")[2].partition("[")[0])) for name in names),
     )
     rows = [
-        (*(reading[key] for key in _READING), *(flat.get(name) for name in names)) for reading, flat in taken
+        (
+            reading["step"],
+            reading["at_utc"],
+            reading["used"],
+            reading["reason"],
+            *(flat.get(name) for name in names),
+        )
+        for reading, flat in taken
     ]
     return ExportTable("points", columns, tuple(rows))
 

@@ -6,7 +6,7 @@ A fold over the journal's events, one at a time, so that a long journal is read 
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.run_history import EventKind
@@ -16,6 +16,27 @@ _RUNS_KEPT = 100
 _TREND_KEPT = 20
 _ENDED_WELL = "passed"
 _WITH_A_RECORD = ("refused", "out_of_tolerance")  # their certificate is the record of a refusal
+
+
+class CertificateSummary(TypedDict):
+    """The newest certificate, or refusal, of the cell."""
+
+    run_id: str
+    procedure: str
+    robot_serial: str
+    word: str
+    ended_utc: str
+
+
+class DriftEntry(TypedDict):
+    """What a drift check found, in metres at the tip."""
+
+    run_id: str
+    robot_serial: str
+    ended_utc: str
+    change_rms_m: float
+    change_max_m: Any  # as the journal has it
+    word: str
 
 
 @dataclass(slots=True)
@@ -40,8 +61,8 @@ class SiteLedger:
 
     head: int = 0
     head_hash: str = ""
-    certificate: dict[str, Any] | None = None
-    drift: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=_TREND_KEPT))
+    certificate: CertificateSummary | None = None
+    drift: deque[DriftEntry] = field(default_factory=lambda: deque(maxlen=_TREND_KEPT))
     _runs: dict[str, _RunSummary] = field(default_factory=dict)
 
     def take_event(self, event: JournalEvent) -> None:
