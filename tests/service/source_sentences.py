@@ -20,7 +20,7 @@ _BY_NAME = """
     conflicts copied costs costs_each_time cure cure_text describe_hypothesis describe_mismatch
     describe_obstacle describe_parameter describe_partner describe_time describe_turn detectable detected_by
     different direction_text element_set external external_offset external_tool failure_reason figure_text
-    figures find_trouble fixed flaw format_deviation forms found frame_alone hindrances in_master in_script
+    figures find_trouble fixed flaw format_deviation forms frame_alone hindrances in_master in_script
     in_tool increment insert_event inside kind_texts lacks later led_motion limits_from limits_text made_by
     make_forecast message missing_group missing_need_texts move_text next_instruction no_exchange no_posture
     none_to_spare not_checked not_read not_verified offer_texts on_conveyor other_configuration other_frame

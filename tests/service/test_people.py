@@ -51,8 +51,8 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
     work = "write_mastering|write_user_frame|write_and_read_back"
     writing = re.compile(rf"run\.write\(\s*\"[^\"]+\",\s*(?:{work})")
     elsewhere = {  # questions that two procedures share
-        "told_correction": "accept_mastering",
-        "shown_tool": "accept_tool",
+        "correction_instruction": "accept_mastering",
+        "tool_instruction": "accept_tool",
     }
     question_keys = set()
     for path in PROCEDURES.rglob("*.py"):

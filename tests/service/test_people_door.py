@@ -138,7 +138,9 @@ async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: P
         async def proof(**other: Any) -> int:
             challenge = service_client.authenticator.create_challenge()
             service_client.clock.pass_by(other.pop("late_s", 0.0))
-            signature = other.pop("by", tablet).signature(challenge, other.pop("origin", "http://127.0.0.1"))
+            signature = other.pop("by", tablet).sign_challenge(
+                challenge, other.pop("origin", "http://127.0.0.1")
+            )
             proof_body = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
             answer = await service_client.post_json("/api/sign-in/device", proof_body)
             status = answer.status_code

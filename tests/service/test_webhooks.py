@@ -235,7 +235,9 @@ async def test_the_service_sends_alarms_by_itself(tmp_path: Path) -> None:
         async with app.router.lifespan_context(app), asyncio.timeout(2 * PATIENCE_S):
             while not receiver.received_events:
                 await asyncio.sleep(0.1)
-            while "\ncellcal_desk_up 1.0\n" not in (figures := await asyncio.to_thread(app.state.meter.text)):
+            while "\ncellcal_desk_up 1.0\n" not in (
+                figures := await asyncio.to_thread(app.state.meter.render_metrics)
+            ):
                 await asyncio.sleep(0.1)
     assert receiver.received_events[0] == ("alarm.raised", "cell.unreachable")
     assert '\ncellcal_alarms{code="cell.unreachable"} 1.0\n' in figures

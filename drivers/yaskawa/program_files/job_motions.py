@@ -40,7 +40,12 @@ _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
     r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
 )
-_REASONS = (("IMOV", _INCREMENT), ("EIMOV", _INCREMENT), ("SY", _ON_CONVEYOR), ("SMOV", _LED_MOTION))
+_CAUSE_OF_INSTRUCTION = (
+    ("IMOV", _INCREMENT),
+    ("EIMOV", _INCREMENT),
+    ("SY", _ON_CONVEYOR),
+    ("SMOV", _LED_MOTION),
+)
 
 
 @dataclass
@@ -220,7 +225,7 @@ def _row_key(taken: re.Match[str]) -> Key | None:
 
 
 def _why_no_place(word: str) -> str:
-    return next((text for begins, text in _REASONS if word.startswith(begins)), _OTHER_MOTION)
+    return next((text for begins, text in _CAUSE_OF_INSTRUCTION if word.startswith(begins)), _OTHER_MOTION)
 
 
 def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) -> None:
