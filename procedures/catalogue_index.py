@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class CatalogueEntry:
+class ProcedureEntry:
     """What a list shows of one procedure."""
 
     name: str
@@ -16,18 +16,18 @@ class CatalogueEntry:
 
 
 CATALOGUE_INDEX = (
-    CatalogueEntry("mastering_record", "Mastering record", 4),
-    CatalogueEntry("mastering_recovery", "Mastering recovery", 8),
-    CatalogueEntry("mastering_undo", "Undo of a written mastering", 1),
-    CatalogueEntry("six_point_tcp", "Tool frame from six points", 3),
-    CatalogueEntry("three_point_frame", "User frame from three points", 3),
-    CatalogueEntry("probed_frame", "User frame from a corner felt by a touch probe", 1),
-    CatalogueEntry("frame_offset", "Offset of a user frame after the workpiece moved", 3),
-    CatalogueEntry("end_effector_points", "Tool frame from points on the end-effector", 4),
-    CatalogueEntry("fixture_alignment", "Fixture alignment with the draw-wire", 5),
-    CatalogueEntry("base_to_base", "Robot bases through one fixture", 2),
-    CatalogueEntry("robot_calibration", "Robot calibration with draw-wire or tracker", 4),
-    CatalogueEntry("drift_check", "Drift check against the reference of a healthy robot", 3),
-    CatalogueEntry("accuracy_check", "Accuracy and repeatability following ISO 9283", 3),
-    CatalogueEntry("simulation_cell", "Simulated cell from tag points", 1),
+    ProcedureEntry("mastering_record", "Mastering record", 4),
+    ProcedureEntry("mastering_recovery", "Mastering recovery", 8),
+    ProcedureEntry("mastering_undo", "Undo of a written mastering", 1),
+    ProcedureEntry("six_point_tcp", "Tool frame from six points", 3),
+    ProcedureEntry("three_point_frame", "User frame from three points", 3),
+    ProcedureEntry("probed_frame", "User frame from a corner felt by a touch probe", 1),
+    ProcedureEntry("frame_offset", "Offset of a user frame after the workpiece moved", 3),
+    ProcedureEntry("end_effector_points", "Tool frame from points on the end-effector", 4),
+    ProcedureEntry("fixture_alignment", "Fixture alignment with the draw-wire", 5),
+    ProcedureEntry("base_to_base", "Robot bases through one fixture", 2),
+    ProcedureEntry("robot_calibration", "Robot calibration with draw-wire or tracker", 4),
+    ProcedureEntry("drift_check", "Drift check against the reference of a healthy robot", 3),
+    ProcedureEntry("accuracy_check", "Accuracy and repeatability following ISO 9283", 3),
+    ProcedureEntry("simulation_cell", "Simulated cell from tag points", 1),
 )

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 from cellcal.procedures.catalogue import DEFINITIONS
-from cellcal.procedures.catalogue_index import CATALOGUE_INDEX, CatalogueEntry
+from cellcal.procedures.catalogue_index import CATALOGUE_INDEX, ProcedureEntry
 
 _LIST = """
 import sys
@@ -22,7 +22,7 @@ def loaded_by(*arguments: str) -> str:
 
 
 def test_the_index_says_what_the_definitions_say() -> None:
-    assert tuple(CatalogueEntry(d.name, d.title, d.version) for d in DEFINITIONS) == CATALOGUE_INDEX
+    assert tuple(ProcedureEntry(d.name, d.title, d.version) for d in DEFINITIONS) == CATALOGUE_INDEX
 
 
 def test_a_list_of_procedures_loads_no_mathematics() -> None:
