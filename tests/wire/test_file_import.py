@@ -44,9 +44,9 @@ async def request_point(tracker: Any) -> "asyncio.Task[Any]":
         looked.set()
         return bytes(found)
 
-    file.content = file_content
+    file.read_content = file_content
     await looked.wait()
-    file.content = content
+    file.read_content = content
     return reading
 
 
