@@ -19,7 +19,7 @@ _LONGEST_LINE = 4096
 _ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell is at fault."
 
 
-class DashboardClient:
+class UrDashboard:
     """What we ask of the dashboard, and no more: it could also release brakes and clear stops."""
 
     def __init__(self, device: str, address: str, *, deadline_s: float) -> None:

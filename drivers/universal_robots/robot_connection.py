@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from cellcal.drivers.errors import RefusedError, UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Identity
-from cellcal.drivers.universal_robots.dashboard import DashboardClient
+from cellcal.drivers.universal_robots.dashboard import UrDashboard
 from cellcal.drivers.universal_robots.state import ControllerVersion, StateClient, StateSample
 
 _log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ class RobotConnection:
     def __init__(self, device: str, address: str, expected: tuple[str, str], timing: StreamTiming) -> None:
         self.device, self._address, self._timing = device, address, timing
         self._model, self._serial = expected
-        self.dashboard = DashboardClient(device, address, deadline_s=timing.deadline_s / 4)
+        self.dashboard = UrDashboard(device, address, deadline_s=timing.deadline_s / 4)
         self._state: StateClient | None = None
         self._identity: Identity | None = None
         self._remote: tuple[float, bool] = (float("-inf"), False)

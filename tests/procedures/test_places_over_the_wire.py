@@ -126,7 +126,7 @@ async def lose_position(
 async def wrong_rad(cell: Any, fake_client: FakeCellClient) -> np.ndarray:
     truth = (await fake_client.read_truth())["robots"]["fanuc"]
     drive = await cell.mastering.drive_train()
-    return drive.joints(np.array(truth["counts_at_zero"]), np.array(truth["true_counts_at_zero"]))
+    return drive.to_joints(np.array(truth["counts_at_zero"]), np.array(truth["true_counts_at_zero"]))
 
 
 @pytest.mark.parametrize(("kit", "instrument"), [("probe", PROBE), ("seat", PROBE), ("tracker", TRACKER)])
@@ -139,7 +139,7 @@ async def test_a_record_by_places_brings_every_turn_back(tmp_path: Path, kit: st
         last = await cell.mastering.encoder_counts()
         await lose_position(cell, fake_client)
         if instrument is TRACKER:
-            await fake_client.fault("set_up_again")  # a tracker is not left standing for a year
+            await fake_client.inject_fault("set_up_again")  # a tracker is not left standing for a year
         cell_with_record = replace(cell, record=recorded.record)
         found = await run_procedure_in(config, cell_with_record, "mastering_recovery", last_counts=list(last))
         assert (found.verdict, found.mode) == ("restored", "turns")
@@ -200,7 +200,7 @@ async def test_a_link_cut_right_after_the_write_is_reported_unambiguously(tmp_pa
             assert broken.verdict is RunVerdict.CELL_FAILED
             assert "NOT confirmed" in broken.remedy
             hands.pulls = False
-            await fake_client.ask("clear")
+            await fake_client.send_command("clear")
             await _answers_again(cell)
             assert [one.of_run for one in RunStore(journal).list_unconfirmed("F-104711")] == [broken.run_id]
             trouble = await MasteringComparison(journalled_mastering(config, "F-104711")).find_trouble(

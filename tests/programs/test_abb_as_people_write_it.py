@@ -143,7 +143,7 @@ def test_a_copy_in_another_module_counts_too():
             "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).declarations,
         }
     )
-    assert "different" in data_module.with_abroad(across.uses_of_file("data.mod")).positions.barred[0]
+    assert "different" in data_module.with_external_uses(across.uses_of_file("data.mod")).positions.barred[0]
 
 
 def test_tools_of_one_name_that_differ_are_used_by_no_module():

@@ -51,7 +51,7 @@ async def _try_seed(seed: int) -> tuple[str, bool, bool]:
             last = await cell.mastering.encoder_counts()
             await lose_position(cell, fake_client, fault, **fault_settings)
             if kit == "tracker":
-                await fake_client.fault("set_up_again")
+                await fake_client.inject_fault("set_up_again")
             cell_with_record = replace(cell, record=recorded.record)
             try:
                 found = await run_procedure_in(

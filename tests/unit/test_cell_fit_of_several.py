@@ -54,7 +54,7 @@ def one_arm(world, series, devices, *, tool=None, targets=(), **robot):
 def reflector_rows(world, count=30):
     targets = [CellTarget(f"smr {i}", "tip", FramePrior.from_point(at)) for i, at in enumerate(REFLECTORS)]
     series = [
-        CellSeries(f"rows {i}", "tracker", f"smr {i}", world.points(count, offset=at))
+        CellSeries(f"rows {i}", "tracker", f"smr {i}", world.point_rows(count, offset=at))
         for i, at in enumerate(REFLECTORS)
     ]
     return targets, series
@@ -326,7 +326,7 @@ def mixed_cell(world, frame=None, *, order=None, mirrored=False):
     pin = replace(pin, positions_m=pin.positions_m @ frame[:3, :3].T)
     series = [
         CellSeries("points", "tracker", "tip", points.select_rows(order), groups=order // 4),
-        CellSeries("pulled", "wire", "tip", lengths.take(order), groups=20 + order // 4),
+        CellSeries("pulled", "wire", "tip", lengths.select_rows(order), groups=20 + order // 4),
         CellSeries("pin", "pin", "tip", pin, groups=np.full(8, 50)),
     ]
     pin_there = frame[:3, :3] @ PIN + frame[:3, 3]
