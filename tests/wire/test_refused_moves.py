@@ -32,7 +32,7 @@ STALE = {
     "silent": {"fanuc": "silent", "ur": "link_stall"},
 }
 Event = Callable[[], Awaitable[None]]
-confirmed_or_planned = pytest.mark.parametrize("asked", [True, False], ids=["asked", "planned"])
+confirmed_or_planned = pytest.mark.parametrize("is_confirmed", [True, False], ids=["asked", "planned"])
 
 
 async def do_nothing() -> None:
