@@ -357,7 +357,7 @@ async def test_large_uploads_need_permission_and_have_a_limit(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("request", "sentence"),
+    ("job_request", "sentence"),
     [
         ({"do": "compensate", "cell": CELL_7}, "no program came along"),
         ({"do": "move", "cell": CELL_7, "own_files": True}, "a move takes an offset"),
@@ -374,10 +374,10 @@ async def test_large_uploads_need_permission_and_have_a_limit(tmp_path: Path) ->
     ],
 )
 async def test_what_does_not_fit_together_is_refused_at_once(
-    tmp_path: Path, request: dict[str, Any], sentence: str
+    tmp_path: Path, job_request: dict[str, Any], sentence: str
 ) -> None:
     async with an_engineer(tmp_path) as service_client:
-        answer = await service_client.post_json("/api/programs/jobs", request)
+        answer = await service_client.post_json("/api/programs/jobs", job_request)
         assert answer.status_code == 422
         assert sentence in answer.json()["message"]
         assert answer.json()["remedy"]
@@ -388,7 +388,7 @@ async def test_a_job_can_be_stopped_and_leaves_nothing(tmp_path: Path) -> None:
     async with an_engineer(tmp_path) as service_client:
         request = {"do": "compensate", "cell": CELL_7, "files": uploaded_files(SOURCES)}
         begun = (await service_client.post_json("/api/programs/jobs", request)).json()
-        folder = service_client.app.state.programs.find(begun["id"]).folder
+        folder = service_client.app.state.programs.find_job(begun["id"]).folder
         assert folder.is_dir()
         stopped = (await service_client.post_json(f"/api/programs/jobs/{begun['id']}/stop", {})).json()
         assert stopped["state"] == "stopped"
