@@ -180,15 +180,15 @@ def _is_as_described(
 ) -> None:
     shapes = spec["components"]["schemas"]
     for content, shape in (
-        (bench, "Bench"),
+        (bench, "ProgramsOverview"),
         (bench["robots"][0], "Here"),
         (bench["projects"][1], "KeptProject"),
         (bench["jobs"][0], "ProgramsJob"),
-        (job, "MadeJob"),
-        (job["preview"], "Preview"),
+        (job, "JobWithPreview"),
+        (job["preview"], "JobPreview"),
         (job["preview"]["picture"], "PointsPicture"),
-        (points, "PointsMade"),
-        (points["points"][0], "PointMade"),
+        (points, "PointsPage"),
+        (points["points"][0], "PointPreview"),
     ):
         assert content.keys() == shapes[shape]["properties"].keys(), shape
     assert bench["projects"][1] == {
