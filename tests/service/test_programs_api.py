@@ -181,8 +181,8 @@ def _is_as_described(
     shapes = spec["components"]["schemas"]
     for content, shape in (
         (bench, "ProgramsOverview"),
-        (bench["robots"][0], "Here"),
-        (bench["projects"][1], "KeptProject"),
+        (bench["robots"][0], "RobotOfCell"),
+        (bench["projects"][1], "StoredProject"),
         (bench["jobs"][0], "ProgramsJob"),
         (job, "JobWithPreview"),
         (job["preview"], "JobPreview"),
