@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.interfaces import Condition, GaugeCapabilities, Identity, LengthReading
+from cellcal.drivers.interfaces import GaugeCapabilities, LengthReading
 from cellcal.drivers.touch_probe.coupler import Coupler
+from cellcal.drivers.touch_probe.coupler_device import CouplerDevice
 from cellcal.drivers.wire.deadline import answer_deadline
 
 
@@ -18,35 +19,16 @@ class DialOptions:
     deadline_s: float
 
 
-class DialGauge:
+class DialGauge(CouplerDevice):
     """DistanceGauge: how far the plunger is pushed in."""
 
     def __init__(self, coupler: Coupler, options: DialOptions) -> None:
-        self._coupler, self._options = coupler, options
-
-    @property
-    def name(self) -> str:
-        return self._coupler.name
+        super().__init__(coupler, options.deadline_s)
+        self._options = options
 
     @property
     def capabilities(self) -> GaugeCapabilities:
         return GaugeCapabilities(self._options.range_m, self._step_m, self._options.sigma_m)
-
-    async def connect(self) -> None:
-        """Connect and check who answers."""
-        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
-            await self._coupler.connect()
-
-    async def close(self) -> None:
-        """Hang up."""
-        await self._coupler.link.close()
-
-    async def identify(self) -> Identity:
-        async with answer_deadline(self.name, self._options.deadline_s, "asking who it is"):
-            return await self._coupler.identify()
-
-    async def read_condition(self) -> Condition:
-        return await self._coupler.read_condition()
 
     async def read_distance(self) -> LengthReading:
         async with answer_deadline(self.name, self._options.deadline_s, "reading the dial gauge"):

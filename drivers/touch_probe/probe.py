@@ -6,8 +6,9 @@ import time
 from dataclasses import dataclass, field
 
 from cellcal.drivers.errors import BusyError, RefusedError
-from cellcal.drivers.interfaces import Condition, ContactEdge, ContactReading, Identity, ProbeCapabilities
+from cellcal.drivers.interfaces import ContactEdge, ContactReading, ProbeCapabilities
 from cellcal.drivers.touch_probe.coupler import Coupler, InputImage
+from cellcal.drivers.touch_probe.coupler_device import CouplerDevice
 from cellcal.drivers.wire.deadline import answer_deadline
 
 _ECHO_EVERY_S = 0.05
@@ -40,36 +41,17 @@ class _TouchWatch:
     words: list[int] = field(default_factory=list)
 
 
-class CouplerTouchProbe:
+class CouplerTouchProbe(CouplerDevice):
     """TouchProbe over one input of a coupler."""
 
     def __init__(self, coupler: Coupler, capabilities: ProbeCapabilities, options: ProbeOptions) -> None:
-        self._coupler, self._capabilities, self._options = coupler, capabilities, options
+        super().__init__(coupler, options.deadline_s)
+        self._capabilities, self._options = capabilities, options
         self._watching = False
-
-    @property
-    def name(self) -> str:
-        return self._coupler.name
 
     @property
     def capabilities(self) -> ProbeCapabilities:
         return self._capabilities
-
-    async def connect(self) -> None:
-        """Connect and check who answers."""
-        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
-            await self._coupler.connect()
-
-    async def close(self) -> None:
-        """Hang up."""
-        await self._coupler.link.close()
-
-    async def identify(self) -> Identity:
-        async with answer_deadline(self.name, self._options.deadline_s, "asking who it is"):
-            return await self._coupler.identify()
-
-    async def read_condition(self) -> Condition:
-        return await self._coupler.read_condition()
 
     async def read_contact(self) -> ContactReading:
         async with answer_deadline(self.name, self._options.deadline_s, "reading the contact"):
