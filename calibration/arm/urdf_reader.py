@@ -178,7 +178,7 @@ class _Tree:
 
     def base(self, asked: str | None) -> str:
         if asked is not None:
-            return self._known("base", asked)
+            return self._require_link("base", asked)
         roots = [link for link in self.links if link not in self.above]
         if len(roots) != 1:
             raise CalibrationError(
@@ -189,7 +189,7 @@ class _Tree:
 
     def tip(self, asked: str | None) -> str:
         if asked is not None:
-            return self._known("tip", asked)
+            return self._require_link("tip", asked)
         carrying = {link_of(joint, "parent") for joint in self.above.values()}
         ends = [link for link in self.links if link not in carrying]
         if len(ends) != 1:
@@ -216,7 +216,7 @@ class _Tree:
             _refuse_unusual(joint)
         return path
 
-    def _known(self, what: str, link: str) -> str:
+    def _require_link(self, what: str, link: str) -> str:
         if link in self.links:
             return link
         near = get_close_matches(link, self.links, n=1)

@@ -34,7 +34,7 @@ def host_router(folder: Path, leave: threading.Event, tell: Callable[[str], None
         The folder is not whole, or its address cannot be listened on.
     """
     hosted = _Hosted(folder, leave, tell)
-    keeping = start_thread(TASK, hosted.keep, leave)
+    keeping = start_thread(TASK, hosted.follow_rules, leave)
     try:
         leave.wait()
     finally:
@@ -52,7 +52,7 @@ class _Hosted:
         self._session: zenoh.Session | None = _open_session(self._link, leave)
         tell(_listening_text(self._link))
 
-    def keep(self) -> None:
+    def follow_rules(self) -> None:
         """Look for changed rules, and see that it listens, until it may leave."""
         while not self._leave.wait(_LOOK_S):
             changed = _changed_link(self._folder, self._link)

@@ -246,7 +246,7 @@ class CellProcessClient:
         with contextlib.suppress(ConnectionError):
             async for line in whole_lines(stream, _name_long_line):
                 self._lines_heard += 1
-                self._unanswered.heard()
+                self._unanswered.note_message()
                 with log_failures(_LINES):
                     self._handle_message(parse_json(line))
 

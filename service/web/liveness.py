@@ -79,7 +79,7 @@ class UnansweredTime:
         """What the process did at the last look."""
         return "" if self._before is None else self._before.does
 
-    def heard(self) -> None:
+    def note_message(self) -> None:
         """Note that the process said something."""
         self._ever, self.counted_s, self._before = True, 0.0, None
 

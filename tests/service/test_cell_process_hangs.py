@@ -132,7 +132,7 @@ async def test_a_line_that_is_too_long_is_named_and_the_process_goes_on() -> Non
 def test_one_that_gets_no_processor_is_not_blamed_and_one_that_computes_is() -> None:
     starved, computes, cpu_s = UnansweredTime(), UnansweredTime(), 0.0
     for unanswered in (starved, computes):
-        unanswered.heard()
+        unanswered.note_message()
     for _ in range(100_000):
         starved.count(ProcessState("R", 5.0))
     assert not starved.hangs
@@ -141,7 +141,7 @@ def test_one_that_gets_no_processor_is_not_blamed_and_one_that_computes_is() -> 
         cpu_s, ticks = cpu_s + TICK_S / 10, ticks + 1  # a tenth of a processor
         computes.count(ProcessState("R", cpu_s))
     assert ticks * TICK_S == pytest.approx(10 * HANGS_AFTER_S, rel=0.02)
-    computes.heard()
+    computes.note_message()
     assert not computes.hangs
 
 
@@ -149,7 +149,7 @@ def test_one_that_loads_its_libraries_has_more_time_and_a_disk_too() -> None:
     def ticks_until_it_hangs(does: str, *, answered: bool) -> int:
         unanswered, ticks = UnansweredTime(), 0
         if answered:
-            unanswered.heard()
+            unanswered.note_message()
         while not unanswered.hangs:
             unanswered.count(ProcessState(does, 0.0))
             ticks += 1

@@ -134,12 +134,12 @@ async def test_the_demos_tasks_are_named_and_come_back(
 ) -> None:
     said: list[str] = []
 
-    def say(line: str) -> None:
+    def record_line(line: str) -> None:
         said.append(line)
         if len(said) == 1:
             raise InjectedError("a terminal that is gone")
 
-    async with the_demo(tmp_path, say):
+    async with the_demo(tmp_path, record_line):
         await poll_until(lambda: "address of the demo failed: InjectedError" in caplog.text)
         await poll_until(lambda: len(said) > 2)
         assert said[0] == said[1]  # told again

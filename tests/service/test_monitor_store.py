@@ -24,7 +24,7 @@ from tests.service.test_fleet import PlayedFleet
 BODY = {"id": "x:y", "active": True, "source": "y", "text": "true", "code": "x", "remedy": ""}
 
 
-def told_of(listener: FleetListener) -> str:
+def describe_flaws(listener: FleetListener) -> str:
     return " ".join(flaw["what"] for flaw in listener.fleet.flaws)
 
 
@@ -46,14 +46,14 @@ def test_events_that_came_while_the_store_failed_are_stored_later_and_cells_stay
         other.execute("ALTER TABLE event RENAME TO away")
         for seq in range(2, 30):
             cell.put(keys.alarm_key, sealer.sign_message(keys.alarm_key, seq, BODY | {"text": str(seq)}))
-        wait_until(lambda: "the monitor's store takes nothing just now" in told_of(listener))
+        wait_until(lambda: "the monitor's store takes nothing just now" in describe_flaws(listener))
         assert TASK in [trouble.task for trouble in SUPERVISOR.list_troubles()]
         wait_until(
             lambda: listener.fleet.cell_views(time.monotonic())[0].alarms[0]["text"] == "29"
         )  # shown all the same
         other.execute("ALTER TABLE away RENAME TO event")
         wait_until(lambda: listener.event_numbers("cell-07") == list(range(1, 30)))
-        wait_until(lambda: "works again" in told_of(listener))
+        wait_until(lambda: "works again" in describe_flaws(listener))
         assert TASK not in [trouble.task for trouble in SUPERVISOR.list_troubles()]
 
 
@@ -136,7 +136,11 @@ def test_a_cell_that_refuses_to_tell_what_is_missing_does_not_keep_the_monitor_f
         refusing = cell.declare_queryable(
             keys.answer_key("outbox"), lambda query: query.reply_err(b'{"message": "my outbox is broken"}')
         )
-        wait_until(lambda: _asked(listener, "cell-07") and "my outbox is broken" in told_of(listener))
+        wait_until(
+            lambda: (
+                _mark_as_missing(listener, "cell-07") and "my outbox is broken" in describe_flaws(listener)
+            )
+        )
         refusing.undeclare()
         assert {flaw["cell"] for flaw in listener.fleet.flaws if "outbox is broken" in flaw["what"]} == {
             "cell-07"
@@ -147,7 +151,7 @@ def test_a_cell_that_refuses_to_tell_what_is_missing_does_not_keep_the_monitor_f
             wait_until(lambda: listener.event_numbers("cell-08"))
 
 
-def _asked(listener: FleetListener, cell: str) -> bool:
+def _mark_as_missing(listener: FleetListener, cell: str) -> bool:
     """Let the monitor take a cell for one of which something is missing."""
     listener.fleet.note_liveliness(f"cellcal/v1/{listener.fleet.site}/{cell}/alive", alive=True)
     listener._missing[cell] = ("1", 0.0)
