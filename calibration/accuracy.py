@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, log_rotation
 
@@ -262,8 +263,14 @@ def _attained_turns(attained: AttainedPoses, index: int) -> Array | None:
 
 def _list_departures(poses: int, cycles: int, conditions: AccuracyConditions) -> tuple[str, ...]:
     checks = [
-        (cycles >= FULL_CYCLES, f"{cycles} cycles instead of {FULL_CYCLES}"),
-        (poses == FULL_POSES, f"{poses} poses instead of {FULL_POSES}"),
+        (
+            cycles >= FULL_CYCLES,
+            make_message("{cycles} cycles instead of {full_cycles}", cycles=cycles, full_cycles=FULL_CYCLES),
+        ),
+        (
+            poses == FULL_POSES,
+            make_message("{poses} poses instead of {full_poses}", poses=poses, full_poses=FULL_POSES),
+        ),
         (conditions.load_share == 1.0, f"{conditions.load_share * 100:.0f} % of the rated load"),
         (conditions.speed_share == 1.0, f"{conditions.speed_share * 100:.0f} % of the rated speed"),
         (conditions.warmed_up, "not warmed up"),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 
@@ -26,6 +27,6 @@ def refuse_not_metres(
     if size <= most_m:
         return
     raise CalibrationError(
-        f"{what}: {size:.6g} m cannot be right, an arm is shorter.",
+        make_message("{what}: {size:.6g} m cannot be right, an arm is shorter.", what=what, size=size),
         remedy="Write metres; these numbers look like millimetres.",
     )

@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import (
     Array,
@@ -156,7 +157,8 @@ def _quaternion_convention(name: str, fields: str, order: list[int]) -> Orientat
 def _find_convention(name: str) -> OrientationConvention:
     if name not in CONVENTIONS:
         raise CalibrationError(
-            f"no orientation is called {name!r}.", remedy=f"Known: {', '.join(CONVENTIONS)}."
+            f"no orientation is called {name!r}.",
+            remedy=make_message("Known: {conventions}.", conventions=", ".join(CONVENTIONS)),
         )
     return CONVENTIONS[name]
 

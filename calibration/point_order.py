@@ -5,6 +5,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 
@@ -35,7 +36,11 @@ def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
         return
     order = ", ".join(str(at + 1) for at in orders[best])
     raise CalibrationError(
-        f"the points fit {rms_m / max(float(scores[best]), 1e-9):.0f} times better in another order: {order}.",
+        make_message(
+            "the points fit {rms_m:.0f} times better in another order: {order}.",
+            rms_m=rms_m / max(float(scores[best]), 1e-09),
+            order=order,
+        ),
         remedy="See which point is which: the numbers say where each one of the drawing stands among those measured.",
     )
 

@@ -7,6 +7,7 @@ from enum import StrEnum
 import numpy as np
 import scipy  # its functions are loaded when one is first asked for: 0.4 s
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 
@@ -153,7 +154,9 @@ def decide_conformity(
         else float(scipy.special.stdtrit(degrees_of_freedom, 0.95))
     )
     guard_band_width = factor * standard_uncertainty
-    rule = f"proved at 95 % one-sided: guard band {factor:.2f} u (after ISO 14253-1)"
+    rule = make_message(
+        "proved at 95 % one-sided: guard band {factor:.2f} u (after ISO 14253-1)", factor=factor
+    )
     verdict = Verdict.UNDECIDED
     if value + guard_band_width <= limit:
         verdict = Verdict.PASS

@@ -14,6 +14,7 @@
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 __all__ = [
@@ -36,7 +37,9 @@ class DeviceError(CellError):
     code = "device"
 
     def __init__(self, device: str, message: str, *, remedy: str = "") -> None:
-        super().__init__(f"{device}: {message}", remedy=remedy)
+        super().__init__(
+            make_message("{path}: {refused_message}", path=device, refused_message=message), remedy=remedy
+        )
         self.device = device
 
 

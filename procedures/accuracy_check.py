@@ -22,6 +22,7 @@ from cellcal.calibration.accuracy import (
     evaluate_accuracy,
 )
 from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
@@ -195,9 +196,16 @@ def _target_positions(state: ArmState, joints_rad: Array) -> Array:
 
 def _plan_instruction(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
     x, y, z = (v * 1e3 for v in plan.centre_m)
-    what = (
-        f"the robot, to {len(plan.placing_rad)} poses that tell where the device is, then {spec.rules.cycles} times "
-        f"round five poses in a cube of {plan.side_m * 1e3:.0f} mm about x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
+    what = make_message(
+        "the robot, to {placing_rad_count} poses that tell where the device is, then {cycles} "
+        "times round five poses in a cube of {side_mm:.0f} mm about x {x:.0f}, y {y:.0f}, z "
+        "{z:.0f} mm",
+        placing_rad_count=len(plan.placing_rad),
+        cycles=spec.rules.cycles,
+        side_mm=plan.side_m * 1000.0,
+        x=x,
+        y=y,
+        z=z,
     )
     stops = len(plan.placing_rad) + spec.rules.cycles * len(plan.tests_rad)
     tour = PlanTour(stops, plan.total_motion(spec.rules.cycles))
@@ -238,24 +246,37 @@ def _make_verdict(spec: AccuracyCheck, result: AccuracyResult) -> ProcedureVerdi
     worst, widest = max(poses, key=lambda pose: pose.ap_m), max(poses, key=lambda pose: pose.rp_m)
     changes: tuple[ValueChange, ...] = ()
     if result.identified is not None:
-        changes = (ValueChange(f"largest error{along}", result.nominal.ap_m, result.identified.ap_m, "m"),)
+        changes = (
+            ValueChange(
+                make_message("largest error{along}", along=along),
+                result.nominal.ap_m,
+                result.identified.ap_m,
+                "m",
+            ),
+        )
     departures = test.departures if isinstance(test, AccuracyTest) else ()
     model = "nominal" if result.identified is None else "identified"
     return ProcedureVerdict(
         (
             judge_value(
-                f"AP{along}, worst pose, {model} model",
+                make_message("AP{along}, worst pose, {model} model", along=along, model=model),
                 worst.ap_m,
                 "m",
                 u=worst.ap_sigma_m,
                 limit=limits.ap_m,
             ),
-            judge_value(f"RP{along}, worst pose", widest.rp_m, "m", u=widest.rp_sigma_m, limit=limits.rp_m),
+            judge_value(
+                make_message("RP{along}, worst pose", along=along),
+                widest.rp_m,
+                "m",
+                u=widest.rp_sigma_m,
+                limit=limits.rp_m,
+            ),
             state_figure("share of the rated speed", result.speed_share, "1"),
         ),
         limits_from=limits_text(spec.accuracy_class, spec.limits),
         not_verified=(
-            *(f"departs from the full test: {words}" for words in departures),
+            *(make_message("departs from the full test: {words}", words=words) for words in departures),
             "The attitude differs from pose to pose: each is taken from the nearest free posture.",
             "Base and target were placed by this model at other poses: a robot that stands elsewhere does not show.",
         ),
@@ -267,7 +288,9 @@ def _make_verdict(spec: AccuracyCheck, result: AccuracyResult) -> ProcedureVerdi
 def _forecast_run(spec: AccuracyCheck, knowledge: Knowledge) -> Forecast:
     bench = declared_bench(knowledge, spec.method)
     if bench is None:
-        return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
+        return Forecast(
+            0.0, lacks=(make_message("a kinematic model, and where the {method} is", method=spec.method),)
+        )
     plan, rules = plan_cube(bench, spec.rules), spec.rules
     captures, paced = rules.placing + FULL_POSES * rules.cycles, plan.total_motion(rules.cycles)
     each_s = knowledge.limits.settle_s + rules.samples * SAMPLE_S
@@ -285,9 +308,19 @@ def _device_prediction(bench: Bench) -> Prediction:
     """Return the part of U that no number of cycles takes away."""
     along, share = ("", 1.0) if bench.method == "tracker" else (" along the wire", SYSTEMATIC_SHARE)
     expanded = 2.0 * share * bench.sigma_m
-    sentence = f"{expanded * 1e3:.3f} mm (k=2) by the {bench.method} alone; the robot's scatter adds to it."
+    sentence = make_message(
+        "{expanded:.3f} mm (k=2) by the {method} alone; the robot's scatter adds to it.",
+        expanded=expanded * 1000.0,
+        method=bench.method,
+    )
     classes = {name: limits.ap_m for name, limits in POSE.items()}
-    return Prediction(f"AP{along}, by the {bench.method} alone", expanded, "m", classes, sentence)
+    return Prediction(
+        make_message("AP{along}, by the {method} alone", along=along, method=bench.method),
+        expanded,
+        "m",
+        classes,
+        sentence,
+    )
 
 
 DEFINITION = ProcedureDefinition(

@@ -11,6 +11,8 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 
+from cellcal.calibration.documents.message import make_message
+
 AccuracyClass = Literal["A", "B", "C"]  # precise, general, coarse
 SELECTABLE_SHARE = 3.0  # a class is in reach where the predicted U is at most its limit / 3
 
@@ -92,7 +94,11 @@ def limits_in_force(table: Mapping[AccuracyClass, _L], accuracy_class: AccuracyC
 
 def limits_text(accuracy_class: AccuracyClass, own: object) -> str:
     """Return in words where the limits come from."""
-    return f"limits of class {accuracy_class}" if own is None else "limits set by an engineer in the settings"
+    return (
+        make_message("limits of class {accuracy_class}", accuracy_class=accuracy_class)
+        if own is None
+        else "limits set by an engineer in the settings"
+    )
 
 
 def is_in_reach(predicted_expanded: float, limit: float) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.points.alignment import Alignment, without_points
 from cellcal.calibration.points.fixture import BaseToBase, refuse_bad_points
 from cellcal.calibration.points.joint_bases import bases_together
@@ -126,7 +127,9 @@ def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
     latest, serials, lacking = _alignments_to_chain(spec, stored.alignments)
     if lacking:
         raise RefusalError(
-            f"no alignment of {lacking} with {spec.fixture} is stored",
+            make_message(
+                "no alignment of {lacking} with {fixture} is stored", lacking=lacking, fixture=spec.fixture
+            ),
             code="procedure.no_alignment",
             remedy="Run fixture_alignment on each robot with this fixture, and do not move it in between.",
         )
@@ -164,8 +167,13 @@ def _refuse_other_drawing(alignments: tuple[Alignment, ...]) -> None:
     for other in alignments[1:]:
         if other.points_in_fixture_m != first.points_in_fixture_m:
             raise RefusalError(
-                f"the alignments of {first.robot_serial} and {other.robot_serial} name different points of "
-                f"{first.fixture}: it may be two fixtures",
+                make_message(
+                    "the alignments of {robot_serial} and {robot_serial_2} name different points of "
+                    "{fixture}: it may be two fixtures",
+                    robot_serial=first.robot_serial,
+                    robot_serial_2=other.robot_serial,
+                    fixture=first.fixture,
+                ),
                 code="procedure.other_fixture",
                 remedy="Align both robots with the same points of the same fixture.",
             )
@@ -176,7 +184,11 @@ def _refuse_other_mastering(alignments: tuple[Alignment, ...], stored: Alignment
         mine = alignment.robot_serial == stored.connected_serial
         if mine and alignment.counts_at_zero != stored.counts_at_zero:
             raise RefusalError(
-                f"robot {alignment.robot_serial} was mastered anew since it was aligned with {alignment.fixture}",
+                make_message(
+                    "robot {robot_serial} was mastered anew since it was aligned with {fixture}",
+                    robot_serial=alignment.robot_serial,
+                    fixture=alignment.fixture,
+                ),
                 code="procedure.alignment_outdated",
                 remedy="Run fixture_alignment on it again.",
             )
@@ -191,8 +203,13 @@ def _bad_shape_error(result: BasesResult) -> RefusalError | None:
     if _is_same_shape(result):
         return None
     return RefusalError(
-        f"the robots did not find one shape of {result.fixture}: chi square {result.chi_square:.0f}, "
-        f"{result.degrees_of_freedom} degrees of freedom",
+        make_message(
+            "the robots did not find one shape of {fixture}: chi square {chi_square:.0f}, "
+            "{degrees_of_freedom} degrees of freedom",
+            fixture=result.fixture,
+            chi_square=result.chi_square,
+            degrees_of_freedom=result.degrees_of_freedom,
+        ),
         code="procedure.wrong_shape",
         remedy="See that fixture, adaptor and wire are whole and the same for all; then align the robots again.",
         evidence=result,
@@ -203,9 +220,15 @@ def _uncertain_error(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError 
     for base in result.bases:
         if base.pose.origin_u_m > spec.limits.origin_m or base.pose.angle_u_rad > spec.limits.angle_rad:
             return RefusalError(
-                f"the base of {base.robot_serial} is known within {base.pose.origin_u_m * 1e3:.3f} mm and "
-                f"{math.degrees(base.pose.angle_u_rad):.4f} deg (k=2); {spec.limits.origin_m * 1e3:.3f} mm and "
-                f"{math.degrees(spec.limits.angle_rad):.4f} deg are asked for",
+                make_message(
+                    "the base of {robot_serial} is known within {origin_u_mm:.3f} mm and {angle_u_deg:.4f} "
+                    "deg (k=2); {origin_mm:.3f} mm and {angle_deg:.4f} deg are asked for",
+                    robot_serial=base.robot_serial,
+                    origin_u_mm=base.pose.origin_u_m * 1000.0,
+                    angle_u_deg=math.degrees(base.pose.angle_u_rad),
+                    origin_mm=spec.limits.origin_m * 1000.0,
+                    angle_deg=math.degrees(spec.limits.angle_rad),
+                ),
                 code="procedure.undecided",
                 remedy="Align the robots again and go on for the bases (fixture_alignment, bases): first with "
                 "more alignment points (ten, spread wide), then with more readings (samples) and captures.",
@@ -216,7 +239,10 @@ def _uncertain_error(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError 
 
 def _not_moved_instruction(fixture: str) -> Instruction:
     return Instruction(
-        "fixture_not_moved", f"{fixture} and the robots' bases stand as they did when each robot was aligned."
+        "fixture_not_moved",
+        make_message(
+            "{fixture} and the robots' bases stand as they did when each robot was aligned.", fixture=fixture
+        ),
     )
 
 
@@ -231,7 +257,10 @@ def _result_instruction(result: BasesResult) -> Instruction:
             f"(k=2) x {ux:.3f}, y {uy:.3f}, z {uz:.3f} mm, in space {pose.origin_space_u_m * 1e3:.3f} mm (95 %), "
             f"angle {math.degrees(pose.angle_u_rad):.4f} deg"
         )
-    return Instruction("accept_bases", f"Through {result.fixture}: {'; '.join(lines)}.")
+    return Instruction(
+        "accept_bases",
+        make_message("Through {fixture}: {lines}.", fixture=result.fixture, lines=join_messages("; ", lines)),
+    )
 
 
 def _outline_phases(spec: BaseToBaseSpec) -> tuple[Phase, ...]:
@@ -259,13 +288,13 @@ def _judge_result(spec: BaseToBaseSpec, result: BasesResult) -> ProcedureVerdict
         for base in result.bases
         for figure in (
             known_within(
-                f"origin of {base.robot_serial}",
+                make_message("origin of {robot_serial}", robot_serial=base.robot_serial),
                 "m",
                 u=base.pose.origin_u_m / 2.0,
                 limit=spec.limits.origin_m,
             ),
             known_within(
-                f"angle of {base.robot_serial}",
+                make_message("angle of {robot_serial}", robot_serial=base.robot_serial),
                 "rad",
                 u=base.pose.angle_u_rad / 2.0,
                 limit=spec.limits.angle_rad,
@@ -274,12 +303,20 @@ def _judge_result(spec: BaseToBaseSpec, result: BasesResult) -> ProcedureVerdict
     ]
     in_space = [
         state_figure(
-            f"origin of {base.robot_serial} in space", base.pose.origin_space_u_m, "m", rule="95 % ball"
+            make_message("origin of {robot_serial} in space", robot_serial=base.robot_serial),
+            base.pose.origin_space_u_m,
+            "m",
+            rule="95 % ball",
         )
         for base in result.bases
     ]
     along = [
-        state_figure(f"origin of {base.robot_serial} along {axis}", u_m, "m", rule="U (k = 2)")
+        state_figure(
+            make_message("origin of {robot_serial} along {axis}", robot_serial=base.robot_serial, axis=axis),
+            u_m,
+            "m",
+            rule="U (k = 2)",
+        )
         for base in result.bases
         for axis, u_m in zip("xyz", base.pose.origin_axes_u_m, strict=True)
     ]
@@ -298,21 +335,45 @@ def _forecast_run(spec: BaseToBaseSpec, knowledge: Knowledge) -> Forecast:
     stored = tuple(a for a in knowledge.alignments if a.fixture == spec.fixture)
     lacking = _alignments_to_chain(spec, stored)[2]
     if lacking:
-        return Forecast(2 * ANSWER_S, lacks=(f"an alignment of {lacking} with {spec.fixture}",))
+        return Forecast(
+            2 * ANSWER_S,
+            lacks=(
+                make_message(
+                    "an alignment of {lacking} with {fixture}", lacking=lacking, fixture=spec.fixture
+                ),
+            ),
+        )
     chained = chain_bases(spec, AlignmentsFound(stored, "", ()))
     origin_mm, angle_deg = spec.limits.origin_m * 1e3, math.degrees(spec.limits.angle_rad)
-    words = f"{origin_mm:.3f} mm and {angle_deg:.4f} deg are asked for"
+    words = make_message(
+        "{origin_mm:.3f} mm and {angle_deg:.4f} deg are asked for", origin_mm=origin_mm, angle_deg=angle_deg
+    )
     return Forecast(
         duration_s=2 * ANSWER_S,
         predictions=tuple(
             prediction
             for base in chained.bases
             for prediction in (
-                Prediction(f"origin of {base.robot_serial}", base.pose.origin_u_m, "m", sentence=words),
-                Prediction(f"angle of {base.robot_serial}", base.pose.angle_u_rad, "rad", sentence=words),
+                Prediction(
+                    make_message("origin of {robot_serial}", robot_serial=base.robot_serial),
+                    base.pose.origin_u_m,
+                    "m",
+                    sentence=words,
+                ),
+                Prediction(
+                    make_message("angle of {robot_serial}", robot_serial=base.robot_serial),
+                    base.pose.angle_u_rad,
+                    "rad",
+                    sentence=words,
+                ),
             )
         ),
-        assumed=(f"the newest alignments still hold: {spec.fixture} and the bases have not moved",),
+        assumed=(
+            make_message(
+                "the newest alignments still hold: {fixture} and the bases have not moved",
+                fixture=spec.fixture,
+            ),
+        ),
         not_checked=("whether the connected robot was mastered anew since",),
     )
 

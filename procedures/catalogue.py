@@ -2,6 +2,7 @@
 
 from difflib import get_close_matches
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures import (
     accuracy_check,
     base_to_base,
@@ -58,5 +59,8 @@ def definition_named(name: str) -> ProcedureDefinition:
     """
     if name not in CATALOGUE:
         near = get_close_matches(name, CATALOGUE, n=1) or sorted(CATALOGUE)
-        raise UnknownProcedureError(f"there is no procedure {name!r}.", remedy=f"Did you mean {near[0]}?")
+        raise UnknownProcedureError(
+            make_message("there is no procedure {name!r}.", name=name),
+            remedy=make_message("Did you mean {near}?", near=near[0]),
+        )
     return CATALOGUE[name]

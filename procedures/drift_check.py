@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.drift.causes import (
     DEVICE,
     NOTHING,
@@ -131,9 +132,14 @@ class DriftResult:
         """What stopping as soon as it was decided saved, in words."""
         taken, every = len(self.measured), len(self.reference.poses_rad)
         if taken >= every:
-            return f"no saving: all {every} poses of the reference were needed"
+            return make_message("no saving: all {every} poses of the reference were needed", every=every)
         share = 1.0 - taken / every
-        return f"{taken} poses; a fixed plan goes to all {every} of the reference: {share * 100:.0f} % saved"
+        return make_message(
+            "{taken} poses; a fixed plan goes to all {every} of the reference: {share_percent:.0f} % saved",
+            taken=taken,
+            every=every,
+            share_percent=share * 100,
+        )
 
 
 async def drift_check(run: Run, spec: DriftCheck) -> DriftResult:
@@ -268,7 +274,7 @@ def _refuse_other_robot(reference: DriftReference, bench: Bench) -> None:
     if not same or reference.counts_at_zero != bench.counts_at_zero:
         what = "another mastering" if same else "another robot or device"
         raise RefusalError(
-            f"the reference is of {what}: readings cannot be compared with it",
+            make_message("the reference is of {what}: readings cannot be compared with it", what=what),
             code="procedure.reference_outdated",
             remedy="See that the robot is healthy, for example by accuracy_check; then take a new reference (renew).",
         )
@@ -282,14 +288,18 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
     ]
     if apart:
         raise RefusalError(
-            f"the two rounds differ at pose {', '.join(map(str, apart))}: this is no reference",
+            make_message(
+                "the two rounds differ at pose {map}: this is no reference", map=", ".join(map(str, apart))
+            ),
             code="procedure.not_repeatable",
             remedy="Let the robot warm up, see that device and wire are firm and free; then start a new run.",
         )
 
 
 def _plan_instruction(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instruction:
-    what_moves = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
+    what_moves = make_message(
+        "the robot, to up to {ways_rad_count} poses, to {what}", ways_rad_count=len(plan.ways_rad), what=what
+    )
     tour = PlanTour(rounds * len(plan.ways_rad), plan.total_motion().repeat_motion(rounds))
     instruction = Instruction("accept_plan", plan_words(what_moves, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
@@ -353,10 +363,14 @@ def _make_verdict(spec: DriftCheck, result: DriftResult) -> ProcedureVerdict:
     figures: list[Characteristic] = [change, state_figure("RMS of the changes", finding.change_rms_m, "m")]
     if finding.has_changed:
         likely = finding.likeliest_cause
-        rule = f"PASS if at least {share:g}, else UNDECIDED: measure at more poses"
+        rule = make_message("PASS if at least {share:g}, else UNDECIDED: measure at more poses", share=share)
         figures.append(
             state_evidence(
-                f"cause: {likely.name}", result.look.decided, rule, found=likely.probability, limit=share
+                make_message("cause: {likely_name}", likely_name=likely.name),
+                result.look.decided,
+                rule,
+                found=likely.probability,
+                limit=share,
             )
         )
         figures.append(state_figure("left by that cause", likely.unexplained_m, "m"))
@@ -364,19 +378,29 @@ def _make_verdict(spec: DriftCheck, result: DriftResult) -> ProcedureVerdict:
         tuple(figures),
         limits_from="limits of the settings",
         not_verified=message,
-        remarks=(f"Next: {result.recommended}.", _suspects_text(finding), result.saving_text),
+        remarks=(
+            make_message("Next: {recommended}.", recommended=result.recommended),
+            _suspects_text(finding),
+            result.saving_text,
+        ),
     )
 
 
 def _suspects_text(finding: DriftFinding) -> str:
-    words = [f"{one.name} {one.probability:.1%}" for one in finding.suspects if one.probability >= 0.001]
-    return f"How probable: {', '.join(words)}."
+    words = [
+        make_message("{cure} {cure_2:.1%}", cure=one.name, cure_2=one.probability)
+        for one in finding.suspects
+        if one.probability >= 0.001
+    ]
+    return make_message("How probable: {words}.", words=", ".join(words))
 
 
 def _forecast_run(spec: DriftCheck, knowledge: Knowledge) -> Forecast:
     bench = declared_bench(knowledge, spec.method)
     if bench is None:
-        return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
+        return Forecast(
+            0.0, lacks=(make_message("a kinematic model, and where the {method} is", method=spec.method),)
+        )
     of_this = [one for one in knowledge.drift_references if one.method == spec.method]
     reference = None if spec.renew or not of_this else of_this[-1]
     rules = spec.rules
@@ -391,11 +415,19 @@ def _forecast_run(spec: DriftCheck, knowledge: Knowledge) -> Forecast:
         predictions=_predict_readings(spec, noise_before_m(knowledge, spec.method, rules.samples), reference),
         assumed=(
             *(
-                (f"the target is {ASSUMED_DISTANCE_M:g} m from the tracker",)
+                (
+                    make_message(
+                        "the target is {assumed_distance_m:g} m from the tracker",
+                        assumed_distance_m=ASSUMED_DISTANCE_M,
+                    ),
+                )
                 if spec.method == "tracker"
                 else ()
             ),
-            f"an arm of this class comes back to a pose within {REPEAT_M * 1e3:.2f} mm a coordinate",
+            make_message(
+                "an arm of this class comes back to a pose within {repeat_m:.2f} mm a coordinate",
+                repeat_m=REPEAT_M * 1000.0,
+            ),
             "no reference was taken yet, or a new one is asked for: this run takes it, at all poses twice"
             if reference is None
             else "the newest reference is compared with",
@@ -411,10 +443,12 @@ def _predict_readings(
     taken_m = math.hypot(reading_m, REPEAT_M) / math.sqrt(2.0)  # of the mean of two rounds
     if reference is None:
         change_m = math.hypot(taken_m, reading_m, REPEAT_M)
-        later = f"a check against it would see changes to {2e3 * change_m:.3f} mm (k=2)"
+        later = make_message(
+            "a check against it would see changes to {change_m:.3f} mm (k=2)", change_m=2000.0 * change_m
+        )
         return (Prediction("a reference reading", 2.0 * taken_m, "m", sentence=later),)
     change_m = math.hypot(reference.sigma_m(REPEAT_M), reading_m, REPEAT_M)
-    words = f"a change of {spec.limit_m * 1e3:.2f} mm fails (limit_m)"
+    words = make_message("a change of {limit_mm:.2f} mm fails (limit_m)", limit_mm=spec.limit_m * 1000.0)
     return (Prediction("change of a reading", 2.0 * change_m, "m", sentence=words),)
 
 

@@ -12,6 +12,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
@@ -217,9 +218,16 @@ def _uncertain_error(tool: FoundToolFrame, spec: EndEffectorPoints) -> RefusalEr
     if tool.tip_u_m <= spec.tip_u_m and tool.angle_u_rad <= spec.angle_u_rad:
         return None
     return RefusalError(
-        f"after {tool.captures} captures the tip is known within {tool.tip_u_m * 1e3:.3f} mm and the axes within "
-        f"{math.degrees(tool.angle_u_rad):.3f} deg (k=2); {spec.tip_u_m * 1e3:.3f} mm and "
-        f"{math.degrees(spec.angle_u_rad):.3f} deg are asked for",
+        make_message(
+            "after {captures} captures the tip is known within {tip_u_mm:.3f} mm and the axes within "
+            "{angle_u_deg:.3f} deg (k=2); {tip_u_mm_2:.3f} mm and {angle_u_deg_2:.3f} deg are asked "
+            "for",
+            captures=tool.captures,
+            tip_u_mm=tool.tip_u_m * 1000.0,
+            angle_u_deg=math.degrees(tool.angle_u_rad),
+            tip_u_mm_2=spec.tip_u_m * 1000.0,
+            angle_u_deg_2=math.degrees(spec.angle_u_rad),
+        ),
         code="procedure.undecided",
         remedy="Use points further apart, a mastering record with more poses, or more captures (max_captures).",
         evidence=tool,
@@ -228,9 +236,13 @@ def _uncertain_error(tool: FoundToolFrame, spec: EndEffectorPoints) -> RefusalEr
 
 def _plan_instruction(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
     rules, spots = spec.rules, len(plan.spots)
-    what = (
-        f"the robot, with the hook in each of {spots} points, to {rules.min_captures} to {rules.max_captures} of "
-        f"{min(map(len, plan.pools))} poses, one chosen after the other"
+    what = make_message(
+        "the robot, with the hook in each of {spots} points, to {min_captures} to {max_captures} "
+        "of {map} poses, one chosen after the other",
+        spots=spots,
+        min_captures=rules.min_captures,
+        max_captures=rules.max_captures,
+        map=min(map(len, plan.pools)),
     )
     tour = PlanTour(
         spots * rules.min_captures, plan.total_motion(rules.min_captures), "hang the hook into each point"

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.points.fixture import (
@@ -253,9 +254,15 @@ def _bad_shape_error(result: AlignmentResult) -> RefusalError | None:
         return None
     i, j = placed.worst_pair
     return RefusalError(
-        f"alignment points {i + 1} and {j + 1} were found {abs(placed.worst_gap_m) * 1e3:.2f} mm "
-        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than on the drawing "
-        f"({placed.worst_deviation:.1f} deviations)",
+        make_message(
+            "alignment points {i} and {j} were found {worst_gap_mm:.2f} mm {detail} each other than "
+            "on the drawing ({worst_deviation:.1f} deviations)",
+            i=i + 1,
+            j=j + 1,
+            worst_gap_mm=abs(placed.worst_gap_m) * 1000.0,
+            detail="further from" if placed.worst_gap_m > 0 else "nearer to",
+            worst_deviation=placed.worst_deviation,
+        ),
         code="procedure.wrong_shape",
         remedy="See that the adaptor sat on the points in the order of the drawing, and that the drawing is of this "
         "fixture; then start a new run.",
@@ -278,7 +285,9 @@ def _uncertain_error(result: AlignmentResult, spec: FixtureAlignment) -> Refusal
     if not missed:
         return None
     return RefusalError(
-        f"after {result.captures} captures {'; '.join(missed)}",
+        make_message(
+            "after {captures} captures {missed}", captures=result.captures, missed=join_messages("; ", missed)
+        ),
         code="procedure.undecided",
         remedy="Use more alignment points (six, spread wide and not in one plane, usually reach 0.15 mm where four "
         "reach 0.24 mm), a mastering record with more poses, more readings (samples) and captures (max_captures), "
@@ -296,16 +305,28 @@ def _mount_instruction(point: int, mouth_at_m: Triple, fixture: str) -> Instruct
     x, y, z = (round(value * 1e3) for value in mouth_at_m)
     return Instruction(
         f"mount_wire_{point}",
-        f"Fix the wire's base adaptor on alignment point {point} of {fixture}, its mouth towards "
-        f"x {x}, y {y}, z {z} mm from the base, and hook the wire in. Nothing may touch it; the robot moves next.",
+        make_message(
+            "Fix the wire's base adaptor on alignment point {point} of {fixture}, its mouth towards "
+            "x {x}, y {y}, z {z} mm from the base, and hook the wire in. Nothing may touch it; the "
+            "robot moves next.",
+            point=point,
+            fixture=fixture,
+            x=x,
+            y=y,
+            z=z,
+        ),
     )
 
 
 def _plan_instruction(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
     rules, spots = spec.rules, len(plan.spots)
-    what = (
-        f"the robot, at each of {spots} alignment points, to {rules.min_captures} to {rules.max_captures} of "
-        f"{min(map(len, plan.pools))} poses, one chosen after the other"
+    what = make_message(
+        "the robot, at each of {spots} alignment points, to {min_captures} to {max_captures} of "
+        "{map} poses, one chosen after the other",
+        spots=spots,
+        min_captures=rules.min_captures,
+        max_captures=rules.max_captures,
+        map=min(map(len, plan.pools)),
     )
     tour = PlanTour(
         spots * rules.min_captures, plan.total_motion(rules.min_captures), "move the wire from point to point"
@@ -319,9 +340,19 @@ def _result_instruction(result: AlignmentResult) -> Instruction:
     x, y, z = (value * 1e3 for value in placed.outer_inner.position_m)
     return Instruction(
         "accept_alignment",
-        f"{result.alignment.fixture}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base, within "
-        f"{placed.origin_u_m * 1e3:.3f} mm and {math.degrees(placed.angle_u_rad):.4f} deg (k=2); the points "
-        f"fit the drawing within {placed.rms_m * 1e3:.3f} mm RMS. {result.saving_text}.",
+        make_message(
+            "{fixture}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base, within "
+            "{origin_u_mm:.3f} mm and {angle_u_deg:.4f} deg (k=2); the points fit the drawing within "
+            "{rms_mm:.3f} mm RMS. {entry_text}.",
+            fixture=result.alignment.fixture,
+            x=x,
+            y=y,
+            z=z,
+            origin_u_mm=placed.origin_u_m * 1000.0,
+            angle_u_deg=math.degrees(placed.angle_u_rad),
+            rms_mm=placed.rms_m * 1000.0,
+            entry_text=result.saving_text,
+        ),
     )
 
 
@@ -368,8 +399,14 @@ def _judge_result(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureV
         remarks=(result.saving_text,),
         set_aside=result.set_aside,
         not_verified=(
-            f"the wire's scale is taken from its certificate: {rules.scale_sigma * 1e3:.3f} mm per metre (k=1)",
-            f"drawing and seat of a point are taken as {rules.point_sigma_m * 1e3:.3f} mm (k=1)",
+            make_message(
+                "the wire's scale is taken from its certificate: {scale_sigma:.3f} mm per metre (k=1)",
+                scale_sigma=rules.scale_sigma * 1000.0,
+            ),
+            make_message(
+                "drawing and seat of a point are taken as {point_sigma_mm:.3f} mm (k=1)",
+                point_sigma_mm=rules.point_sigma_m * 1000.0,
+            ),
         ),
     )
 
@@ -378,10 +415,18 @@ def _base_figures(spec: FixtureAlignment, result: AlignmentResult) -> tuple[Char
     base, limits = result.base, spec.bases
     if base is None or limits is None:
         return ()
-    what = f"base of {base.seen}" if base.seen else "base of a robot that becomes aligned as well"
+    what = (
+        make_message("base of {robot_name}", robot_name=base.seen)
+        if base.seen
+        else "base of a robot that becomes aligned as well"
+    )
     return (
-        known_within(f"{what}, origin", "m", u=base.origin_u_m / 2.0, limit=limits.origin_m),
-        known_within(f"{what}, angle", "rad", u=base.angle_u_rad / 2.0, limit=limits.angle_rad),
+        known_within(
+            make_message("{what}, origin", what=what), "m", u=base.origin_u_m / 2.0, limit=limits.origin_m
+        ),
+        known_within(
+            make_message("{what}, angle", what=what), "rad", u=base.angle_u_rad / 2.0, limit=limits.angle_rad
+        ),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.fixture import Triple
@@ -132,9 +133,15 @@ def _bad_shape_error(found: FoundFrameOffset) -> RefusalError | None:
         return None
     i, j = placed.worst_pair
     return RefusalError(
-        f"points {i + 1} and {j + 1} are {abs(placed.worst_gap_m) * 1e3:.2f} mm "
-        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than before the move "
-        f"({placed.worst_deviation:.1f} deviations): this is not the same shape",
+        make_message(
+            "points {i} and {j} are {worst_gap_mm:.2f} mm {detail} each other than before the move "
+            "({worst_deviation:.1f} deviations): this is not the same shape",
+            i=i + 1,
+            j=j + 1,
+            worst_gap_mm=abs(placed.worst_gap_m) * 1000.0,
+            detail="further from" if placed.worst_gap_m > 0 else "nearer to",
+            worst_deviation=placed.worst_deviation,
+        ),
         code="procedure.wrong_shape",
         remedy="See that the points are those listed, in this order, and that pointer and workpiece are whole.",
         evidence=found,
@@ -146,9 +153,14 @@ def _uncertain_error(found: FoundFrameOffset, spec: FrameOffset) -> RefusalError
     if placed.origin_u_m <= spec.origin_u_m and placed.angle_u_rad <= spec.angle_u_rad:
         return None
     return RefusalError(
-        f"the moved frame is known within {placed.origin_u_m * 1e3:.2f} mm and "
-        f"{math.degrees(placed.angle_u_rad):.3f} deg (k=2); {spec.origin_u_m * 1e3:.2f} mm and "
-        f"{math.degrees(spec.angle_u_rad):.3f} deg are asked for",
+        make_message(
+            "the moved frame is known within {origin_u_mm:.2f} mm and {angle_u_deg:.3f} deg (k=2); "
+            "{origin_u_mm_2:.2f} mm and {angle_u_deg_2:.3f} deg are asked for",
+            origin_u_mm=placed.origin_u_m * 1000.0,
+            angle_u_deg=math.degrees(placed.angle_u_rad),
+            origin_u_mm_2=spec.origin_u_m * 1000.0,
+            angle_u_deg_2=math.degrees(spec.angle_u_rad),
+        ),
         code="procedure.undecided",
         remedy="Touch more points, or points further apart.",
         evidence=found,
@@ -162,7 +174,14 @@ def _touch_page(spec: FrameOffset, k: int, touches: list[PointTouch]) -> Instruc
     where = "in the user frame" if in_frame else "from the base before the move"
     instruction = Instruction(
         f"touch_point_{k + 1}",
-        f"Touch point {k + 1} of the workpiece with the pointer (x {x:.1f}, y {y:.1f}, z {z:.1f} mm {where}).",
+        make_message(
+            "Touch point {k} of the workpiece with the pointer (x {x:.1f}, y {y:.1f}, z {z:.1f} mm {where}).",
+            k=k + 1,
+            x=x,
+            y=y,
+            z=z,
+            where=where,
+        ),
     )
     names = [f"touch point {number}" for number in range(1, len(points_m) + 1)]
     meter = known_points_meter(k, points_m, _tip_positions(spec, touches), spec.tip_in_flange_m)
@@ -173,7 +192,11 @@ def _touch_again_page(spec: FrameOffset, k: int, touches: list[PointTouch]) -> I
     points_m = spec.points_in_frame_m or spec.old_points_in_base_m
     instruction = Instruction(
         f"touch_point_{k + 1}_again",
-        f"Go away from point {k + 1} and touch it once more: it tells most of what is not known well enough yet.",
+        make_message(
+            "Go away from point {k} and touch it once more: it tells most of what is not known well "
+            "enough yet.",
+            k=k + 1,
+        ),
     )
     further = len(touches) - len(points_m) + 1
     names = [f"touch point {number}" for number in range(1, len(points_m) + 1)]
@@ -204,10 +227,22 @@ def _result_instruction(spec: FrameOffset, found: FoundFrameOffset, verdict: Pro
     x, y, z = (v * 1e3 for v in found.old_new.position_m)
     shown = Instruction(
         "accept_offset",
-        f"User frame {spec.frame_number}: origin {before} mm before, {after} mm after, from the base. The workpiece "
-        f"moved by x {x:.2f}, y {y:.2f}, z {z:.2f} mm in its old frame and turned by "
-        f"{math.degrees(found.turn_rad):.3f} deg; its far end moved by {found.far_shift_m * 1e3:.2f} mm. Known "
-        f"within {found.placed.origin_u_m * 1e3:.2f} mm and {math.degrees(found.placed.angle_u_rad):.3f} deg (k=2).",
+        make_message(
+            "User frame {frame_number}: origin {before} mm before, {after} mm after, from the base. "
+            "The workpiece moved by x {x:.2f}, y {y:.2f}, z {z:.2f} mm in its old frame and turned "
+            "by {turn_deg:.3f} deg; its far end moved by {far_shift_mm:.2f} mm. Known within "
+            "{origin_u_mm:.2f} mm and {angle_u_deg:.3f} deg (k=2).",
+            frame_number=spec.frame_number,
+            before=before,
+            after=after,
+            x=x,
+            y=y,
+            z=z,
+            turn_deg=math.degrees(found.turn_rad),
+            far_shift_mm=found.far_shift_m * 1000.0,
+            origin_u_mm=found.placed.origin_u_m * 1000.0,
+            angle_u_deg=math.degrees(found.placed.angle_u_rad),
+        ),
     )
     question = "Write it to the controller? Every point recorded in this frame goes along."
     instruction = with_verdict(shown, verdict, question, spec.write_anyway, writes=True)
@@ -279,7 +314,12 @@ def _forecast_run(spec: FrameOffset, knowledge: Knowledge) -> Forecast:
         else offset_outlook(points, [1] * len(points), spec.offset_goal, spec.named_count)
     )
     origin_mm, angle_deg = spec.origin_u_m * 1e3, math.degrees(spec.angle_u_rad)
-    words = f"after {touches} touches; {origin_mm:.2f} mm and {angle_deg:.3f} deg are asked for"
+    words = make_message(
+        "after {touches} touches; {origin_mm:.2f} mm and {angle_deg:.3f} deg are asked for",
+        touches=touches,
+        origin_mm=origin_mm,
+        angle_deg=angle_deg,
+    )
     at_origin = Prediction("frame's origin", expected.origin_u_m, "m", sentence=words)
     return Forecast(
         duration_s=(touches + spec.check_above + 1) * PERSON_S + 2.0 * ANSWER_S,
@@ -289,8 +329,12 @@ def _forecast_run(spec: FrameOffset, knowledge: Knowledge) -> Forecast:
         ),
         assumed=(
             "a person brings the pointer to every point",
-            f"a touch is good to {spec.sigma_m * 1e3:.2f} mm per coordinate (sigma_m), "
-            f"a given point to {spec.old_sigma_m * 1e3:.2f} mm (old_sigma_m)",
+            make_message(
+                "a touch is good to {sigma_mm:.2f} mm per coordinate (sigma_m), a given point to "
+                "{old_sigma_mm:.2f} mm (old_sigma_m)",
+                sigma_mm=spec.sigma_m * 1000.0,
+                old_sigma_mm=spec.old_sigma_m * 1000.0,
+            ),
         ),
         not_checked=() if framed else ("the frame's origin: where the frame is now is read in the run",),
     )

@@ -14,6 +14,7 @@ from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.pose_design import predict_turns
 from cellcal.calibration.points.fixture import worst_expanded_u
@@ -235,7 +236,10 @@ def verdict_on_record(result: RecordResult) -> ProcedureVerdict:
     finds = state_evidence(
         "chance that all lost turns would be found",
         prospect.success_probability >= GOOD_PROBABILITY,
-        f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more poses",
+        make_message(
+            "PASS if at least {good_probability:g}, else UNDECIDED: record more poses",
+            good_probability=GOOD_PROBABILITY,
+        ),
         found=prospect.success_probability,
         limit=GOOD_PROBABILITY,
     )
@@ -267,20 +271,31 @@ def _verdict_on_places(result: RecordResult) -> ProcedureVerdict:
     finds = state_evidence(
         "chance that all lost turns would be found",
         kit.success_probability >= GOOD_PROBABILITY,
-        f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more places",
+        make_message(
+            "PASS if at least {good_probability:g}, else UNDECIDED: record more places",
+            good_probability=GOOD_PROBABILITY,
+        ),
         found=kit.success_probability,
         limit=GOOD_PROBABILITY,
     )
     shows = state_evidence(
         "the places kept for checking would show any wrong turn",
         kit.check_sigmas >= GOOD_SIGMAS,
-        f"PASS if at {GOOD_SIGMAS:g} deviations or more, else UNDECIDED: record more places",
+        make_message(
+            "PASS if at {good_sigmas:g} deviations or more, else UNDECIDED: record more places",
+            good_sigmas=GOOD_SIGMAS,
+        ),
         found=kit.check_sigmas,
         limit=GOOD_SIGMAS,
     )
     words, names = "predicted from the places", load_model(result.record.model).joint_names
     zeros = [
-        state_figure(f"{name}: U of its zero (k=2), were its reference lost", u, "rad", rule=words)
+        state_figure(
+            make_message("{name}: U of its zero (k=2), were its reference lost", name=name),
+            u,
+            "rad",
+            rule=words,
+        )
         for name, u in zip(names, kit.offset_u_rad, strict=True)
     ]
     weakest = state_figure(
@@ -304,7 +319,10 @@ def _verdict_on_places(result: RecordResult) -> ProcedureVerdict:
 def _refuse_unhealthy(state: MotorState | Motors) -> None:
     if not state.mastering.mastered or state.condition.readiness is not Readiness.READY:
         raise RefusalError(
-            f"the robot is not ready or not mastered: {state.condition.message or 'mastering data invalid'}",
+            make_message(
+                "the robot is not ready or not mastered: {condition_message}",
+                condition_message=state.condition.message or "mastering data invalid",
+            ),
             code="procedure.not_healthy",
             remedy="Clear what is wrong, then start a new run: a record must be taken of a healthy robot.",
         )
@@ -313,8 +331,13 @@ def _refuse_unhealthy(state: MotorState | Motors) -> None:
 def _refuse_inconsistent(wire: WireReference) -> None:
     if not wire.is_consistent():
         raise RefusalError(
-            f"the lengths contradict each other: residual {wire.residual_rms_m * 1e3:.2f} mm RMS, capture "
-            f"{wire.worst_capture + 1} stands out by {wire.worst_deviation:.1f} deviations",
+            make_message(
+                "the lengths contradict each other: residual {residual_rms_mm:.2f} mm RMS, capture "
+                "{worst_capture} stands out by {worst_deviation:.1f} deviations",
+                residual_rms_mm=wire.residual_rms_m * 1000.0,
+                worst_capture=wire.worst_capture + 1,
+                worst_deviation=wire.worst_deviation,
+            ),
             code="procedure.record_inconsistent",
             remedy="Check the hook, the anchor and the wire's path; compare their places with the cell file; "
             "then start a new run.",

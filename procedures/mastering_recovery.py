@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
 from cellcal.calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
 from cellcal.calibration.mastering.place_recovery import FITTED
@@ -143,7 +144,7 @@ async def _confirm_written(
     for k, (pose, speed_rad_s, other) in enumerate(goals, 1):
         go, side = (go_to_from_above, OTHER_SIDE) if other else (go_to, "record")
         await run.move(f"go to final check {k}", go, pose, speed_rad_s, plan.doubt)
-        what = f"final check {k}"
+        what = make_message("final check {k}", k=k)
         still = await run.step(what, capture_still, what, spec.samples, spec.tolerance_counts, side)
         again.append(campaign.add_capture(still))
     name = "confirm the written mastering"
@@ -176,9 +177,12 @@ async def _refuse_wrong_record(campaign: RecoveryCampaign, recovery: TurnRecover
 def _plate_instruction(record: MasteringRecord) -> Instruction:
     return Instruction(
         "compare_plate",
-        "No motor stands at a whole turn of the record: every reference was lost, or this is another arm, or the "
-        f"record is of another one. Read the plate on the arm itself: is it {record.robot_serial}, with no new "
-        "arm or link since the record was taken?",
+        make_message(
+            "No motor stands at a whole turn of the record: every reference was lost, or this is "
+            "another arm, or the record is of another one. Read the plate on the arm itself: is it "
+            "{robot_serial}, with no new arm or link since the record was taken?",
+            robot_serial=record.robot_serial,
+        ),
     )
 
 

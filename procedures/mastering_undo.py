@@ -9,6 +9,7 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
@@ -64,7 +65,11 @@ async def mastering_undo(run: Run, spec: MasteringUndo) -> UndoResult:
     found = mastering_sha256(restored)
     if found != backup.sha256:
         raise ReadBackError(
-            f"the mastering reads {restored} after {backup.data} was put back",
+            make_message(
+                "the mastering reads {restored} after {data} was put back",
+                restored=restored,
+                data=backup.data,
+            ),
             remedy="Do not move the robot in AUTO. Compare the counts with the run's backup.",
         )
     return UndoResult(backup.of_run, names, motors.mastering, restored, backup.sha256, found, displaced_m)
@@ -85,7 +90,9 @@ async def stored_backup(cell: Cell, of_run: str) -> MasteringBackup:
             "no run of this robot that wrote a mastering is in the journal"
             + (f": {of_run}" if of_run else ""),
             code="procedure.no_backup",
-            remedy=f"Runs that can be undone: {', '.join(one.of_run for one in own) or 'none'}.",
+            remedy=make_message(
+                "Runs that can be undone: {own}.", own=", ".join(one.of_run for one in own) or "none"
+            ),
         )
     if mastering_sha256(fits[-1].data) != fits[-1].sha256:
         raise RefusalError("the backup is not what was stored", code="procedure.no_backup")
@@ -109,14 +116,18 @@ def _turned_rad(motors: Motors, counts_at_zero: Counts) -> tuple[float, ...]:
 def _refuse_unfit(backup: MasteringBackup, motors: Motors) -> None:
     if motors.epoch != backup.epoch:
         raise RefusalError(
-            f"the encoders lost their position since that write (epoch {backup.epoch}, now {motors.epoch}): its "
-            "backup belongs to other counts",
+            make_message(
+                "the encoders lost their position since that write (epoch {epoch}, now {epoch_2}): its "
+                "backup belongs to other counts",
+                epoch=backup.epoch,
+                epoch_2=motors.epoch,
+            ),
             code="procedure.wrong_backup",
             remedy="Recover the mastering instead.",
         )
     if motors.mastering == backup.data:
         raise RefusalError(
-            f"the controller holds what it held before {backup.of_run} already",
+            make_message("the controller holds what it held before {of_run} already", of_run=backup.of_run),
             code="procedure.nothing_to_undo",
             remedy="Nothing is left to do.",
         )
@@ -132,13 +143,19 @@ def _review_instruction(
     flag = _MASTERED if backup.data.mastered else _NOT_MASTERED
     instruction = Instruction(
         "accept_mastering",
-        "The controller gets back the mastering that it held before the run named here wrote another. Taught "
-        f"positions move with it. {flag} Write the old mastering back?",
+        make_message(
+            "The controller gets back the mastering that it held before the run named here wrote "
+            "another. Taught positions move with it. {flag} Write the old mastering back?",
+            flag=flag,
+        ),
     )
     changes = _mastering_changes(names, motors.mastering, backup.data)
     whole = state_fact("the backup is whole", True, "its stored form has the hash that the journal tells")
     verdict = ProcedureVerdict(
-        (whole,), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes
+        (whole,),
+        limits_from=make_message("run {of_run}", of_run=backup.of_run),
+        not_verified=_NOT_VERIFIED,
+        changes=changes,
     )
     page = with_changes(
         review_page(instruction, verdict, writes=True), changes, most_m=displaced_m, at="postures"
@@ -150,7 +167,10 @@ def _mastering_changes(
     names: tuple[str, ...], old: MasteringData, new: MasteringData
 ) -> tuple[ValueChange, ...]:
     rows = zip(names, old.counts_at_zero, new.counts_at_zero, strict=True)
-    counts = [ValueChange(f"{name}: counts at zero", float(a), float(b), "count") for name, a, b in rows]
+    counts = [
+        ValueChange(make_message("{name}: counts at zero", name=name), float(a), float(b), "count")
+        for name, a, b in rows
+    ]
     return (*counts, ValueChange("mastered", float(old.mastered), float(new.mastered), "1"))
 
 

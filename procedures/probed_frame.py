@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
 from cellcal.drivers.interfaces import Instruction
@@ -144,11 +145,14 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
 
 def _plan_instruction(plan: FacePlan, rules: CornerRules) -> Instruction:
     motion, fastest_rad_s = plan.motion, max(plan.motion.speeds_rad_s)
-    what = (
-        f"the robot with its touch probe, to {len(plan.ways_rad)} points of three faces and to at most "
-        f"{rules.max_touches - len(plan.ways_rad) + len(FACES)} more; at each it goes "
-        f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops "
-        "at the contact"
+    what = make_message(
+        "the robot with its touch probe, to {ways_rad_count} points of three faces and to at "
+        "most {max_touches} more; at each it goes {search_way_m:.0f} mm towards the face at "
+        "{search_speed_mm_s:.1f} mm/s and stops at the contact",
+        ways_rad_count=len(plan.ways_rad),
+        max_touches=rules.max_touches - len(plan.ways_rad) + len(FACES),
+        search_way_m=rules.search_way_m * 2000.0,
+        search_speed_mm_s=rules.search_speed_m_s * 1000.0,
     )
     moving_s = motion.moving_s + len(plan.ways_rad) * _feeling_s(rules)
     tour = PlanTour(len(plan.ways_rad), TimedMotion(motion.travel_rad, moving_s, fastest_rad_s))
@@ -170,8 +174,16 @@ def _result_instruction(spec: ProbedFrame, setup: ProbedSetup, verdict: Procedur
     turn = 1e3 * setup.goal.expanded_uncertainties(setup.found.covariance_matrix())[1]
     found = Instruction(
         "accept_frame",
-        f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
-        f"are known to {turn:.2f} mm per metre (k=2). {shift_text(setup.before, setup.found.base_frame)}",
+        make_message(
+            "User frame {frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its "
+            "axes are known to {turn:.2f} mm per metre (k=2). {text}",
+            frame_number=spec.frame_number,
+            x=x,
+            y=y,
+            z=z,
+            turn=turn,
+            text=shift_text(setup.before, setup.found.base_frame),
+        ),
     )
     return ask_to_write(found, verdict, setup.before, setup.found.base_frame, spec.write_anyway)
 
@@ -263,16 +275,23 @@ def _check_figure(check: CheckTouch) -> Characteristic:
 def _saving_text(setup: ProbedSetup, most: int) -> str:
     outlook, touches = setup.outlook, len(setup.points)
     if not outlook.reached:
-        return (
-            f"{touches} touches; further ones were not asked for: {most} would leave the origin within "
-            f"{outlook.origin_u_m * 1e3:.2f} mm and the axes within {outlook.angle_u_rad * 1e3:.2f} mm per "
-            "metre (k=2)"
+        return make_message(
+            "{touches} touches; further ones were not asked for: {most} would leave the origin "
+            "within {origin_u_mm:.2f} mm and the axes within {angle_u_rad:.2f} mm per metre (k=2)",
+            touches=touches,
+            most=most,
+            origin_u_mm=outlook.origin_u_m * 1000.0,
+            angle_u_rad=outlook.angle_u_rad * 1000.0,
         )
     if touches >= outlook.in_turn:
-        return f"no saving: {touches} touches, as many as the three faces in turn would take"
-    return (
-        f"{touches} touches, each where it tells most; the three faces touched in turn would take "
-        f"{outlook.in_turn} for the U of the limits"
+        return make_message(
+            "no saving: {touches} touches, as many as the three faces in turn would take", touches=touches
+        )
+    return make_message(
+        "{touches} touches, each where it tells most; the three faces touched in turn would take "
+        "{in_turn} for the U of the limits",
+        touches=touches,
+        in_turn=outlook.in_turn,
     )
 
 
@@ -303,14 +322,28 @@ def _forecast_run(spec: ProbedFrame, knowledge: Knowledge) -> Forecast:
     return Forecast(
         duration_s=PERSON_S + 2.0 * ANSWER_S + (touches + len(FACES)) * (TRAVEL_S + _feeling_s(rules)),
         predictions=(
-            Prediction(f"origin of the frame, after {touches} touches", after.origin_u_m, "m", origin),
             Prediction(
-                f"direction of the frame's axes, after {touches} touches", after.angle_u_rad, "rad", turn
+                make_message("origin of the frame, after {touches} touches", touches=touches),
+                after.origin_u_m,
+                "m",
+                origin,
+            ),
+            Prediction(
+                make_message("direction of the frame's axes, after {touches} touches", touches=touches),
+                after.angle_u_rad,
+                "rad",
+                turn,
             ),
         ),
         assumed=(
-            f"the tip in the flange is known to {goal.tip_sigma_m * 1e3:.2f} mm per coordinate (tip_sigma_mm)",
-            f"the arm's own errors shift the tip by {spec.arm_sigma_m * 1e3:.2f} mm per coordinate (arm_sigma_m)",
+            make_message(
+                "the tip in the flange is known to {tip_sigma_mm:.2f} mm per coordinate (tip_sigma_mm)",
+                tip_sigma_mm=goal.tip_sigma_m * 1000.0,
+            ),
+            make_message(
+                "the arm's own errors shift the tip by {arm_sigma_mm:.2f} mm per coordinate (arm_sigma_m)",
+                arm_sigma_mm=spec.arm_sigma_m * 1000.0,
+            ),
         ),
         not_checked=("The ways are planned when the probe stands over the corner.",),
     )

@@ -6,6 +6,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.refit import Refit
@@ -141,7 +142,7 @@ def refuse_unmet(entry: ProcedureDefinition, cell: Cell) -> None:
     lacks = missing_needs(entry, cell)
     if lacks:
         raise NeedsUnmetError(
-            f"{entry.title} needs {', '.join(lacks)}",
+            make_message("{entry_title} needs {lacks}", entry_title=entry.title, lacks=", ".join(lacks)),
             missing=lacks,
             remedy="Add it to cell.toml, or choose another procedure.",
         )

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.cell import Cell
@@ -20,7 +21,8 @@ async def ask_confirmation(cell: Cell, instruction: Instruction) -> Answer:
         return await cell.operator.confirm(with_cell_state(cell, instruction))
     except RefusedError as error:
         raise DeclinedError(
-            f"declined: {instruction.text}", remedy="Resume the run when it can be done."
+            make_message("declined: {instruction_text}", instruction_text=instruction.text),
+            remedy="Resume the run when it can be done.",
         ) from error
 
 
@@ -30,7 +32,8 @@ async def ask_for_value(cell: Cell, question: Question) -> Answer:
         return await cell.operator.ask_question(question)
     except RefusedError as error:
         raise DeclinedError(
-            f"not answered: {question.text}", remedy="Resume the run when it is known."
+            make_message("not answered: {question_text}", question_text=question.text),
+            remedy="Resume the run when it is known.",
         ) from error
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.run_history import Finding
@@ -33,7 +34,10 @@ class TooFewPointsError(RefitError):
     code = "review.too_few"
 
     def __init__(self, count: int, least: int) -> None:
-        super().__init__(f"{count} points are too few for this fit.", remedy=f"Keep {least} or more.")
+        super().__init__(
+            make_message("{count} points are too few for this fit.", count=count),
+            remedy=make_message("Keep {least} or more.", least=least),
+        )
 
 
 @dataclass(frozen=True, slots=True)

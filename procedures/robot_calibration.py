@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force
 from cellcal.procedures.arm.arm_bench import (
@@ -163,7 +164,11 @@ async def _verify_arm(run: Run, series: CalibrationSeries, visits: ArmVisits) ->
     ways = await run.solve("choose check poses", check_ways, series, visits.here_rad, most_checks)
     if len(ways) < min(most_checks, series.rules.checks):
         raise RefusalError(
-            f"only {len(ways)} of {most_checks} check poses can be reached: nothing would be verified",
+            make_message(
+                "only {way_count} of {most_checks} check poses can be reached: nothing would be verified",
+                way_count=len(ways),
+                most_checks=most_checks,
+            ),
             code="procedure.unreachable",
             remedy="Widen the workspace box or allow more candidates; then start a new run.",
         )
@@ -206,8 +211,12 @@ async def _write_zeros(
         old = MasteringData(bench.counts_at_zero, mastered=True)
         await run.write("restore the mastering", restore_mastering, old)
         raise RefusalError(
-            f"with the new zeros the readings are off by {rms_m * 1e3:.2f} mm RMS, {limit_m * 1e3:.2f} mm are "
-            "allowed: the old mastering is back",
+            make_message(
+                "with the new zeros the readings are off by {rms_mm:.2f} mm RMS, {limit_mm:.2f} mm are "
+                "allowed: the old mastering is back",
+                rms_mm=rms_m * 1000.0,
+                limit_mm=limit_m * 1000.0,
+            ),
             code="procedure.not_verified",
             remedy="Use the parameter set of a run without write_zeros; look whether arm or device were touched.",
             evidence=result,
@@ -225,8 +234,12 @@ def _refuse_zeros(found: ArmIdentification, bench: Bench) -> None:
         )
     if not found.hold_out.is_explained_by_offsets or not found.hold_out.is_as_predicted:
         raise RefusalError(
-            f"joint zeros alone leave {found.hold_out.offsets_only_rms_m * 1e3:.2f} mm RMS at the check poses, the "
-            f"whole model {found.hold_out.after_rms_m * 1e3:.2f} mm: writing them would hide what else is wrong",
+            make_message(
+                "joint zeros alone leave {offsets_only_rms_mm:.2f} mm RMS at the check poses, the whole "
+                "model {after_rms_mm:.2f} mm: writing them would hide what else is wrong",
+                offsets_only_rms_mm=found.hold_out.offsets_only_rms_m * 1000.0,
+                after_rms_mm=found.hold_out.after_rms_m * 1000.0,
+            ),
             code="procedure.not_only_zeros",
             remedy="Nothing was written. Use the parameter set: run again without write_zeros.",
             evidence=found,
@@ -236,10 +249,17 @@ def _refuse_zeros(found: ArmIdentification, bench: Bench) -> None:
 def _plan_instruction(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
     rules, expected, checks = spec.rules, plan.expected_captures, plan.expected_checks
     doubt = f". Beware: {plan.shortfall}" if plan.shortfall else ""
-    what = (
-        f"the robot, to about {expected} (at most {rules.max_captures}) of {len(plan.pool)} poses, chosen a few at a "
-        f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
-        f"over the work (k=2, RMS), {plan.tip_u_max_m * 1e3:.3f} mm at worst{doubt}"
+    what = make_message(
+        "the robot, to about {expected} (at most {max_captures}) of {pool_count} poses, chosen a "
+        "few at a time, and to {checks} more that verify. Expected then: target known within "
+        "{tip_u_mm:.3f} mm over the work (k=2, RMS), {tip_u_max_mm:.3f} mm at worst{doubt}",
+        expected=expected,
+        max_captures=rules.max_captures,
+        pool_count=len(plan.pool),
+        checks=checks,
+        tip_u_mm=plan.tip_u_m * 1000.0,
+        tip_u_max_mm=plan.tip_u_max_m * 1000.0,
+        doubt=doubt,
     )
     stops, hands = expected + checks, ""
     if plan.tool is not None:
@@ -271,7 +291,7 @@ def _zeros_instruction(found: ArmIdentification) -> Instruction:
     turned = ", ".join(f"J{k + 1} {math.degrees(v):+.4f}" for k, v in enumerate(found.written_offsets_rad))
     return Instruction(
         "accept_zeros",
-        f"Joint zeros alone explain the readings: {turned} deg.",
+        make_message("Joint zeros alone explain the readings: {turned} deg.", turned=turned),
     )
 
 
@@ -329,13 +349,18 @@ def _results_to_store(spec: RobotCalibration, result: CalibrationResult) -> tupl
 def _forecast_run(spec: RobotCalibration, knowledge: Knowledge) -> Forecast:
     bench = declared_bench(knowledge, spec.method)
     if bench is None:
-        return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
+        return Forecast(
+            0.0, lacks=(make_message("a kinematic model, and where the {method} is", method=spec.method),)
+        )
     plan = plan_series(bench, spec.series_goal(), spec.rules)
     ends = [way[-1] for way in plan.foreseen_rad]
     poses, checks = ends[: plan.expected_captures], ends[plan.expected_captures :]
     stops = len(ends) + len(tool_ways(plan.tool))
     paced, each_s = plan.expected_motion(), knowledge.limits.settle_s + spec.rules.samples * SAMPLE_S
-    after = f"after {plan.expected_captures} captures; each pose is chosen anew as readings come in"
+    after = make_message(
+        "after {expected_captures} captures; each pose is chosen anew as readings come in",
+        expected_captures=plan.expected_captures,
+    )
     return Forecast(
         duration_s=math.ceil(paced.moving_s + stops * each_s + 3 * ANSWER_S),
         poses=(
@@ -349,7 +374,10 @@ def _forecast_run(spec: RobotCalibration, knowledge: Knowledge) -> Forecast:
             *tool_predictions(plan.tool),
         ),
         assumed=(
-            f"the arm leaves {spec.rules.arm_sigma_m * 1e3:.2f} mm a coordinate that no parameter describes",
+            make_message(
+                "the arm leaves {arm_sigma_mm:.2f} mm a coordinate that no parameter describes",
+                arm_sigma_mm=spec.rules.arm_sigma_m * 1000.0,
+            ),
             *((plan.shortfall,) if plan.shortfall else ()),
         ),
         not_checked=MotionSpace.from_bench(bench, spec.rules.room).not_checked(),

@@ -20,6 +20,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hint
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Instruction, Joints
@@ -269,7 +270,7 @@ class Run:
     def _claim_name(self, name: str) -> str:
         full = self._prefix + name
         if full in self._book.named:
-            raise ReplayMismatchError(f"two steps are called {full!r}")
+            raise ReplayMismatchError(make_message("two steps are called {full!r}", full=full))
         self._book.named.add(full)
         return full
 
@@ -347,13 +348,17 @@ class Run:
         doubt = (
             f"Step '{book.past.in_doubt}' was interrupted and may have acted. " if book.past.in_doubt else ""
         )
-        text = f"{doubt}Look at the robot. May it move from where it stands? Next: {name}."
+        text = make_message(
+            "{doubt}Look at the robot. May it move from where it stands? Next: {recommended}.",
+            doubt=doubt,
+            recommended=name,
+        )
         await self._confirm_go_on(Instruction("may_move", text), name)
         book.cleared = True
         book.cell.motion.note_approval(asyncio.get_running_loop().time())
 
     async def _may_retry(self, name: str, error: CellError) -> bool:
-        text = f"{error} Look at the robot. Try '{name}' again?"
+        text = make_message("{error} Look at the robot. Try '{name}' again?", error=error, name=name)
         try:
             await self._confirm_go_on(Instruction("retry", text), name)
         except (DeclinedError, DeviceError):
@@ -364,7 +369,10 @@ class Run:
         try:
             answer = await self._book.cell.operator.confirm(instruction)
         except RefusedError as error:
-            raise DeclinedError(f"declined: {instruction.text}", remedy="Resume when it is safe.") from error
+            raise DeclinedError(
+                make_message("declined: {instruction_text}", instruction_text=instruction.text),
+                remedy="Resume when it is safe.",
+            ) from error
         self._book.ledger.record(
             EventKind.APPROVAL,
             {"before": name, "key": instruction.key, "who": answer.who, "text": instruction.text},
@@ -421,12 +429,18 @@ def _goal_of(way: Any = None, *_: Any) -> Joints | None:
 def _refuse_mismatch(finding: Finding, task: _StepTask) -> None:
     if finding.step != task.name:
         raise ReplayMismatchError(
-            f"the journal has {finding.step!r} where the procedure asks for {task.name!r}",
+            make_message(
+                "the journal has {step!r} where the procedure asks for {task_name!r}",
+                step=finding.step,
+                task_name=task.name,
+            ),
             remedy="The run was made by another version: start it anew.",
         )
     if not is_alike(finding.inputs, task.inputs):
         raise ReplayMismatchError(
-            f"step {task.name!r} was done with other inputs than it is asked for",
+            make_message(
+                "step {task_name!r} was done with other inputs than it is asked for", task_name=task.name
+            ),
             remedy="Redo the run from the step before it.",
         )
 

@@ -15,6 +15,7 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, read_urdf
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
@@ -177,19 +178,27 @@ def _least_tags(spec: SimulationCell) -> int:
 def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Instruction:
     if isinstance(found, CalibratedRobot):
         robot = found.found
-        text = (
-            f"Zero positions of {robot.model}: tags that were not fitted are met within "
-            f"{robot.before.rmse_m * 1e3:.3f} mm RMS before and {robot.after.rmse_m * 1e3:.3f} mm after."
+        text = make_message(
+            "Zero positions of {model}: tags that were not fitted are met within {rmse_mm:.3f} mm "
+            "RMS before and {rmse_mm_2:.3f} mm after.",
+            model=robot.model,
+            rmse_mm=robot.before.rmse_m * 1000.0,
+            rmse_mm_2=robot.after.rmse_m * 1000.0,
         )
     else:
         x, y, z = (value * 1e3 for value in found.outer_inner.position_m)
         what = "The robot's base in the fixture" if part == "base" else "The workpiece in the robot's base"
-        text = (
-            f"{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within "
-            f"{found.origin_uncertainty.expanded_uncertainty * 1e3:.3f} mm and "
-            f"{math.degrees(found.angle_uncertainty.expanded_uncertainty):.4f} degrees (95 %)."
+        text = make_message(
+            "{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {expanded_uncertainty:.3f} mm and "
+            "{expanded_uncertainty_2:.4f} degrees (95 %).",
+            what=what,
+            x=x,
+            y=y,
+            z=z,
+            expanded_uncertainty=found.origin_uncertainty.expanded_uncertainty * 1000.0,
+            expanded_uncertainty_2=math.degrees(found.angle_uncertainty.expanded_uncertainty),
         )
-    return Instruction("accept_part", f"{text} Take it over into the simulation?")
+    return Instruction("accept_part", make_message("{text} Take it over into the simulation?", text=text))
 
 
 def _outline_phases(spec: SimulationCell) -> tuple[Phase, ...]:
@@ -226,7 +235,12 @@ def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:
     count = len(pairs.one)
     if spec.part == "robot":
         return Forecast(
-            ANSWER_S, assumed=(f"{count} tags; how surely they tell the zeros is known when they are fitted",)
+            ANSWER_S,
+            assumed=(
+                make_message(
+                    "{count} tags; how surely they tell the zeros is known when they are fitted", count=count
+                ),
+            ),
         )
     sigma_m = spec.sigma_m or ASSUMED_SIGMA_M
     method = spec.method if spec.part == "workpiece" else "least_squares"
@@ -241,7 +255,13 @@ def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:
             Prediction("origin of the frame", ideal.origin_uncertainty.expanded_uncertainty, "m", origin),
             Prediction("turn of the frame", ideal.angle_uncertainty.expanded_uncertainty, "rad", turn),
         ),
-        assumed=(f"{count} tags, each coordinate good to {sigma_m * 1e3:.2f} mm (sigma_m)",),
+        assumed=(
+            make_message(
+                "{count} tags, each coordinate good to {sigma_mm:.2f} mm (sigma_m)",
+                count=count,
+                sigma_mm=sigma_m * 1000.0,
+            ),
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
 from cellcal.calibration.points.touch_design import planned_attitudes, predicted_u_m
@@ -148,8 +149,16 @@ async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
 def _result_instruction(spec: SixPointTcp, found: ToolSetup, verdict: ProcedureVerdict) -> Instruction:
     tip, (x, y, z) = found.tip, (value * 1e3 for value in found.flange_tool.position_m)
     words = [
-        f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
-        f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS.",
+        make_message(
+            "Tool {tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
+            "{tip_u_in_space_mm:.2f} mm (95 %); the touches agree within {rms_mm:.2f} mm RMS.",
+            tool_number=spec.tool_number,
+            x=x,
+            y=y,
+            z=z,
+            tip_u_in_space_mm=tip.tip_u_in_space_m * 1000.0,
+            rms_mm=tip.rms_m * 1000.0,
+        ),
         *(["Its axes stay as they are."] if spec.method == "four_point" else []),
         shift_text(found.before, found.flange_tool),
     ]
@@ -213,7 +222,13 @@ def _forecast_run(spec: SixPointTcp, knowledge: Knowledge) -> Forecast:
     limits = {name: limit.tip_m for name, limit in TOOL.items()}
     turn = {name: limit.orientation_rad for name, limit in TOOL.items()}
     poses = expected + len(spec.teaching_method.move_axes) + (spec.teaching_method.origin_step is not None)
-    tip = [] if best is None else [Prediction(f"tip, after {rules.most} touches at most", best, "m", limits)]
+    tip = (
+        []
+        if best is None
+        else [
+            Prediction(make_message("tip, after {most} touches at most", most=rules.most), best, "m", limits)
+        ]
+    )
     if spec.method != "four_point":
         u_rad = axes_u(spec.teaching_method, spec.touch_sigma_m, spec.square_sigma_rad)
         tip.append(Prediction("turn of the tool's axes", u_rad, "rad", turn))
@@ -221,11 +236,27 @@ def _forecast_run(spec: SixPointTcp, knowledge: Knowledge) -> Forecast:
         duration_s=poses * PERSON_S + 2.0 * ANSWER_S,
         predictions=tuple(tip),
         assumed=(
-            f"{poses} poses taught by a person, a minute each; {expected} of them touches, if all go well",
-            f"a touch repeats within {spec.touch_sigma_m * 1e3:.2f} mm per coordinate (touch_sigma_m)",
-            f"the arm's own errors shift the tip by {spec.arm_sigma_m * 1e3:.2f} mm per coordinate (arm_sigma_m)",
-            f"the tool can be turned by {math.degrees(spec.most_tilt_rad):.0f} degrees to every side (most_tilt_rad)",
-            f"the tool is held square within {math.degrees(spec.square_sigma_rad):.2f} degrees (square_sigma_rad)",
+            make_message(
+                "{poses} poses taught by a person, a minute each; {expected} of them touches, if all go well",
+                poses=poses,
+                expected=expected,
+            ),
+            make_message(
+                "a touch repeats within {touch_sigma_mm:.2f} mm per coordinate (touch_sigma_m)",
+                touch_sigma_mm=spec.touch_sigma_m * 1000.0,
+            ),
+            make_message(
+                "the arm's own errors shift the tip by {arm_sigma_mm:.2f} mm per coordinate (arm_sigma_m)",
+                arm_sigma_mm=spec.arm_sigma_m * 1000.0,
+            ),
+            make_message(
+                "the tool can be turned by {most_tilt_deg:.0f} degrees to every side (most_tilt_rad)",
+                most_tilt_deg=math.degrees(spec.most_tilt_rad),
+            ),
+            make_message(
+                "the tool is held square within {square_sigma_deg:.2f} degrees (square_sigma_rad)",
+                square_sigma_deg=math.degrees(spec.square_sigma_rad),
+            ),
         ),
     )
 

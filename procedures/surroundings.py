@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.motion.collision import (
     BoxObstacle,
@@ -102,7 +103,10 @@ def cell_shape(
     if not arm and shapes.link_radius_m is not None:
         arm = arm_shape(model, radius_m=shapes.link_radius_m, tip_in_flange_m=tip)
         assumed = (
-            f"links are taken as {shapes.link_radius_m * 1e3:.0f} mm round about the kinematic skeleton",
+            make_message(
+                "links are taken as {link_radius_mm:.0f} mm round about the kinematic skeleton",
+                link_radius_mm=shapes.link_radius_m * 1000.0,
+            ),
         )
     elif not arm:
         shape = assumed_shape(model, tip_in_flange_m=tip)

@@ -9,6 +9,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.frame_design import (
     FrameGoal,
@@ -147,8 +148,16 @@ def _result_instruction(
     turn = max(taught.rotation_sigma_rad) * 2e3
     found = Instruction(
         "accept_frame",
-        f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
-        f"are known to {turn:.2f} mm per metre (k=2). {shift_text(before, taught.base_frame)}",
+        make_message(
+            "User frame {frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its "
+            "axes are known to {turn:.2f} mm per metre (k=2). {text}",
+            frame_number=spec.frame_number,
+            x=x,
+            y=y,
+            z=z,
+            turn=turn,
+            text=shift_text(before, taught.base_frame),
+        ),
     )
     return ask_to_write(found, verdict, before, taught.base_frame, spec.write_anyway)
 
@@ -242,17 +251,39 @@ def _forecast_run(spec: ThreePointFrame, knowledge: Knowledge) -> Forecast:
     return Forecast(
         duration_s=count * PERSON_S + 2.0 * ANSWER_S,
         predictions=(
-            Prediction(f"origin of the frame, after {touches} touches", after.origin_u_m, "m"),
-            Prediction(f"direction of the frame's axes, after {touches} touches", after.angle_u_rad, "rad"),
-            Prediction(f"origin of the frame, after {most} touches at most", best.origin_u_m, "m", origin),
             Prediction(
-                f"direction of the frame's axes, after {most} touches at most", best.angle_u_rad, "rad", turn
+                make_message("origin of the frame, after {touches} touches", touches=touches),
+                after.origin_u_m,
+                "m",
+            ),
+            Prediction(
+                make_message("direction of the frame's axes, after {touches} touches", touches=touches),
+                after.angle_u_rad,
+                "rad",
+            ),
+            Prediction(
+                make_message("origin of the frame, after {most} touches at most", most=most),
+                best.origin_u_m,
+                "m",
+                origin,
+            ),
+            Prediction(
+                make_message("direction of the frame's axes, after {most} touches at most", most=most),
+                best.angle_u_rad,
+                "rad",
+                turn,
             ),
         ),
         assumed=(
-            f"{count} points touched by a person, a minute each, if all go well",
-            f"the points are {ASSUMED_SIDE_M * 1e3:.0f} mm apart, at a right angle",
-            f"a touch is good to {spec.sigma_m * 1e3:.2f} mm per coordinate (sigma_m)",
+            make_message("{count} points touched by a person, a minute each, if all go well", count=count),
+            make_message(
+                "the points are {assumed_side_m:.0f} mm apart, at a right angle",
+                assumed_side_m=ASSUMED_SIDE_M * 1000.0,
+            ),
+            make_message(
+                "a touch is good to {sigma_mm:.2f} mm per coordinate (sigma_m)",
+                sigma_mm=spec.sigma_m * 1000.0,
+            ),
         ),
     )
 

@@ -15,6 +15,7 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration import uncertainty
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.uncertainty import coverage_factor, decide_conformity
 
@@ -49,7 +50,9 @@ class Characteristic:
     def __post_init__(self) -> None:
         figures = (self.value, self.standard_uncertainty, self.coverage, self.limit or 0.0)
         if not all(math.isfinite(figure) for figure in figures) or self.standard_uncertainty < 0:
-            raise CalibrationError(f"{self.name}: a verdict needs finite figures and an uncertainty >= 0")
+            raise CalibrationError(
+                make_message("{name}: a verdict needs finite figures and an uncertainty >= 0", name=self.name)
+            )
 
     @property
     def expanded_uncertainty(self) -> float:
@@ -116,7 +119,7 @@ def judge_value(
 ) -> Characteristic:
     """Judge the magnitude of a measured value: conformity and non-conformity must both be proved."""
     decision = decide_conformity(abs(value), u, limit, degrees_of_freedom=degrees_of_freedom)
-    rule = f"PASS if x + g <= L, FAIL if x - g > L, else UNDECIDED; {decision.rule}"
+    rule = make_message("PASS if x + g <= L, FAIL if x - g > L, else UNDECIDED; {rule}", rule=decision.rule)
     k = coverage_factor(degrees_of_freedom)
     return Characteristic(name, value, unit, u, k, limit, decision.verdict, rule)
 
@@ -132,7 +135,7 @@ def known_within(
     """Judge how well something is known: PASS if U is at most the limit, otherwise measure more."""
     k = coverage_factor(degrees_of_freedom)
     word = PASS if k * u <= limit else UNDECIDED
-    rule = f"PASS if U (k = {k:.2f}, 95 %) <= L, else UNDECIDED: measure more"
+    rule = make_message("PASS if U (k = {k:.2f}, 95 %) <= L, else UNDECIDED: measure more", k=k)
     return Characteristic(name, k * u, unit, u, k, limit, word, rule)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.points.frames import frame_offset as offset_between
 from cellcal.drivers.interfaces import Instruction
@@ -43,11 +44,17 @@ def with_verdict(
         if _needs_order(verdict, write_anyway)
         else ""
     )
-    text = (
-        f"{shown.text} Verdict: {_IN_WORDS[verdict.overall_decision]} ({verdict.limits_from}). "
-        f"{figures}. Rule: {rules}."
+    text = make_message(
+        "{shown_text} Verdict: {in_words} ({limits_from}). {entry_text}. Rule: {rules}.",
+        shown_text=shown.text,
+        in_words=_IN_WORDS[verdict.overall_decision],
+        limits_from=verdict.limits_from,
+        entry_text=figures,
+        rules=rules,
     )
-    instruction = replace(shown, text=f"{text}{doubt} {question}")
+    instruction = replace(
+        shown, text=make_message("{text}{doubt} {question}", text=text, doubt=doubt, question=question)
+    )
     return review_page(instruction, verdict, writes=writes, write_anyway=write_anyway)
 
 
@@ -81,10 +88,16 @@ def refuse_failed(verdict: ProcedureVerdict, write_anyway: str | None, evidence:
     if failed and not write_anyway:
         order = "" if write_anyway is None else " An engineer may order the writing with write_anyway."
         raise RefusalError(
-            f"the verdict is FAIL: {'; '.join(_figure_text(figure) for figure in failed)}. Nothing was written",
+            make_message(
+                "the verdict is FAIL: {failed}. Nothing was written",
+                failed=join_messages("; ", (_figure_text(figure) for figure in failed)),
+            ),
             code="procedure.failed",
-            remedy="Look for the cause; then do the doubtful steps again (`cellcal resume RUN --from STEP`) or start "
-            f"a new run.{order}",
+            remedy=make_message(
+                "Look for the cause; then do the doubtful steps again (`cellcal resume RUN --from STEP`) "
+                "or start a new run.{order}",
+                order=order,
+            ),
             evidence=evidence,
         )
 
@@ -94,7 +107,11 @@ def with_order_remark(verdict: ProcedureVerdict, write_anyway: str) -> Procedure
     if not _needs_order(verdict, write_anyway):
         return verdict
     word = verdict.overall_decision.value.upper()
-    remark = f"Kept although it is {word}, by order of the settings (write_anyway): {write_anyway}"
+    remark = make_message(
+        "Kept although it is {word}, by order of the settings (write_anyway): {write_anyway}",
+        word=word,
+        write_anyway=write_anyway,
+    )
     return replace(verdict, remarks=(*verdict.remarks, remark))
 
 
@@ -103,7 +120,7 @@ def frame_changes(before: Pose, after: Pose) -> tuple[ValueChange, ...]:
     pairs = zip("xyz", before.position_m, after.position_m, strict=True)
     turn_rad = float(np.linalg.norm(log_rotation(offset_between(before, after).rotation_matrix())))
     return (
-        *(ValueChange(f"origin {axis}", old, new, "m") for axis, old, new in pairs),
+        *(ValueChange(make_message("origin {axis}", axis=axis), old, new, "m") for axis, old, new in pairs),
         ValueChange("turned by", 0.0, turn_rad, "rad"),
     )
 
@@ -129,14 +146,21 @@ def _needs_order(verdict: ProcedureVerdict, write_anyway: str) -> bool:
 def _figure_text(figure: Characteristic) -> str:
     word = "-" if figure.decision is None else figure.decision.value.upper()
     if figure.limit is None:
-        return f"{figure.name}: {word}"
+        return make_message("{path}: {refused_message}", path=figure.name, refused_message=word)
     found, limit = _quantity_text(figure.value, figure.unit), _quantity_text(figure.limit, figure.unit)
     uncertainty_text = (
         ""
         if figure.expanded_uncertainty in (0.0, figure.value)
         else f", U {_quantity_text(figure.expanded_uncertainty, figure.unit)}"
     )
-    return f"{figure.name}: {word}, {found}{uncertainty_text}, limit {limit}"
+    return make_message(
+        "{figure_name}: {word}, {found}{uncertainty_text}, limit {limit}",
+        figure_name=figure.name,
+        word=word,
+        found=found,
+        uncertainty_text=uncertainty_text,
+        limit=limit,
+    )
 
 
 def _quantity_text(value: float, unit: str) -> str:

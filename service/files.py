@@ -7,6 +7,8 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
+
 PRIVATE_FILE, PRIVATE_FOLDER, SHARED_FILE = 0o600, 0o700, 0o644
 
 
@@ -68,7 +70,7 @@ def _refuse_device(path: Path) -> None:
 def missing_file_words(path: Path) -> tuple[str, str]:
     """Return why a path is no file that can be read, and what to do."""
     if path.is_dir():
-        return f"{path} is a folder, not a file.", "Name the file in it."
+        return make_message("{path} is a folder, not a file.", path=path), "Name the file in it."
     if path.exists():
-        return f"{path} is not a plain file.", "Name a file."
-    return f"there is no file {path}.", "Check the name."
+        return make_message("{path} is not a plain file.", path=path), "Name a file."
+    return make_message("there is no file {path}.", path=path), "Check the name."

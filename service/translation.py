@@ -1,83 +1,66 @@
-"""What is said in English, in the reader's language: the tables of the pages, for what is made without a page.
+"""Texts in the reader's language: a message by its template, a plain text as it is.
 
-The rules are those of web/src/lib/say.svelte.ts. The English sentence is the key; "#" stands for a number in it, or
-"{1}" for a hole as in the source. What has no entry, or no table because the pages are not built, stays English.
+A catalogue is one JSON object for each language: English template -> translated template, both with braces doubled
+that are no holes. A template is a sentence; its holes have names, in any order in the translation. What has no entry, or no catalogue because the pages are not
+built, stays English. The rules are those of web/src/lib/translate.svelte.ts.
+
+An English text is never taken apart to find its arguments: `legacy_texts` does so for what was recorded without them.
 """
 
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import (
+    Message,
+    escape_braces,
+    fill_template,
+    find_message,
+    split_template,
+)
 from cellcal.calibration.documents.plain_files import read_plain_text
 
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
 BUILT = Path(__file__).parent / "web" / "dist" / "locales"  # beside the pages
+MessageSource: TypeAlias = Callable[[str], Message | None]
 _KINDS = ("procedures", "refusals")
 _COMMA = ("de", "es")
-_NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
-_ONLY_A_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?")
-_SENTENCE = re.compile(r"(?<=[.?!])\s+")
-_NUMBERED = re.compile(r"(.*?),? (\d+)")
-_HOLE = re.compile(r"\{(\d+)\}")
-_NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)", re.DOTALL)
-
-
-@dataclass(frozen=True, slots=True)
-class _SentencePattern:
-    matches: re.Pattern[str]
-    translated: str
-
-    @classmethod
-    def compile_pattern(cls, english: str, translated: str) -> "_SentencePattern":
-        literals = _HOLE.split(english)[::2]
-        return cls(re.compile("(.*?)".join(map(re.escape, literals)), re.DOTALL), translated)
+_UNITS = ("", "%", "mm", "m", "deg", "rad")  # what may stand behind the number of an argument
+_PUNCTUATION = frozenset(" .,;:\n")
+_LIST = "; "
 
 
 @dataclass(frozen=True)
 class Translations:
-    """One language's tables."""
+    """One language's catalogue."""
 
     locale: Locale
-    table: dict[str, str]
+    table: Mapping[str, str]
     commas: bool = False  # in numbers
-    _patterns: list[_SentencePattern] = field(default_factory=list)
-    _found: dict[str, _SentencePattern | None] = field(
-        default_factory=dict
-    )  # by sentences without their numbers
+    find: MessageSource = find_message  # the message that has a text
 
     @classmethod
-    def read_tables(cls, locale: Locale, folder: Path = BUILT) -> "Translations":
-        """Read a language's tables."""
+    def read_tables(
+        cls, locale: Locale, folder: Path = BUILT, find: MessageSource = find_message
+    ) -> "Translations":
+        """Read a language's catalogue."""
         table: dict[str, str] = {}
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
                 table |= parse_json(read_plain_text(file))
-        return cls.from_table(locale, table, commas=locale in _COMMA)
-
-    @classmethod
-    def from_table(cls, locale: Locale, table: dict[str, str], *, commas: bool) -> "Translations":
-        """Make the sayings of a table."""
-        holed = sorted(
-            (english for english in table if _HOLE.search(english)),
-            key=lambda english: -len(_HOLE.sub("", english)),  # what says more is tried first
-        )
-        return cls(
-            locale,
-            table,
-            commas,
-            [_SentencePattern.compile_pattern(english, table[english]) for english in holed],
-        )
+        return cls(locale, table, locale in _COMMA, find)
 
     def translate(self, text: str) -> str:
-        """Return a text in this language, sentence by sentence."""
-        if not self.table:
-            return text
-        return self.join_sentences(self._translate_part(part) or part for part in _SENTENCE.split(text))
+        """Return a text in this language; a sentence without an entry stays English."""
+        return (self._translate_text(text) or text) if self.table else text
+
+    def is_translated(self, text: str) -> bool:
+        """Whether any sentence of a text has an entry."""
+        return self._translate_text(text) is not None
 
     def join_sentences(self, sentences: Iterable[str]) -> str:
         """Return sentences one after the other: Chinese has no space between them."""
@@ -89,78 +72,120 @@ class Translations:
         return written.replace(".", ",") if self.commas else written
 
     def translate_step(self, step_name: str) -> str:
-        """Return the name of a step, whose number may be its own."""
+        """Return the name of a step: ``phase: name``, with a number behind either."""
         if not self.table:
             return step_name
         name = step_name.removesuffix(",")  # of a phase whose steps are numbered after a comma
-        if (translated := self._translate_part(name)) is not None:
+        if (translated := self._translate_text(name)) is not None:
             return translated
         phase, _, rest = name.partition(": ")
         if phase and rest:
             return f"{self.translate_step(phase)}: {self.translate_step(rest)}"
-        numbered = _NUMBERED.fullmatch(name)
-        return f"{self.translate_step(numbered[1])} {numbered[2]}" if numbered else step_name
+        words, _, number = name.rpartition(" ")
+        return f"{self.translate_step(words)} {number}" if words and number.isdecimal() else step_name
 
-    def _translate_part(self, text: str) -> str | None:
-        text = text.strip()
-        return (
-            self._translate_counted(text)
-            or self._translate_pattern(text)
-            or self._of_named(text)
-            or self._translate_list(text)
+    def _translate_text(self, text: str) -> str | None:
+        if (translated := self.table.get(escape_braces(text.strip()))) is not None:
+            return _with_spaces_of(text, fill_template(translated, {}))
+        if (made := self.find(text)) is not None:
+            return self._translate_message(made)
+        sentences = list(split_sentences(text))
+        if len(sentences) == 1:
+            return None
+        translations = [self._translate_text(sentence) for sentence in sentences]
+        if not any(translations):
+            return None
+        return self.join_sentences(done or left for done, left in zip(translations, sentences, strict=True))
+
+    def _translate_message(self, made: Message) -> str | None:
+        """Return a message sentence by sentence; None where none of it has an entry."""
+        sentences = sentences_of(made.template)
+        translations = [self._translate_sentence(sentence, made) for sentence in sentences]
+        if not any(translations):
+            return None
+        sentences_done = (
+            fill_template(sentence, made.arguments) if done is None else done
+            for done, sentence in zip(translations, sentences, strict=True)
         )
+        return _with_spaces_of(made, self.join_sentences(sentences_done))
 
-    def _translate_counted(self, text: str) -> str | None:
-        translated = self.table.get(text, self.table.get(_NUMBER.sub("#", text)))
+    def _translate_sentence(self, template: str, made: Message) -> str | None:
+        translated = self._find_template(template)
         if translated is None:
             return None
-        numbers = iter(_NUMBER.findall(text))
-        return re.sub("#", lambda _: self.format_number(next(numbers, "#")), translated)
+        names = {name for _, name in split_template(translated) if name is not None}
+        return fill_template(
+            translated, {name: self._translate_argument(made.arguments[name]) for name in names}
+        )
 
-    def _translate_pattern(self, text: str) -> str | None:
-        alike = _NUMBER.sub("0", text)  # a million reasons differ in their numbers alone
-        if alike not in self._found:
-            self._found[alike] = next((p for p in self._patterns if p.matches.fullmatch(text)), None)
-        pattern = self._found[alike]
-        found = None if pattern is None else pattern.matches.fullmatch(text)
-        if pattern is None or found is None:
+    def _find_template(self, template: str) -> str | None:
+        if (translated := self.table.get(template)) is not None:
+            return translated
+        if is_punctuation(template):
+            return template.replace(_LIST, "；") if self.locale == "zh" else template  # noqa: RUF001 - Chinese
+        lead, rest = split_lead(template)
+        if not lead or (translated := self.table.get(rest)) is None:
             return None
-        return _HOLE.sub(lambda hole: self._translate_value(found[int(hole[1])]), pattern.translated)
+        return f"{lead} {translated}"
 
-    def _of_named(self, text: str) -> str | None:
-        found = _NAMED.fullmatch(text)
-        translated = None if found is None else self._translate_part(found[2])
-        if found is None or translated is None:
-            return None
-        return f"{self._translate_name(found[1])}: {translated}"
+    def _translate_argument(self, argument: str) -> str:
+        if is_number(argument):
+            return self.format_number(argument)
+        if (translated := self._translate_text(argument)) is not None:
+            return translated
+        words, _, number = argument.rpartition(" ")
+        return self.translate_step(argument) if words and number.isdecimal() else argument
 
-    def _translate_name(self, words: str) -> str:
-        return (
-            self.translate_step(words) if _NUMBERED.fullmatch(words) else words
-        )  # a device has its own name
 
-    def _translate_list(self, text: str) -> str | None:
-        first, cut, rest = text.partition("; ")
-        translated = [self._translate_part(part) for part in (first, rest)] if cut else [None]
-        return None if None in translated else self._separator.join(part for part in translated if part)
+def _with_spaces_of(english: str, translated: str) -> str:
+    """Return a translation with the spaces around the English text, which may be a part of another."""
+    before, after = len(english) - len(english.lstrip()), len(english) - len(english.rstrip())
+    return english[:before] + translated.strip() + (english[-after:] if after else "")
 
-    @property
-    def _separator(self) -> str:
-        return "；" if self.locale == "zh" else "; "  # noqa: RUF001 - Chinese
 
-    def _translate_value(self, words: str) -> str:
-        if _ONLY_A_NUMBER.fullmatch(words):
-            return self.format_number(words)
-        parts = words.split("; ")  # a list: of names, or of a controller's own words and ours
-        translations = [self._translate_part(part) for part in parts]
-        if len(parts) > 1 and any(translations) and self._translate_counted(words) is None:
-            return self._separator.join(
-                translated or part for translated, part in zip(translations, parts, strict=True)
-            )
-        return self._translate_part(words) or self._translate_name(words)
+def split_sentences(text: str) -> Iterator[str]:
+    """Yield the sentences of a text: each ends behind a full stop, question or exclamation mark and a space."""
+    begin = 0
+    for place in range(1, len(text)):
+        if text[place].isspace() and text[place - 1] in ".?!":
+            yield text[begin:place].strip()
+            begin = place
+    yield text[begin:].strip()
+
+
+@lru_cache(maxsize=4096)
+def sentences_of(template: str) -> tuple[str, ...]:
+    """Return the sentences of a template."""
+    return tuple(split_sentences(template))
+
+
+@lru_cache(maxsize=4096)
+def split_lead(sentence: str) -> tuple[str, str]:
+    """Return what is filled in before the first word of a sentence, such as other sentences, and the rest of it."""
+    lead = 0
+    for literal, name in split_template(sentence):
+        if literal.strip() or name is None:
+            break
+        lead += len(literal) + len(name) + 2
+    return sentence[:lead].strip(), sentence[lead:].strip()
+
+
+@lru_cache(maxsize=4096)
+def is_punctuation(template: str) -> bool:
+    """Whether a template has nothing to translate but what is filled in."""
+    parts = split_template(template)
+    return any(name is not None for _, name in parts) and all(
+        _PUNCTUATION.issuperset(each) for each, _ in parts
+    )
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number, or one with its unit."""
+    number, _, unit = text.partition(" ")
+    return unit in _UNITS and number.lstrip("+-").replace(".", "", 1).isdecimal()
 
 
 @cache
 def load_translations(locale: Locale) -> Translations:
-    """Return a language's tables as they were built with the pages."""
+    """Return a language's catalogue as it was built with the pages."""
     return Translations.read_tables(locale)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
@@ -34,7 +35,7 @@ class JointTerm:
     def name(self) -> str:
         """A name for people: joints and links count from one."""
         if self.kind == "gravity":
-            what = f"payload {self.aside}" if self.aside else f"link {self.link + 1}"
+            what = f"payload {self.aside}" if self.aside else make_message("link {link}", link=self.link + 1)
             return f"J{self.joint + 1} sag under {what}"
         if self.kind == "gear":
             return f"J{self.joint + 1} " + (

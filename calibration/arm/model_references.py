@@ -22,6 +22,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import LINKAGE, catalo
 from cellcal.calibration.arm.robot_models.model_text import ModelText, read_model_text
 from cellcal.calibration.arm.urdf_reader import UrdfArm, read_urdf
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, text_of
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
@@ -202,7 +203,9 @@ def _description(parts: ModelReference) -> UrdfArm:
         return read_urdf(text, tip_link=parts.tip, base_link=parts.base, name=name)
     except CalibrationError as refused:
         raise CalibrationError(
-            f"{parts.where}: {refused.message}", remedy=refused.remedy, code=refused.code
+            make_message("{path}: {refused_message}", path=parts.where, refused_message=refused.message),
+            remedy=refused.remedy,
+            code=refused.code,
         ) from refused
 
 

@@ -16,6 +16,7 @@ from cellcal.calibration.arm.joint_kinds import CONTINUOUS, PRISMATIC, REVOLUTE
 from cellcal.calibration.arm.robot_model import RobotModel
 from cellcal.calibration.arm.robot_models.model_text import UNKNOWN_SPEED
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
@@ -220,7 +221,11 @@ class _Tree:
         if link in self.links:
             return link
         near = get_close_matches(link, self.links, n=1)
-        there = f"Did you mean {near[0]}?" if near else f"It has {_named(self.links)}."
+        there = (
+            make_message("Did you mean {near}?", near=near[0])
+            if near
+            else make_message("It has {names}.", names=_named(self.links))
+        )
         raise CalibrationError(f"the description has no link {link!r} for the {what}.", remedy=there)
 
 

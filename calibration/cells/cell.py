@@ -13,6 +13,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
 from cellcal.calibration.cells.frame_priors import FramePrior
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows
@@ -126,7 +127,12 @@ class CalibrationCell:
         for tool in self.tools:
             _require_name("robot", tool.robot, [r.name for r in self.robots], f"tool {tool.name!r}")
         for target in self.targets:
-            _require_name("tool", target.tool, [t.name for t in self.tools], f"target {target.name!r}")
+            _require_name(
+                "tool",
+                target.tool,
+                [t.name for t in self.tools],
+                make_message("target {target_name!r}", target_name=target.name),
+            )
         for series in self.series:
             self._check_series(series)
 

@@ -7,6 +7,7 @@ import numpy as np
 from cellcal.calibration.cells.estimate import CellFit
 from cellcal.calibration.cells.state import NOWHERE, CellLayout, CellState, FrameRoute
 from cellcal.calibration.cells.system import PreparedPostures, RouteChain
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
 
@@ -129,7 +130,10 @@ def _slot_number(layout: CellLayout, name: str) -> int:
             return layout.frames.names[role, name]
     raise CalibrationError(
         f"the cell has no robot and no device {name!r}.",
-        remedy=f"It has {', '.join(sorted(repr(n) for r, n in layout.frames.names if r in ('base', 'device')))}.",
+        remedy=make_message(
+            "It has {names}.",
+            names=", ".join(sorted((repr(n) for r, n in layout.frames.names if r in ("base", "device")))),
+        ),
     )
 
 
@@ -137,7 +141,8 @@ def _target_chain(layout: CellLayout, state: CellState, target: str, seen_from: 
     target_names = [key[1] for key in layout.frames.names if key[0] in ("tool", "target")]
     if target not in target_names:
         raise CalibrationError(
-            f"the cell has no target {target!r}.", remedy=f"It has {', '.join(target_names)}."
+            f"the cell has no target {target!r}.",
+            remedy=make_message("It has {names}.", names=", ".join(target_names)),
         )
     route = layout.frames.find_route(target)
     viewpoint = route.base if seen_from is None else _slot_number(layout, seen_from)

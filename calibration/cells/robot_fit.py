@@ -3,6 +3,7 @@
 import numpy as np
 
 from cellcal.calibration.cells.estimate import CellFit
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.free_parameters import PLACE_ROLES, PartLayout
@@ -22,7 +23,10 @@ def fit_of_robot(fit: CellFit, robot: str) -> ArmFit:
     """
     names = [each.name for each in fit.layout.frames.cell.robots]
     if robot not in names:
-        raise CalibrationError(f"the cell has no robot {robot!r}.", remedy=f"It has {', '.join(names)}.")
+        raise CalibrationError(
+            f"the cell has no robot {robot!r}.",
+            remedy=make_message("It has {names}.", names=", ".join(names)),
+        )
     arm = fit.state.arms[names.index(robot)]
     state = ArmState(
         arm.nominal,

@@ -9,6 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.joint_terms import JointTerm
 from cellcal.calibration.cells.cell import CalibrationCell, CellDevice, CellRobot, CellTool, DeviceScalar
 from cellcal.calibration.cells.frame_priors import AXES, FramePrior, move_frames
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
 from cellcal.calibration.identification.observations import DevicePlacement, Rows
@@ -126,12 +127,20 @@ class CellFrames:
 def _list_slots(cell: CalibrationCell) -> Iterator[tuple[str, FrameSlot]]:
     for i, robot in enumerate(cell.robots):
         world = FramePrior.from_pose(np.eye(4)) if i == 0 else FramePrior.without_prior()
-        yield robot.name, FrameSlot(f"base of {robot.name}", "base", robot.base or world)
+        yield (
+            robot.name,
+            FrameSlot(
+                make_message("base of {robot_name}", robot_name=robot.name), "base", robot.base or world
+            ),
+        )
     for tool in cell.tools:
         label = "tool" if len(cell.tools) == 1 else f"tool {tool.name}"
         yield tool.name, FrameSlot(label, "tool", tool.place or _default_tool(cell, tool))
     for target in cell.targets:
-        yield target.name, FrameSlot(f"target {target.name}", "target", target.place)
+        yield (
+            target.name,
+            FrameSlot(make_message("target {target_name}", target_name=target.name), "target", target.place),
+        )
     for device in cell.devices:
         axes = {a for s in cell.series if s.device == device.name for a in s.observations.place_axes}
         for i, place in enumerate(device.places):

@@ -3,6 +3,7 @@
 import zlib
 
 from cellcal.calibration.documents.errors import DocumentError
+from cellcal.calibration.documents.message import make_message
 
 
 def unpack_gzip(packed: bytes, most_bytes: int) -> bytes:
@@ -18,7 +19,7 @@ def unpack_gzip(packed: bytes, most_bytes: int) -> bytes:
         found = inflate.decompress(packed, most_bytes + 1)
     except zlib.error as error:
         raise DocumentError(
-            f"the gzip data are damaged ({error}).", remedy="Fetch the file again."
+            make_message("the gzip data are damaged ({error}).", error=error), remedy="Fetch the file again."
         ) from error
     if len(found) > most_bytes:
         raise DocumentError(f"it unpacks to more than {most_bytes} bytes.", remedy="Fetch the file again.")

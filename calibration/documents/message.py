@@ -1,12 +1,12 @@
 """A text for people that keeps its English template and its arguments, so that it can be translated later.
 
-A `Message` is the finished English text. What writes, compares or logs texts treats it as the ``str`` that it is; what
-shows it to a reader looks up its template in a catalogue and fills in the arguments in the reader's language::
+A `Message` is the finished English text. What writes, compares or logs texts treats it as the ``str`` that it is;
+what shows it to a reader looks up its template in a catalogue and fills in the arguments in the reader's language::
 
     make_message("no answer from {device} within {limit_s:.1f} s", device="probe", limit_s=2)
 
-is ``"no answer from probe within 2.0 s"``, of the template ``"no answer from {device} within {limit_s} s"``. The format
-of a number belongs to the argument: the template in a catalogue has none.
+is ``"no answer from probe within 2.0 s"``; its template is ``"no answer from {device} within {limit_s} s"``. The
+format of a number belongs to the argument: the template in a catalogue has none.
 
 A text that passes through JSON or a validating model is a plain ``str`` afterwards. `find_message` returns the message
 that was made of it in this process: a template and its arguments are identified by the English text that they give.
@@ -89,8 +89,8 @@ class _RecentMessages:
 _RECENT = _RecentMessages()
 
 
-def make_message(template: str, /, *numbered: object, **named: object) -> Message:
-    """Return the English text of a template, which keeps template and arguments.
+def make_message(template: str, /, *numbered: object, **named: object) -> str:
+    """Return the English text of a template, a `Message`: it keeps template and arguments.
 
     A hole of the template is ``{name}``, ``{name:format}`` or ``{name!r}`` as in an f-string, with a plain name, or
     ``{}``; these are named 1, 2 and so on. An argument may be a message, or an exception that was raised with one.
@@ -104,8 +104,8 @@ def make_message(template: str, /, *numbered: object, **named: object) -> Messag
     return made
 
 
-def join_messages(separator: str, texts: Iterable[object]) -> Message:
-    """Return texts one after the other; each keeps its template and arguments."""
+def join_messages(separator: str, texts: Iterable[object]) -> str:
+    """Return texts one after the other, a `Message`: each keeps its template and arguments."""
     parts = {f"part_{place}": text for place, text in enumerate(texts, start=1)}
     return make_message(escape_braces(separator).join(f"{{{name}}}" for name in parts), **parts)
 

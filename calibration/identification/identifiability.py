@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.parameters import Parameter
@@ -156,11 +157,19 @@ def _describe_parameter(parameter: Parameter) -> str:
     axis = parameter.name.split()[-1]
     if parameter.role == "base":
         turns = axis.startswith("r")
-        return f"rotation of the base about {axis[1:]}" if turns else f"shift of the base along {axis}"
+        return (
+            make_message("rotation of the base about {axis}", axis=axis[1:])
+            if turns
+            else make_message("shift of the base along {axis}", axis=axis)
+        )
     if parameter.role == "anchor":
-        return f"place of the wire's anchor ({axis})"
+        return make_message("place of the wire's anchor ({axis})", axis=axis)
     if parameter.role == "tool":
-        return f"{'rotation' if axis.startswith('r') else 'place'} of the tool in the flange ({axis})"
+        return make_message(
+            "{detail} of the tool in the flange ({axis})",
+            detail="rotation" if axis.startswith("r") else "place",
+            axis=axis,
+        )
     return parameter.name
 
 
@@ -188,7 +197,11 @@ def _suggest_rotation(parameter: Parameter, partners: tuple[Parameter, ...]) -> 
     joints = sorted({p.joint + 1 for p in (parameter, *partners) if p.joint >= 0})
     names = " and ".join(f"J{joint}" for joint in joints) or "the arm"
     if not partners:
-        return f"these postures hardly show it: measure with {names} over a wider range"
+        return make_message(
+            "these postures hardly show it: measure with {names} over a wider range", names=names
+        )
     if len(joints) == 1:
-        return f"turn {names} and its neighbours further, with the tool in other attitudes"
-    return f"measure postures that turn {names} separately and further"
+        return make_message(
+            "turn {names} and its neighbours further, with the tool in other attitudes", names=names
+        )
+    return make_message("measure postures that turn {names} separately and further", names=names)

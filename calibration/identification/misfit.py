@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
@@ -164,8 +165,13 @@ def _refuse_constant(observations: Observations, motion_m: float) -> None:
     if motion_m < _STANDS_STILL_M or spread_m > _CONSTANT * motion_m:
         return
     raise MisfitError(
-        f"the measured {what} are the same in all rows, to {spread_m * 1e3:.3f} mm, "
-        f"while the joints move the flange by {motion_m * 1e3:.0f} mm.",
+        make_message(
+            "the measured {what} are the same in all rows, to {spread_mm:.3f} mm, while the joints "
+            "move the flange by {motion_mm:.0f} mm.",
+            what=what,
+            spread_mm=spread_m * 1000.0,
+            motion_mm=motion_m * 1000.0,
+        ),
         remedy="See that the columns are those of the measured values (`--show-layout`), and that the device "
         "followed its target. Nothing was stored.",
     )
@@ -178,13 +184,21 @@ def _unknown_cause_error(
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
     if not np.isfinite(left_m):
         return MisfitError(
-            f"the measurements do not fit {model.name}: no place of base and target brings them together.",
-            remedy=f"{remedy} Nothing was stored.",
+            make_message(
+                "the measurements do not fit {model_name}: no place of base and target brings them together.",
+                model_name=model.name,
+            ),
+            remedy=make_message("{remedy} Nothing was stored.", remedy=remedy),
         )
     return MisfitError(
-        f"the measurements do not fit {model.name}: errors of {left_m * 1e3:.1f} mm remain of a motion of "
-        f"{motion_m * 1e3:.0f} mm, and no known cause fits.",
-        remedy=f"{remedy} Nothing was stored.",
+        make_message(
+            "the measurements do not fit {model_name}: errors of {left_mm:.1f} mm remain of a motion "
+            "of {motion_mm:.0f} mm, and no known cause fits.",
+            model_name=model.name,
+            left_mm=left_m * 1000.0,
+            motion_mm=motion_m * 1000.0,
+        ),
+        remedy=make_message("{remedy} Nothing was stored.", remedy=remedy),
     )
 
 
@@ -269,8 +283,12 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore,
     if far:
         home_cause = home_reading(some.joints_rad, far, names)
         raise MisfitError(
-            f"the measurements fit {model.name} only if {home_cause.says}.",
-            remedy=f"{home_cause.cure} Nothing was stored.",
+            make_message(
+                "the measurements fit {model_name} only if {says}.",
+                model_name=model.name,
+                says=home_cause.says,
+            ),
+            remedy=make_message("{remedy} Nothing was stored.", remedy=home_cause.cure),
             causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
         )
 
@@ -377,11 +395,22 @@ def _misfit_error(
     model: RobotModel, left_m: float, motion_m: float, causes: tuple[MisfitCause, ...]
 ) -> MisfitError:
     first, *rest = causes
-    also = f" It fits as well that {'; or that '.join(cause.says for cause in rest)}." if rest else ""
+    also = (
+        make_message(" It fits as well that {rest}.", rest="; or that ".join(cause.says for cause in rest))
+        if rest
+        else ""
+    )
     return MisfitError(
-        f"the measurements do not fit {model.name}: {left_m * 1e3:.1f} mm remain of a motion of "
-        f"{motion_m * 1e3:.0f} mm; only {first.remaining_m * 1e3:.2f} mm remain if {first.says}.",
-        remedy=f"{first.cure}{also} Nothing was stored.",
+        make_message(
+            "the measurements do not fit {model_name}: {left_mm:.1f} mm remain of a motion of "
+            "{motion_mm:.0f} mm; only {remaining_mm:.2f} mm remain if {says}.",
+            model_name=model.name,
+            left_mm=left_m * 1000.0,
+            motion_mm=motion_m * 1000.0,
+            remaining_mm=first.remaining_m * 1000.0,
+            says=first.says,
+        ),
+        remedy=make_message("{cure}{also} Nothing was stored.", cure=first.cure, also=also),
         causes=causes,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 
@@ -84,7 +85,10 @@ def model_readings(
     for other in others:
         if other.axis_count != joints_rad.shape[1] or other.sliding is not None:
             continue
-        says, cure = f"this is a {other.name}", f"Name the robot that was measured: `--robot {other.name}`."
+        says, cure = (
+            make_message("this is a {other_name}", other_name=other.name),
+            f"Name the robot that was measured: `--robot {other.name}`.",
+        )
         yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
         for each in _coupled_readings(other, joints_rad, names):
             yield JointInterpretation(
@@ -134,7 +138,7 @@ def _angle_units(
                 "angle unit",
                 1,
                 joints_rad * np.where(turning, factor, 1.0),
-                f"the joints are in {unit}, not in {other}",
+                make_message("the joints are in {unit}, not in {other}", unit=unit, other=other),
                 f"Say so: `--units joints={unit}`.",
             )
             yield from _mixed_angle_units(joints_rad, names, np.where(turning, factor, 1.0), (unit, other))
@@ -157,7 +161,9 @@ def _mixed_angle_units(
                 "angle unit",
                 1,
                 changed,
-                f"{name} is in {one} and the other joints are in {rest}",
+                make_message(
+                    "{name} is in {one} and the other joints are in {rest}", name=name, one=one, rest=rest
+                ),
                 f"Convert {name} to {rest} in the file, and say so: `--units joints={rest}`.",
             )
 
@@ -177,8 +183,12 @@ def _coupled_readings(
             "coupling",
             1,
             geometric,
-            f"{third} is counted against the link before, as in a description, not as the controller of this "
-            f"{model.name} counts it",
+            make_message(
+                "{third} is counted against the link before, as in a description, not as the controller "
+                "of this {model_name} counts it",
+                third=third,
+                model_name=model.name,
+            ),
             "Say so: `--joint-coupling geometric`.",
         )
         back: Array = (coupling @ joints_rad.T).T * signs
@@ -186,12 +196,15 @@ def _coupled_readings(
             "coupling",
             1,
             back,
-            f"{third} is what the controller counts, and was taken as an angle against the link before",
+            make_message(
+                "{third} is what the controller counts, and was taken as an angle against the link before",
+                third=third,
+            ),
             "Say so: `--joint-coupling controller`.",
         )
     for sign, word, verb in (
-        (1.0, "less", f"Add {second} to {third}"),
-        (-1.0, "plus", f"Subtract {second} from {third}"),
+        (1.0, "less", make_message("Add {second} to {third}", second=second, third=third)),
+        (-1.0, "plus", make_message("Subtract {second} from {third}", second=second, third=third)),
     ):
         changed = joints_rad.copy()
         changed[:, 2] += sign * joints_rad[:, 1]
@@ -199,8 +212,15 @@ def _coupled_readings(
             "coupling",
             1,
             changed,
-            f"{third} holds the angle of the joint {word} that of {second} (joints that are coupled)",
-            f"{verb} in the file, or name the robot whose controller couples its joints.",
+            make_message(
+                "{third} holds the angle of the joint {word} that of {second} (joints that are coupled)",
+                third=third,
+                word=word,
+                second=second,
+            ),
+            make_message(
+                "{verb} in the file, or name the robot whose controller couples its joints.", verb=verb
+            ),
         )
 
 
@@ -216,8 +236,10 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
                 "sign",
                 count,
                 joints_rad * sign,
-                f"{which} counts the other way round" if count == 1 else f"{which} count the other way round",
-                f"Turn the sign: {columns_option(columns)}.",
+                make_message("{which} counts the other way round", which=which)
+                if count == 1
+                else make_message("{which} count the other way round", which=which),
+                make_message("Turn the sign: {columns_option}.", columns_option=columns_option(columns)),
                 columns=tuple(columns),
             )
 
@@ -261,19 +283,22 @@ def with_zeros(
         columns[joint] = f"{plain[joint]}{np.rad2deg(zero):+.4g}"
     each = [f"{names.joints[i]} by {np.rad2deg(zero):+.4g} deg" for i, zero in zeros.items()]
     says = (
-        f"the zero differs, that of {each[0]}"
+        make_message("the zero differs, that of {each}", each=each[0])
         if len(each) == 1
-        else f"the zeros differ, those of {_join_words(each)}"
+        else make_message("the zeros differ, those of {join_words}", join_words=_join_words(each))
     )
-    cure = (
-        f"If the file counts from another zero, say so: {columns_option(columns)}. If the robot lost its zero there, "
-        "master it first."
+    cure = make_message(
+        "If the file counts from another zero, say so: {columns_option}. If the robot lost its "
+        "zero there, master it first.",
+        columns_option=columns_option(columns),
     )
     return replace(
         reading,
         parts=reading.parts - len(reading.zeros_rad) + len(zeros),
         says=f"{zero_text}, and {says}" if zero_text else says,
-        cure=f"{reading.cure} {cure}" if zero_text and not reading.columns else cure,
+        cure=make_message("{cure} {cure_2}", cure=reading.cure, cure_2=cure)
+        if zero_text and not reading.columns
+        else cure,
         zeros_rad=zeros,
     )
 
@@ -297,8 +322,12 @@ def _order_readings(
             "order",
             1 if moved == 2 or order == plain[::-1] else moved,
             joints_rad[:, order],
-            f"the columns of the joints are in another order: {', '.join(columns)}",
-            f"Name them in this order: {columns_option(columns)}.",
+            make_message(
+                "the columns of the joints are in another order: {columns}", columns=", ".join(columns)
+            ),
+            make_message(
+                "Name them in this order: {columns_option}.", columns_option=columns_option(columns)
+            ),
             columns=tuple(columns),
         )
 
@@ -318,10 +347,10 @@ def _lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpreta
                 "rows",
                 1,
                 np.roll(series_rad, shift, axis=0)[rows],
-                f"joints and measured values are {rows_said} apart",
-                f"Move the joints {rows_said} down in the file."
+                make_message("joints and measured values are {rows_said} apart", rows_said=rows_said),
+                make_message("Move the joints {rows_said} down in the file.", rows_said=rows_said)
                 if shift > 0
-                else f"Move the joints {rows_said} up in the file.",
+                else make_message("Move the joints {rows_said} up in the file.", rows_said=rows_said),
             )
 
 

@@ -7,6 +7,7 @@ from math import log
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
@@ -65,7 +66,14 @@ class MisfitCandidate:
         lengths = isinstance(self.observations, LengthObservations)
         taken = self.names.length_unit if self.names and self.names.length_unit else "what they were taken as"
         texts = (
-            [f"the {'lengths' if lengths else 'positions'} are in {self.unit}, not in {taken}"]
+            [
+                make_message(
+                    "the {detail} are in {unit}, not in {taken}",
+                    detail="lengths" if lengths else "positions",
+                    unit=self.unit,
+                    taken=taken,
+                )
+            ]
             if self.unit
             else []
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
@@ -61,10 +62,12 @@ class PositionScale:
     def words(self) -> str:
         """The factor for people."""
         percent = abs(self.factor - 1.0) * 1e2
-        figures = f"factor {self.factor:.4f}, standard deviation {self.sigma:.4f}"
+        figures = make_message(
+            "factor {factor:.4f}, standard deviation {sigma:.4f}", factor=self.factor, sigma=self.sigma
+        )
         if self.factor > 1.0:
-            return f"too large by {percent:.2f} % ({figures})"
-        return f"too small by {percent:.2f} % ({figures})"
+            return make_message("too large by {percent:.2f} % ({figures})", percent=percent, figures=figures)
+        return make_message("too small by {percent:.2f} % ({figures})", percent=percent, figures=figures)
 
 
 def position_scale(model: RobotModel, observations: Observations) -> PositionScale | None:
@@ -128,13 +131,16 @@ def refuse_wrong_scale(model: RobotModel, scale: PositionScale | None) -> None:
     """
     if scale is None or not is_wrong(scale):
         return
-    says = f"all measured positions are {scale.words}"
-    cure = (
-        f"{_LOOK} Then measure again, or divide X, Y and Z by {scale.factor:.4f} in the file. {_UNTOLD} Nothing was "
-        "stored."
+    says = make_message("all measured positions are {words}", words=scale.words)
+    cure = make_message(
+        "{look} Then measure again, or divide X, Y and Z by {factor:.4f} in the file. {remedy} "
+        "Nothing was stored.",
+        look=_LOOK,
+        factor=scale.factor,
+        remedy=_UNTOLD,
     )
     raise MisfitError(
-        f"the measurements fit {model.name} only if {says}.",
+        make_message("the measurements fit {model_name} only if {says}.", model_name=model.name, says=says),
         remedy=cure,
         causes=(MisfitCause(("scale",), says, cure, 0.0),),
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
@@ -125,7 +126,11 @@ def design_kit(
     count = 1 + plan.check_points if plan.kind == "seat" else plan.places
     if len(candidates_rad) < count + 1:
         raise DegenerateDataError(
-            f"only {len(candidates_rad)} postures can be reached, {count} places are wanted",
+            make_message(
+                "only {candidates_rad_count} postures can be reached, {count} places are wanted",
+                candidates_rad_count=len(candidates_rad),
+                count=count,
+            ),
             remedy="Widen the workspace box, or bring the robot's tool nearer to the middle of its range.",
         )
     drawn = _as_kit(model, robot, plan, candidates_rad)

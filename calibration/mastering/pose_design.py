@@ -6,6 +6,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
@@ -154,7 +155,12 @@ def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
     candidates, tried = _enough_candidates(model, limits, prior, k, seed, usable)
     if len(candidates) < 2 * k:
         raise DegenerateDataError(
-            f"only {len(candidates)} of {tried} postures tried keep all limits and can be gone to from here",
+            make_message(
+                "only {candidate_count} of {tried} postures tried keep all limits and can be gone to "
+                "from here",
+                candidate_count=len(candidates),
+                tried=tried,
+            ),
             remedy="Jog the robot towards the middle of its range, move the anchor of the wire, or widen the "
             "workspace box.",
         )

@@ -1,5 +1,6 @@
 """What must hold before lost turns are accepted: the gate's conditions, and how stories compete."""
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.turn_hypotheses import Hypothesis
 from cellcal.calibration.mastering.turn_results import GateCheck
 from cellcal.calibration.uncertainty import chi_square_limit
@@ -13,7 +14,10 @@ def integer_checks(hypothesis: Hypothesis) -> list[GateCheck]:
     """Return the conditions on the whole turns of a story: probability, distance of the next best, rounding."""
     fix = hypothesis.fix
     ratio = min(fix.distance_ratio, 1e6)
-    chance = f"the chance that all whole turns are right is {fix.success_probability:.6f}"
+    chance = make_message(
+        "the chance that all whole turns are right is {success_probability:.6f}",
+        success_probability=fix.success_probability,
+    )
     further = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
     rounding = "search and rounding agree" if hypothesis.rounded_same else "search and rounding disagree"
     return [
@@ -25,7 +29,11 @@ def integer_checks(hypothesis: Hypothesis) -> list[GateCheck]:
             chance,
         ),
         GateCheck(
-            "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {further} times further away"
+            "ratio",
+            ratio > RATIO,
+            ratio,
+            RATIO,
+            make_message("the next best turns are {further} times further away", further=further),
         ),
         GateCheck("rounding", hypothesis.rounded_same, float(hypothesis.rounded_same), 1.0, rounding),
     ]

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
@@ -118,7 +119,9 @@ def bent_links(by_geometry: Array, axes: int) -> dict[str, Array]:
     dh = by_geometry.shape[1] == 5 * axes
     sizes = np.array([angle, length, length, angle, angle] if dh else [length] * 3 + [angle] * 3)
     return {
-        f"link {index + 1 if dh else index}": by_geometry[:, index * len(sizes) : (index + 1) * len(sizes)]
+        make_message("link {link}", link=index + 1 if dh else index): by_geometry[
+            :, index * len(sizes) : (index + 1) * len(sizes)
+        ]
         * sizes
         for index in range(by_geometry.shape[1] // len(sizes))
     }

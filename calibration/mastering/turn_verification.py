@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
@@ -74,14 +75,21 @@ def verify_evidence(problem: TurnEvidence, recovery: TurnRecovery) -> TurnRecove
             power >= VERIFICATION_POWER,
             power,
             VERIFICATION_POWER,
-            f"the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
+            make_message(
+                "the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
+                power=power,
+            ),
         ),
         GateCheck(
             "verification",
             found <= limit,
             found,
             limit,
-            f"{problem.capture_count} captures that were not fitted agree within {largest_mm:.2f} mm",
+            make_message(
+                "{capture_count} captures that were not fitted agree within {largest_mm:.2f} mm",
+                capture_count=problem.capture_count,
+                largest_mm=largest_mm,
+            ),
         ),
     )
     passed = all(check.passed for check in checks)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
 from cellcal.calibration.motion.capsule_distance import (
@@ -149,8 +150,9 @@ def assumed_shape(
     """Return the shape of a cell of whose arm only the kinematics are known."""
     arm = arm_shape(model, tip_in_flange_m=tip_in_flange_m)
     radius = max(capsule.radius_m for capsule in arm)
-    words = (
-        f"links are taken as {radius * 1e3:.0f} mm round about the kinematic skeleton, no real shape is known"
+    words = make_message(
+        "links are taken as {radius:.0f} mm round about the kinematic skeleton, no real shape is known",
+        radius=radius * 1000.0,
     )
     return CellShape(arm, tuple(obstacles), wire, assumed=(words,))
 
@@ -167,7 +169,13 @@ class CollisionCheck:
     def from_model(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
         """Find the pairs of links that touch by construction, from random postures, and leave them out."""
         if any(not 0 <= capsule.link <= model.axis_count for capsule in shape.arm):
-            raise CalibrationError(f"{model.name} has links 0 to {model.axis_count}")
+            raise CalibrationError(
+                make_message(
+                    "{model_name} has links 0 to {axis_count}",
+                    model_name=model.name,
+                    axis_count=model.axis_count,
+                )
+            )
         generator = np.random.default_rng(seed)
         low, high = drawn_range(model)
         segments = _link_segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axis_count)))
@@ -188,7 +196,11 @@ class CollisionCheck:
         words = [*self.shape.assumed]
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
         words += [
-            f"touching by construction, so not checked: {names[i]} and {names[j]}"
+            make_message(
+                "touching by construction, so not checked: {names} and {names_2}",
+                names=names[i],
+                names_2=names[j],
+            )
             for i, j in sorted(self.touching)
         ]
         words.append("links that share a joint are not checked against each other")
@@ -235,7 +247,10 @@ class CollisionCheck:
         """
         joints = np.asarray(joints_rad, dtype=float)
         pairs = list(self._pair_clearances(joints))
-        quantity_names = [f"clearance of {first} and {second}" for first, second, _, _ in pairs]
+        quantity_names = [
+            make_message("clearance of {first} and {second}", first=first, second=second)
+            for first, second, _, _ in pairs
+        ]
         found = np.array([clearance for _, _, clearance, _ in pairs]).T.reshape(len(joints), len(pairs))
         limit = np.broadcast_to(np.array([margin for *_, margin in pairs]), found.shape)
         more = (
@@ -406,7 +421,7 @@ def _obstacle_sizes(item: Obstacle) -> list[float]:
 
 
 def _link_name(model: RobotModel, link: int) -> str:
-    return "base" if link == 0 else f"link {link}"
+    return "base" if link == 0 else make_message("link {link}", link=link)
 
 
 def _to_place(point: Array) -> Place:

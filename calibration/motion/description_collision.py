@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.urdf import UrdfArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import BoxObstacle, Obstacle, PlaneObstacle, SphereObstacle
@@ -71,7 +72,7 @@ class DescriptionCheck:
             )
         except ValueError as refused:
             raise CalibrationError(
-                f"the shapes of the description cannot be loaded: {refused}",
+                make_message("the shapes of the description cannot be loaded: {refused}", refused=refused),
                 remedy="Name the folder in which package:// starts.",
             ) from refused
         own = shapes.ngeoms
@@ -133,7 +134,12 @@ class DescriptionCheck:
         names = [tuple(shapes.geometryObjects[i].name for i in (pair.first, pair.second)) for pair in always]
         for pair in always:
             shapes.removeCollisionPair(pair)
-        return [f"touching by construction, so not checked: {one} and {other}" for one, other in names]
+        return [
+            make_message(
+                "touching by construction, so not checked: {names} and {names_2}", names=one, names_2=other
+            )
+            for one, other in names
+        ]
 
 
 def _collidable_pairs(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.motion_quantities import (
@@ -228,7 +229,7 @@ def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tupl
     if not np.isfinite([*start, *others]).all():
         bad = np.array([0])
     nan = float("nan")
-    words = [f"target {i + 1}: a number is not finite, nothing may move" for i in bad]
+    words = [make_message("target {i}: a number is not finite, nothing may move", i=i + 1) for i in bad]
     return tuple(
         MotionFinding(int(i), "finite", nan, nan, message) for i, message in zip(bad, words, strict=True)
     )
@@ -242,8 +243,17 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
         axis = int(np.argmax(beyond[index]))
         found = float(targets[index, axis])
         limit = float(model.lower_rad[axis] if found < model.lower_rad[axis] else model.upper_rad[axis])
-        called = f"target {index + 1}" if index < len(targets) - 1 else "the start"
-        words = f"{called}, joint limits: {found:.4g} rad, limit {limit:.4g} rad"
+        called = (
+            make_message("target {target_name}", target_name=index + 1)
+            if index < len(targets) - 1
+            else "the start"
+        )
+        words = make_message(
+            "{called}, joint limits: {found:.4g} rad, limit {limit:.4g} rad",
+            called=called,
+            found=found,
+            limit=limit,
+        )
         findings.append(MotionFinding(int(index), "joint limits", found, limit, words))
     return findings
 
@@ -298,7 +308,11 @@ def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) ->
     limit = min(limits.joint_speed_rad_s, float(np.min(model.max_speed_rad_s)))
     if 0 < speed_rad_s <= limit:
         return []
-    words = f"joint speed: {speed_rad_s:.4g} rad/s is not within 0 and {limit:.4g} rad/s"
+    words = make_message(
+        "joint speed: {speed_rad_s:.4g} rad/s is not within 0 and {limit:.4g} rad/s",
+        speed_rad_s=speed_rad_s,
+        limit=limit,
+    )
     return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
 
 
@@ -311,11 +325,19 @@ def _worst_findings(excess: LimitExcess, owner: NDArray[np.int_]) -> list[Motion
         worst = samples[row]
         found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
         what, unit = excess.quantity_names[column] if excess.quantity_names else excess.check, excess.unit
-        words = f"target {target + 1}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}"
+        words = make_message(
+            "target {target}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}",
+            target=target + 1,
+            what=what,
+            found=found,
+            unit=unit,
+            limit=limit,
+        )
         if excess.uncertainty is not None:
-            words = (
-                f"{words}, of which {excess.uncertainty[worst, column]:.3g} m are for turns that are not "
-                f"known yet"
+            words = make_message(
+                "{words}, of which {uncertainty:.3g} m are for turns that are not known yet",
+                words=words,
+                uncertainty=excess.uncertainty[worst, column],
             )
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings

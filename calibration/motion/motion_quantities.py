@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
 
@@ -88,7 +89,11 @@ def workspace_excess(
     below, above = low - points, points - high
     limit = np.where(below > above, low, high)
     flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above), more)]
-    quantity_names = [f"workspace box of {name}, {axis}" for name in _point_names(model) for axis in "xyz"]
+    quantity_names = [
+        make_message("workspace box of {name}, {axis}", name=name, axis=axis)
+        for name in _point_names(model)
+        for axis in "xyz"
+    ]
     uncertainties = None if position_uncertainty is None else flat[3]
     return LimitExcess("workspace box", flat[0], flat[1], flat[2], "m", tuple(quantity_names), uncertainties)
 
@@ -104,7 +109,7 @@ def _point_uncertainties(
 
 
 def _point_names(model: RobotModel) -> tuple[str, ...]:
-    return (*(f"link {link}" for link in range(2, model.axis_count)), "flange", "tip")
+    return (*(make_message("link {link}", link=link) for link in range(2, model.axis_count)), "flange", "tip")
 
 
 def singularity_excess(model: RobotModel, joints: Array, limit: float) -> LimitExcess:

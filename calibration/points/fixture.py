@@ -11,6 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, adjoint_matrix, exp_twist, skew_matrix
 from cellcal.calibration.metres import refuse_not_metres
@@ -137,24 +138,35 @@ def refuse_bad_points(points_m: Sequence[Sequence[float]], what: str = "alignmen
     """
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise CalibrationError(f"the {what} need three finite coordinates each")
+        raise CalibrationError(make_message("the {what} need three finite coordinates each", what=what))
     refuse_not_metres(points, what)
     if len(points) < 3:
         raise DegenerateDataError(
-            f"{len(points)} {what} do not fix a frame.", remedy="Use three that lie on no line, better four."
+            make_message("{point_count} {what} do not fix a frame.", point_count=len(points), what=what),
+            remedy="Use three that lie on no line, better four.",
         )
     i, j = min(combinations(range(len(points)), 2), key=lambda ij: math.dist(points[ij[0]], points[ij[1]]))
     if math.dist(points[i], points[j]) < MIN_DISTANCE_M:
         raise DegenerateDataError(
-            f"{what} {i + 1} and {j + 1} are {math.dist(points[i], points[j]) * 1e3:.0f} mm apart.",
+            make_message(
+                "{what} {i} and {j} are {dist:.0f} mm apart.",
+                what=what,
+                i=i + 1,
+                j=j + 1,
+                dist=math.dist(points[i], points[j]) * 1000.0,
+            ),
             remedy="Choose points far apart: the frame turns by point error / distance.",
         )
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extents[1] < MIN_SPREAD * extents[0]:
         longest = max(math.dist(a, b) for a, b in combinations(points, 2))
         raise DegenerateDataError(
-            f"the {what} lie nearly on one line: the frame's turn about it would be a guess.",
-            remedy=f"Add a point {longest / 3 * 1e3:.0f} mm or more beside the line.",
+            make_message(
+                "the {what} lie nearly on one line: the frame's turn about it would be a guess.", what=what
+            ),
+            remedy=make_message(
+                "Add a point {longest:.0f} mm or more beside the line.", longest=longest / 3 * 1000.0
+            ),
             condition=float(extents[0] / max(extents[1], 1e-300)),
         )
 
@@ -292,7 +304,8 @@ def mirror_image(stations_m: Array, place_m: Sequence[float], sigma_m: float) ->
     stations, place = np.asarray(stations_m, dtype=float), np.asarray(place_m, dtype=float)
     if len(stations) < 3:
         raise DegenerateDataError(
-            f"{len(stations)} lengths fix no point.", remedy="Measure from three places or more."
+            make_message("{station_count} lengths fix no point.", station_count=len(stations)),
+            remedy="Measure from three places or more.",
         )
     centre = stations.mean(axis=0)
     normal = np.linalg.svd(stations - centre)[2][-1]

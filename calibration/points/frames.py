@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
@@ -83,13 +84,16 @@ def frame_from_three_points(
     length, reach = float(np.linalg.norm(x)), float(np.linalg.norm(side))
     if min(length, reach) < MIN_DISTANCE_M:
         raise DegenerateDataError(
-            f"two points are only {min(length, reach) * 1e3:.1f} mm apart.",
+            make_message("two points are only {length:.1f} mm apart.", length=min(length, reach) * 1000.0),
             remedy="Teach points far apart: the frame turns by point error / distance.",
         )
     opening = math.atan2(float(np.linalg.norm(np.cross(x, side))), float(x @ side))
     if min(opening, math.pi - opening) < MIN_OPENING_RAD:
         raise DegenerateDataError(
-            f"the three points lie on one line: opening {math.degrees(opening):.1f} degrees.",
+            make_message(
+                "the three points lie on one line: opening {opening:.1f} degrees.",
+                opening=math.degrees(opening),
+            ),
             remedy="Teach the third point well away from the x axis.",
             condition=1.0 / max(math.sin(opening), 1e-300),
         )
@@ -307,8 +311,13 @@ def _refuse_misses(local: Array, misses: NDArray[np.bool_], line: slice, sigma_m
     if spare and float((local[misses] ** 2).sum()) / sigma_m**2 > chi_square_limit(spare):
         worst = int(np.argmax(np.abs(local * misses).max(axis=1)))
         raise PointsDisagreeError(
-            f"point {worst + 1} misses its line or plane by {np.abs(local * misses).max() * 1e3:.2f} mm, more than "
-            f"touches of {sigma_m * 1e3:.2f} mm explain.",
+            make_message(
+                "point {worst} misses its line or plane by {local:.2f} mm, more than touches of "
+                "{sigma_mm:.2f} mm explain.",
+                worst=worst + 1,
+                local=np.abs(local * misses).max() * 1000.0,
+                sigma_mm=sigma_m * 1000.0,
+            ),
             remedy="Touch that point again; see that pointer and workpiece are whole.",
         )
 
@@ -317,7 +326,10 @@ def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:
     height = float((np.asarray(above_m, dtype=float) - matrix[:3, 3]) @ matrix[:3, 2])
     if not height > 0:
         raise CalibrationError(
-            f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
+            make_message(
+                "the check point lies {height:.1f} mm below the frame: z points the wrong way.",
+                height=-height * 1000.0,
+            ),
             remedy="Two of the points are swapped (origin and x, or x and y), or +y is on the other side.",
         )
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import (
     Array,
@@ -169,8 +170,13 @@ def _least_squares(
     elif square > sigma**2 * chi_square_limit(freedom):
         worst = int(np.linalg.norm(residuals, axis=1).argmax())
         raise CalibrationError(
-            f"the tags miss each other by {math.sqrt(square / freedom) * 1e3:.3f} mm a coordinate, more than "
-            f"{sigma * 1e3:.3f} mm explain; worst tag {pairs.one.tag_label(worst)}.",
+            make_message(
+                "the tags miss each other by {sqrt:.3f} mm a coordinate, more than {sigma:.3f} mm "
+                "explain; worst tag {tag_label}.",
+                sqrt=math.sqrt(square / freedom) * 1000.0,
+                sigma=sigma * 1000.0,
+                tag_label=pairs.one.tag_label(worst),
+            ),
             remedy="See that both paths hold the same points; state the uncertainty that they really have.",
         )
     scale = max(sigma, 1e-9)
@@ -209,9 +215,11 @@ def _refuse_stray(pairs: TagPairs, jacobian: Array, residuals: Array) -> None:
     deleted = deleted_residuals(basis, residuals)
     if deleted.probability < STRAY:
         raise CalibrationError(
-            f"tag {pairs.one.tag_label(deleted.stray)} is "
-            f"{deleted.sizes_m[deleted.stray] * 1e3:.2f} mm from where the "
-            "other tags have it.",
+            make_message(
+                "tag {tag_label} is {sizes_mm:.2f} mm from where the other tags have it.",
+                tag_label=pairs.one.tag_label(deleted.stray),
+                sizes_mm=deleted.sizes_m[deleted.stray] * 1000.0,
+            ),
             remedy="Measure it again, or leave it out of both files; see that no two tags are exchanged.",
         )
 
@@ -229,7 +237,7 @@ def _construct_place(
         )
     if sigma is None:
         raise CalibrationError(
-            f"{count} points leave nothing that tells how good they are.",
+            make_message("{count} points leave nothing that tells how good they are.", count=count),
             remedy="State sigma_m, the standard uncertainty of one coordinate of one tag.",
         )
     inner_frame = inverse_transform(construct(inner))
@@ -239,8 +247,12 @@ def _construct_place(
     worst = int(np.argmax(apart))
     if apart[worst] > limit:
         raise CalibrationError(
-            f"tag {pairs.one.tag_label(worst)} is {apart[worst] * 1e3:.2f} mm from its place; {limit * 1e3:.2f} mm "
-            "would be explained.",
+            make_message(
+                "tag {tag_label} is {apart:.2f} mm from its place; {limit:.2f} mm would be explained.",
+                tag_label=pairs.one.tag_label(worst),
+                apart=apart[worst] * 1000.0,
+                limit=limit * 1000.0,
+            ),
             remedy="See that the tags are in the same order in both files, none mirrored, and sigma_m is true.",
         )
     twists = np.zeros((6, outer.size))

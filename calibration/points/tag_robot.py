@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.identification.cross_validation import ErrorSummary
@@ -174,8 +175,14 @@ def _tag_joints(model: RobotModel, pairs: TagPairs) -> Array:
         )
     if len(joints) < LEAST_TAGS:
         raise DegenerateDataError(
-            f"{len(joints)} tags are too few to find zero positions and to check them.",
-            remedy=f"Measure {LEAST_TAGS} tags or more, better 30, moving every joint as far as possible.",
+            make_message(
+                "{joint_count} tags are too few to find zero positions and to check them.",
+                joint_count=len(joints),
+            ),
+            remedy=make_message(
+                "Measure {least_tags} tags or more, better 30, moving every joint as far as possible.",
+                least_tags=LEAST_TAGS,
+            ),
         )
     return joints
 

@@ -19,6 +19,7 @@ from typing import Literal
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, PointsDisagreeError
@@ -224,7 +225,10 @@ def _refuse_crooked(found: Sequence[float]) -> None:
     worst = max(map(abs, found), default=0.0)
     if worst > SQUARE_RAD:
         raise DegenerateDataError(
-            f"two faces meet at {90.0 - math.degrees(worst):.2f} deg instead of 90 deg: they tell no corner.",
+            make_message(
+                "two faces meet at {worst:.2f} deg instead of 90 deg: they tell no corner.",
+                worst=90.0 - math.degrees(worst),
+            ),
             remedy="See that burrs and chips are gone and that the points lie on the faces that are meant.",
         )
 
@@ -241,7 +245,13 @@ def _refuse_bad(name: FaceName, face: CornerFace) -> None:
     points = np.asarray(face.centres_m, dtype=float).reshape(-1, 3)
     sigma = np.asarray(face.sigma_m, dtype=float)
     if len(points) < LEAST[name] or len(sigma) != len(points):
-        raise DegenerateDataError(f"the {name} face needs {LEAST[name]} points or more, each with its sigma.")
+        raise DegenerateDataError(
+            make_message(
+                "the {name} face needs {least} points or more, each with its sigma.",
+                name=name,
+                least=LEAST[name],
+            )
+        )
     if not np.isfinite([*points.ravel(), *sigma, *face.outward]).all() or (sigma <= 0).any():
         raise CalibrationError("touched points need finite coordinates and uncertainties above zero")
     if name == "x":
@@ -249,7 +259,11 @@ def _refuse_bad(name: FaceName, face: CornerFace) -> None:
     sizes = np.linalg.svd(points - points.mean(axis=0))[1]
     if sizes[0] < MIN_DISTANCE_M / 2:
         raise DegenerateDataError(
-            f"the points of the {name} face lie within {MIN_DISTANCE_M * 1e3:.0f} mm of each other.",
+            make_message(
+                "the points of the {name} face lie within {min_distance_m:.0f} mm of each other.",
+                name=name,
+                min_distance_m=MIN_DISTANCE_M * 1000.0,
+            ),
             remedy="Feel for them farther apart: the frame turns by point error / distance.",
         )
     if name == "z" and sizes[1] < _SLIM * sizes[0]:
@@ -263,7 +277,11 @@ def _refuse_wrong_side(name: FaceName, outward: Array, face: CornerFace) -> None
     angle = math.acos(float(np.clip(outward @ felt, -1.0, 1.0)))
     if angle > WRONG_SIDE_RAD:
         raise DegenerateDataError(
-            f"the {name} face looks {math.degrees(angle):.0f} deg away from where it was felt for.",
+            make_message(
+                "the {name} face looks {angle:.0f} deg away from where it was felt for.",
+                name=name,
+                angle=math.degrees(angle),
+            ),
             remedy="See that the points lie on one face; check the frame as drawn and the kind of corner.",
         )
 
@@ -275,7 +293,12 @@ def _refuse_misses(faces: dict[FaceName, CornerFace], misses: dict[FaceName, Arr
         worst = max(FACES, key=lambda name: float(np.abs(shares[name]).max()))
         most = int(np.argmax(np.abs(shares[worst])))
         raise PointsDisagreeError(
-            f"point {most + 1} of the {worst} face misses it by {abs(misses[worst][most]) * 1e3:.2f} mm, more than "
-            "its uncertainty explains.",
+            make_message(
+                "point {most} of the {worst} face misses it by {misses:.2f} mm, more than its "
+                "uncertainty explains.",
+                most=most + 1,
+                worst=worst,
+                misses=abs(misses[worst][most]) * 1000.0,
+            ),
             remedy="Clean the faces; see that workpiece and probe are fixed, then feel for them in a new run.",
         )

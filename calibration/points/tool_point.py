@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
@@ -116,7 +117,9 @@ def locate_tool_point(
     """
     n = len(touches)
     if n < 3:
-        raise DegenerateDataError(f"{n} touches cannot locate a tip.", remedy="Teach three or more touches.")
+        raise DegenerateDataError(
+            make_message("{n} touches cannot locate a tip.", n=n), remedy="Teach three or more touches."
+        )
     refuse_not_metres([touch.position_m for touch in touches], "poses of the flange")
     design = np.zeros((n, 3, 6))
     design[:, :, :3] = [touch.rotation_matrix() for touch in touches]
@@ -129,7 +132,12 @@ def locate_tool_point(
     condition = float(singular[0] / max(singular[-1], 1e-300))
     if not condition <= condition_limit:
         raise DegenerateDataError(
-            f"the touches' attitudes are too alike (condition {condition:.3g}, limit {condition_limit:g}).",
+            make_message(
+                "the touches' attitudes are too alike (condition {condition:.3g}, limit "
+                "{condition_limit:g}).",
+                condition=condition,
+                condition_limit=condition_limit,
+            ),
             remedy="Turn the tool by 30 degrees or more about two different axes between touches.",
             condition=condition,
         )
@@ -219,7 +227,10 @@ def tool_axes(
     )
     if squareness > limits.squareness_rad:
         raise CalibrationError(
-            f"the moves are {math.degrees(squareness):.2f} degrees away from right angles.",
+            make_message(
+                "the moves are {squareness:.2f} degrees away from right angles.",
+                squareness=math.degrees(squareness),
+            ),
             remedy="Teach the moves again along the tool's own axes.",
         )
     return ToolAxes(
@@ -260,8 +271,14 @@ def axes_from_plane(
     opening = math.atan2(float(np.linalg.norm(np.cross(x, side))), float(x @ side))
     if not MIN_OPENING_RAD < opening < math.pi - MIN_OPENING_RAD:
         raise DegenerateDataError(
-            f"the two moves open only {math.degrees(min(opening, math.pi - opening)):.1f} degrees.",
-            remedy=f"Move to the +y side, {math.degrees(MIN_OPENING_RAD):.0f} degrees or more off the x axis.",
+            make_message(
+                "the two moves open only {opening:.1f} degrees.",
+                opening=math.degrees(min(opening, math.pi - opening)),
+            ),
+            remedy=make_message(
+                "Move to the +y side, {min_opening_rad:.0f} degrees or more off the x axis.",
+                min_opening_rad=math.degrees(MIN_OPENING_RAD),
+            ),
         )
     z = np.cross(x, side)
     if above is not None and not _straight_move(origin, above, "z", limits) @ z > 0:
@@ -303,13 +320,22 @@ def _straight_move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> A
     length = float(np.linalg.norm(move))
     if length < limits.min_move_m:
         raise DegenerateDataError(
-            f"the move along {axis} is only {length * 1e3:.1f} mm long.",
-            remedy=f"Move at least {limits.min_move_m * 1e3:.0f} mm; a foot is better.",
+            make_message(
+                "the move along {axis} is only {length:.1f} mm long.", axis=axis, length=length * 1000.0
+            ),
+            remedy=make_message(
+                "Move at least {min_move_mm:.0f} mm; a foot is better.",
+                min_move_mm=limits.min_move_m * 1000.0,
+            ),
         )
     turn = _turn_angle(square, pose)
     if turn > limits.turn_rad:
         raise CalibrationError(
-            f"the tool turned by {math.degrees(turn):.2f} degrees during the move along {axis}.",
+            make_message(
+                "the tool turned by {turn:.2f} degrees during the move along {axis}.",
+                turn=math.degrees(turn),
+                axis=axis,
+            ),
             remedy="Jog in a straight line without changing the attitude, and teach the move again.",
         )
     return move

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import parameter_correlations
@@ -144,7 +145,11 @@ def enough_poses(
         else:
             enough, last = k, plan
     last = plan_of(enough, starts=3)
-    words = f"{enough} poses are predicted to be enough, with a margin of {acceptance.margin:g}"
+    words = make_message(
+        "{enough} poses are predicted to be enough, with a margin of {margin:g}",
+        enough=enough,
+        margin=acceptance.margin,
+    )
     return Sufficiency(last, last.prediction, words, last.after)
 
 
@@ -198,6 +203,7 @@ def _offset_sigmas(prediction: AccuracyPrediction, acceptance: AcceptanceLimits)
     unknown = set(acceptance.offsets_of) - {name for name, _ in offsets}
     if unknown:
         raise CalibrationError(
-            f"there is no {sorted(unknown)[0]}.", remedy=f"Offsets are {', '.join(n for n, _ in offsets)}."
+            make_message("there is no {unknown}.", unknown=sorted(unknown)[0]),
+            remedy=make_message("Offsets are {offsets}.", offsets=", ".join((n for n, _ in offsets))),
         )
     return [(name, sigma) for name, sigma in offsets if name in acceptance.offsets_of]

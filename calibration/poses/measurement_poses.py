@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_terms import gravity_terms, term_values
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.base_parameters import base_subset
@@ -205,14 +206,17 @@ def measurable_postures(
     drawn = candidate_joints(model, limits, 2 * count, seed=seed, hook_in_flange_m=tip_in_flange_m)
     if not len(drawn):
         raise DegenerateDataError(
-            f"{model.name}: no posture keeps the limits.",
+            make_message("{model_name}: no posture keeps the limits.", model_name=model.name),
             remedy="Check joint limits, workspace box and the wire's range against the place of its anchor.",
         )
     for allowed in filters:
         drawn = drawn[allowed(drawn)]
         if not len(drawn):
             raise DegenerateDataError(
-                f"{model.name}: no posture is left after a check for collisions or sight.",
+                make_message(
+                    "{model_name}: no posture is left after a check for collisions or sight.",
+                    model_name=model.name,
+                ),
                 remedy="Check the places and sizes of obstacles.",
             )
     return drawn[:count]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.poses.enough_poses import AcceptanceGap, AcceptanceLimits, acceptance_gaps
 from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses, predict_accuracy
@@ -34,10 +35,15 @@ class Shortfall:
     def shortfall_text(self) -> str:
         """Say it."""
         scale, unit = (1e3, "mm") if self.unit == "m" else (float(np.degrees(1.0)), "deg")
-        return (
-            f"not reachable with this set-up: endless measuring leaves the {self.what} at {self.least * scale:.3g} "
-            f"{unit} (k=1), {self.allowed * scale:.3g} {unit} are allowed; it hides behind {self.hidden_behind}: "
-            f"{self.cure}"
+        return make_message(
+            "not reachable with this set-up: endless measuring leaves the {what} at {least:.3g} "
+            "{unit} (k=1), {allowed:.3g} {unit} are allowed; it hides behind {hidden_behind}: {cure}",
+            what=self.what,
+            least=self.least * scale,
+            unit=unit,
+            allowed=self.allowed * scale,
+            hidden_behind=self.hidden_behind,
+            cure=self.cure,
         )
 
 

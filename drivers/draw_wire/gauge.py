@@ -5,6 +5,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.objects import ObjectTable, decode_entry
 from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
@@ -81,7 +82,12 @@ class DrawWire:
         if emergency is not None:
             meaning = _find_meaning(emergency)
             alarm = Alarm(f"EMCY-{emergency.code:04X}", meaning.text)
-            return Condition(Readiness.NOT_READY, f"{alarm.code}: {meaning.text}", meaning.remedy, (alarm,))
+            return Condition(
+                Readiness.NOT_READY,
+                make_message("{path}: {refused_message}", path=alarm.code, refused_message=meaning.text),
+                meaning.remedy,
+                (alarm,),
+            )
         if self._link.has_foreign_master:
             refusal = self._foreign_control_error()
             return Condition(Readiness.NOT_READY, refusal.message, refusal.remedy)
@@ -134,7 +140,7 @@ class DrawWire:
         except ValueError as error:
             raise WireProtocolError(
                 self.name,
-                f"object {entry.index:04X}h: {error}.",
+                make_message("object {index:04X}h: {error}.", index=entry.index, error=error),
                 remedy="The object table does not fit this device; the reading was not used.",
                 frame=data.hex(),
             ) from error
@@ -147,7 +153,11 @@ class DrawWire:
             meaning = _find_meaning(emergency)
             raise RefusedError(
                 self.name,
-                f"the gauge reports error {emergency.code:04X}h: {meaning.text}.",
+                make_message(
+                    "the gauge reports error {emergency_code:04X}h: {meaning_text}.",
+                    emergency_code=emergency.code,
+                    meaning_text=meaning.text,
+                ),
                 remedy=meaning.remedy,
                 vendor_code=emergency.code,
                 vendor_text=meaning.text,
@@ -165,7 +175,7 @@ class DrawWire:
     def _wrong_device_error(self, found: str) -> WrongDeviceError:
         return WrongDeviceError(
             self.name,
-            f"at this node is {found}.",
+            make_message("at this node is {found}.", found=found),
             remedy="Check node number and cables; change cell.toml only if the gauge was exchanged.",
         )
 

@@ -7,6 +7,7 @@ import logging
 import time
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.modbus_registers import EncoderMap
 from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
@@ -109,7 +110,11 @@ class ModbusDrawWire:
         if serial != self._options.serial:
             raise WrongDeviceError(
                 self.name,
-                f"the encoder has the serial number {serial}, cell.toml says {self._options.serial}.",
+                make_message(
+                    "the encoder has the serial number {serial}, cell.toml says {serial_2}.",
+                    serial=serial,
+                    serial_2=self._options.serial,
+                ),
                 remedy="Check address and cables, and the order of words; change cell.toml only if the gauge "
                 "was exchanged.",
             )
@@ -128,7 +133,7 @@ class ModbusDrawWire:
         ]
         return RefusedError(
             self.name,
-            f"the encoder reports an alarm: {', '.join(alarm_texts)}.",
+            make_message("the encoder reports an alarm: {alarm_texts}.", alarm_texts=", ".join(alarm_texts)),
             remedy="Switch the encoder off and on; if it stays, exchange it.",
             vendor_code=bits,
             vendor_text=", ".join(alarm_texts),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.file_import.number_text import ColumnLayout, TextError, TextRow, parse_typed, rows_of
 from cellcal.drivers.interfaces import Operator, Question
@@ -57,7 +58,7 @@ class TypedRows:
                     parse_typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})"
                 )
             except TextError as fault:
-                text = f"{fault}. {self._text}"
+                text = make_message("{entry_text}. {text}", entry_text=fault, text=self._text)
         raise RefusedError(
             self._device, f"no reading was given: {text}", remedy="Read the instrument again, then resume."
         )
@@ -131,7 +132,11 @@ class _ReadingFile:
             ) from fault
 
     def file_error(self, message: str, remedy: str) -> RefusedError:
-        return RefusedError(self.device, f"{self.options.path.name}: {message}.", remedy=remedy)
+        return RefusedError(
+            self.device,
+            make_message("{path_name}: {message}.", path_name=self.options.path.name, message=message),
+            remedy=remedy,
+        )
 
     def close(self) -> None:
         if self._worker is not None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Air, PointReading, PoseReading
@@ -118,7 +119,9 @@ class ResultChecker:
         return Air(temperature, pressure * _PA_PER_MILLIBAR, humidity)
 
     def _refused_error(self, message: str, remedy: str, status: int = 0) -> RefusedError:
-        return RefusedError(self._device, f"{message}.", remedy=remedy, vendor_code=status)
+        return RefusedError(
+            self._device, make_message("{entry_text}.", entry_text=message), remedy=remedy, vendor_code=status
+        )
 
     def _damaged_result_error(self, found: str, result: StationaryResult) -> WireProtocolError:
         return WireProtocolError(

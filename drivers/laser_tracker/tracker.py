@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
 from cellcal.drivers.interfaces import (
     Condition,
@@ -275,7 +276,11 @@ class LaserTracker:
             message = "It is not initialised"
             if self._options.initialise:
                 return Condition(Readiness.READY, f"{message}; the first reading will do it, its head turns.")
-            return Condition(Readiness.NOT_READY, f"{message}.", status_meaning(39).remedy)
+            return Condition(
+                Readiness.NOT_READY,
+                make_message("{entry_text}.", entry_text=message),
+                status_meaning(39).remedy,
+            )
         state = await self._tracker_state()
         if state in (_READY, _BUSY) or self._options.search_distance_m:
             return Condition(Readiness.READY)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
@@ -206,7 +207,11 @@ class CellProgram:
         if over:
             raise DeviceTimeoutError(
                 self._device,
-                f"{request.operation} did not end within {passed_s:.1f} s.",
+                make_message(
+                    "{operation} did not end within {passed_s:.1f} s.",
+                    operation=request.operation,
+                    passed_s=passed_s,
+                ),
                 remedy="Check the override and that nothing blocks the arm, then repeat the step.",
             )
 
@@ -232,10 +237,14 @@ class CellProgram:
     def _request_error(self, reason: int, *, stopped: bool) -> DeviceError:
         entry = code_table("cellcal.drivers.modbus_robot", "reasons.tsv").get(reason, _unknown_reason(reason))
         if stopped or entry.kind == "stopped":
-            return MotionStoppedError(self._device, f"the robot stopped: {entry.text}.", remedy=entry.remedy)
+            return MotionStoppedError(
+                self._device,
+                make_message("the robot stopped: {entry_text}.", entry_text=entry.text),
+                remedy=entry.remedy,
+            )
         return RefusedError(
             self._device,
-            f"the robot refused: {entry.text}.",
+            make_message("the robot refused: {entry_text}.", entry_text=entry.text),
             remedy=entry.remedy,
             vendor_code=reason,
             vendor_text=entry.text,

@@ -2,6 +2,7 @@
 
 import re
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.modbus_robot.cell_program import ProgramState, SwitchMode
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
@@ -64,7 +65,7 @@ def _alarm_text(alarm: Alarm, alarms: Findings) -> str:
         {other.axis + 1 for other, _ in alarms if other.code == alarm.code and other.axis is not None}
     )
     if len(axes) < 2:
-        return f"{alarm.code} {alarm.text}"
+        return make_message("{cure} {cure_2}", cure=alarm.code, cure_2=alarm.text)
     return f"{alarm.code} {alarm.text.split(' (')[0]} (axes {', '.join(map(str, axes))})"
 
 

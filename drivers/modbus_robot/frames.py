@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
@@ -42,7 +43,7 @@ async def write_frame(panel: RegisterClient, kind: Kind, number: int, pose: Pose
     if not _is_same(found, pose):
         raise RefusedError(
             panel.device,
-            f"{kind} frame {number} was not written as sent.",
+            make_message("{kind} frame {number} was not written as sent.", kind=kind, number=number),
             remedy="Check that the frame is not locked on the controller, then write again.",
         )
     return found

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Counts, MasteringData
@@ -39,7 +40,9 @@ async def read_drive_train(panel: RegisterClient) -> DriveTrain:
         if not (whole and same):
             raise WireProtocolError(
                 panel.device,
-                f"scale, gear ratio and interaction of axis {axis + 1} contradict each other.",
+                make_message(
+                    "scale, gear ratio and interaction of axis {axis} contradict each other.", axis=axis + 1
+                ),
                 remedy="Compare $ENCSCALES, $GEAR_RATIO and $INTERACTION with the data sheet.",
                 frame=block.to_hex("counts_per_radian"),
             )
@@ -56,7 +59,7 @@ async def write_mastering(
     except BaseException as error:
         outcome = await _restore_counts(panel, program, old, within_s)
         if isinstance(error, CellError):
-            error.message = f"{error.message} {outcome}"
+            error.message = make_message("{cure} {cure_2}", cure=error.message, cure_2=outcome)
         raise
 
 
@@ -108,9 +111,13 @@ async def _restore_counts(
 
 def _not_written(panel: RegisterClient, found: Counts, expected: Counts) -> RefusedError:
     axes = [str(i + 1) for i, pair in enumerate(zip(found, expected, strict=True)) if pair[0] != pair[1]]
-    what = f"axis {', '.join(axes)} was not written" if axes else "the controller did not become mastered"
+    what = (
+        make_message("axis {axes} was not written", axes=", ".join(axes))
+        if axes
+        else "the controller did not become mastered"
+    )
     return RefusedError(
         panel.device,
-        f"{what}.",
+        make_message("{entry_text}.", entry_text=what),
         remedy="Check that mastering is not locked on the controller, then write again.",
     )

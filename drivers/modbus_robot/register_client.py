@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
 from cellcal.drivers.modbus_robot.profile import ControllerProfile
 from cellcal.drivers.modbus_robot.registers import (
@@ -84,7 +85,9 @@ class RegisterClient:
         try:
             return encode_values(register, values)
         except ValueError as error:
-            raise self.refused_error(f"{name} cannot be written: {error}.") from error
+            raise self.refused_error(
+                make_message("{path} cannot be written: {strerror}.", path=name, strerror=error)
+            ) from error
 
     def refused_error(self, message: str) -> RefusedError:
         """Return the error for a request that we turn down ourselves."""
@@ -94,7 +97,9 @@ class RegisterClient:
         try:
             return {name: self.profile.registers[name].register_of_item(number) for name in names}
         except ValueError as error:
-            raise self.refused_error(f"{names[0]}: {error}.") from error
+            raise self.refused_error(
+                make_message("{path_name}: {message}.", path_name=names[0], message=error)
+            ) from error
 
 
 class SerialCheck:
@@ -112,6 +117,10 @@ class SerialCheck:
     def _wrong_device_error(self, device: str, found: str) -> DeviceError:
         return WrongDeviceError(
             device,
-            f"the robot at this address has the serial number {found!r}, cell.toml says {self._expected!r}.",
+            make_message(
+                "the robot at this address has the serial number {found!r}, cell.toml says {expected!r}.",
+                found=found,
+                expected=self._expected,
+            ),
             remedy="Check the address and the cables; change cell.toml only if the robot was exchanged.",
         )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
@@ -142,7 +143,7 @@ class ModbusRobot:
         with self._exclusive_use("jog"):
             self._check_numbers((delta_rad,), 1, "angle")
             if not 0 <= axis < self._panel.profile.axes:
-                raise self._panel.refused_error(f"there is no axis {axis + 1}.")
+                raise self._panel.refused_error(make_message("there is no axis {axis}.", axis=axis + 1))
             drive = await read_drive_train(self._panel)
             position, _ = await self._read_status()
             speed = self._jog_speed(speed_rad_s, position)
@@ -273,7 +274,11 @@ class ModbusRobot:
     def _short_of_target_error(self, axis: int, error_rad: float) -> MotionStoppedError:
         return MotionStoppedError(
             self.name,
-            f"axis {axis + 1} ended {math.degrees(error_rad):.2f} deg from its target.",
+            make_message(
+                "axis {axis} ended {error_deg:.2f} deg from its target.",
+                axis=axis + 1,
+                error_deg=math.degrees(error_rad),
+            ),
             remedy="Look whether something blocks the arm, then repeat the step.",
         )
 
@@ -304,12 +309,19 @@ class ModbusRobot:
 
     def _check_numbers(self, values: Sequence[float], count: int, what: str) -> None:
         if len(values) != count or not all(math.isfinite(value) for value in values):
-            raise self._panel.refused_error(f"{what}: {count} finite numbers are needed.")
+            raise self._panel.refused_error(
+                make_message("{what}: {count} finite numbers are needed.", what=what, count=count)
+            )
 
     @contextmanager
     def _exclusive_use(self, doing: str) -> Iterator[None]:
         if self._doing:
-            raise BusyError(self.name, f"a {self._doing} is under way, a {doing} was asked for.")
+            raise BusyError(
+                self.name,
+                make_message(
+                    "a {doing} is under way, a {doing_2} was asked for.", doing=self._doing, doing_2=doing
+                ),
+            )
         self._doing = doing
         try:
             yield

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.lines import LineSource
@@ -60,7 +61,11 @@ class TerminalOperator:
             self._console.print()
             raise NobodyThereError(
                 "operator",
-                f"it waits for a person, and there is none at this terminal (the input was closed): {question}",
+                make_message(
+                    "it waits for a person, and there is none at this terminal (the input was closed): "
+                    "{question}",
+                    question=question,
+                ),
                 remedy="Resume the run where an operator can answer: cellcal resume, or a page of cellcal serve.",
             )
         return line.strip()
@@ -68,7 +73,10 @@ class TerminalOperator:
     @contextmanager
     def _exclusive_use(self, key: str) -> Iterator[None]:
         if self._asking:
-            raise BusyError("operator", f"{self._asking!r} is being asked, {key!r} has to wait.")
+            raise BusyError(
+                "operator",
+                make_message("{asking!r} is being asked, {key!r} has to wait.", asking=self._asking, key=key),
+            )
         self._asking = key
         try:
             yield
@@ -77,5 +85,7 @@ class TerminalOperator:
 
     def _declined_error(self, question: str) -> RefusedError:
         return RefusedError(
-            "operator", f"the answer was no: {question}", remedy="Resume the run when it can be done."
+            "operator",
+            make_message("the answer was no: {question}", question=question),
+            remedy="Resume the run when it can be done.",
         )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.errors import ProgramFileError
 
@@ -32,7 +33,9 @@ def arm_shape(model: RobotModel, joints: Array) -> ArmShape:
     if model.axis_count != 6:
         raise ProgramFileError(
             model.name,
-            f"flags and turns are known for six axes, not {model.axis_count}.",
+            make_message(
+                "flags and turns are known for six axes, not {axis_count}.", axis_count=model.axis_count
+            ),
             remedy="Give the nominal or identified model of the robot that runs the program.",
         )
     rotations, origins = chain_frames(model, np.vstack([np.zeros(6), joints]))

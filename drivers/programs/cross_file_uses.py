@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
@@ -266,7 +267,7 @@ class BatchDeclarations:
 
     def _name_text(self, text: str, number: int) -> str:
         file, name = self._names[number]
-        return text.format(name, PurePath(file).name)
+        return make_message(text, name, PurePath(file).name)
 
     def _nearest_files(self, file: str, others: Sequence[str]) -> list[str]:
         """Return those beside a file, or all where none is."""
@@ -317,7 +318,11 @@ def _unused_remarks(positions: Positions, unused: Sequence[int]) -> tuple[Remark
     if not unused:
         return ()
     first = positions.names[unused[0]]
-    text = _UNUSED.format(first, len(unused) - 1) if len(unused) > 1 else _UNUSED_ALONE.format(first)
+    text = (
+        make_message(_UNUSED, first, len(unused) - 1)
+        if len(unused) > 1
+        else make_message(_UNUSED_ALONE, first)
+    )
     return (Remark(int(positions.lines[unused[0]]), "indirect", text),)
 
 
@@ -331,14 +336,14 @@ def _taught_otherwise(
     if why:
         return why
     if (tool or taught.tool, frame or taught.frame) != (taught.tool, taught.frame):
-        return _OTHERWISE.format(PurePath(uses[0][1]).name)
+        return make_message(_OTHERWISE, PurePath(uses[0][1]).name)
     others = (
         file
         for move_frames, file in copied
         if move_frames.frame and _lower_name(move_frames.frame) != _lower_name(taught.frame)
     )
     other = next(others, None)
-    return "" if other is None else _COPY_OTHERWISE.format(PurePath(other).name)
+    return "" if other is None else make_message(_COPY_OTHERWISE, PurePath(other).name)
 
 
 def _agree_uses(
@@ -352,7 +357,9 @@ def _agree_uses(
     why = next(filter(None, whys), "")
     if len({(_lower_name(move_frames.tool), _lower_name(move_frames.frame)) for move_frames, _ in some}) > 1:
         files = sorted({PurePath(file).name for _, file in some if file})
-        why = why or _DIFFERENT.format(", ".join(files[:3]) + (" and others" if len(files) > 3 else ""))
+        why = why or make_message(
+            _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")
+        )
     move_frames = some[0][0]
     return (None, None, why) if why else (move_frames.tool, move_frames.frame, "")
 

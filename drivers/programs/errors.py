@@ -1,5 +1,6 @@
 """What can be wrong with a program file: which file, where, what, and the cure."""
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 
@@ -10,7 +11,9 @@ class ProgramFileError(CellError):
 
     def __init__(self, file: str, message: str, *, line: int = 0, column: int = 0, remedy: str = "") -> None:
         where = f"{file}:{line}:{column}" if line else file
-        super().__init__(f"{where}: {message}", remedy=remedy)
+        super().__init__(
+            make_message("{path}: {refused_message}", path=where, refused_message=message), remedy=remedy
+        )
         self.file = file
         self.line = line
         self.column = column

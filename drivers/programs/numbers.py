@@ -4,6 +4,8 @@ import re
 from dataclasses import dataclass
 from math import isfinite
 
+from cellcal.calibration.documents.message import make_message
+
 _NUMBER = re.compile(r"^([+-]?)(\d*)(?:(\.)(\d*))?(?:([eE])([+-]?)(\d+))?$")
 
 
@@ -34,7 +36,7 @@ class NumberFormat:
         bare = text.lstrip(" ")
         found = _NUMBER.match(bare)
         if found is None or not (found[2] or found[4]):
-            raise ValueError(f"{text!r} is not a number")
+            raise ValueError(make_message("{text!r} is not a number", text=text))
         return cls(
             decimals=len(found[4] or ""),
             leading_zero=bool(found[2]),

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.numbers import NumberFormat
 from cellcal.drivers.programs.positions import PositionChange, Positions
@@ -64,7 +65,9 @@ class ProgramText:
         value = float(text)
         if not abs(value) < _LARGEST or len(text) > _LONGEST_NUMBER:
             raise self.error_at(
-                place, f"no robot has the coordinate {text[:20]}.", remedy="Correct the number."
+                place,
+                make_message("no robot has the coordinate {text}.", text=text[:20]),
+                remedy="Correct the number.",
             )
         return value
 
@@ -157,10 +160,24 @@ def checked_rows(name: str, positions: Positions, change: PositionChange) -> NDA
         (change.joints, (count, positions.joints.shape[1])),
     ):
         if values is not None and (values.shape != shape or np.isinf(values).any()):
-            raise ProgramFileError(name, f"the change brings {values.shape} coordinates in place of {shape}.")
+            raise ProgramFileError(
+                name,
+                make_message(
+                    "the change brings {shape} coordinates in place of {shape_2}.",
+                    shape=values.shape,
+                    shape_2=shape,
+                ),
+            )
     for texts in (change.configurations, change.user_frames):
         if texts is not None and len(texts) != count:
-            raise ProgramFileError(name, f"the change brings {len(texts)} texts for {count} positions.")
+            raise ProgramFileError(
+                name,
+                make_message(
+                    "the change brings {text_count} texts for {count} positions.",
+                    text_count=len(texts),
+                    count=count,
+                ),
+            )
     if change.frame_tip is not None and not _poses_or_nothing(change.frame_tip):
         raise ProgramFileError(name, "the change brings a pose that is no finite rigid transform.")
     return rows

@@ -9,6 +9,7 @@ import logging
 import time
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Identity, Readiness
 from cellcal.drivers.touch_probe.registers import CouplerMap
@@ -188,7 +189,12 @@ class Coupler:
         if channel > there:
             raise RefusedError(
                 self.name,
-                f"the coupler has {there} {what}s, cell.toml uses number {channel}.",
+                make_message(
+                    "the coupler has {there} {what}s, cell.toml uses number {channel}.",
+                    there=there,
+                    what=what,
+                    channel=channel,
+                ),
                 remedy="Compare the terminals on the rail with cell.toml.",
             )
 
@@ -199,10 +205,15 @@ class Coupler:
             entry = code_table("cellcal.drivers.touch_probe", "led_errors.tsv").get(
                 code, _unknown_fault(code)
             )
-            text = entry.text.format(argument=argument)
+            text = make_message(entry.text, argument=argument)
             return RefusedError(
                 self.name,
-                f"the coupler reports error {code}, argument {argument}: {text}.",
+                make_message(
+                    "the coupler reports error {code}, argument {argument}: {text}.",
+                    code=code,
+                    argument=argument,
+                    text=text,
+                ),
                 remedy=entry.remedy,
                 vendor_code=code,
                 vendor_text=text,
@@ -232,7 +243,7 @@ class Coupler:
     def _wrong_device_error(self, found: str) -> WrongDeviceError:
         return WrongDeviceError(
             self.name,
-            f"what answers at this address {found}.",
+            make_message("what answers at this address {found}.", found=found),
             remedy="Check address and cables; change cell.toml only if the coupler was exchanged.",
         )
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import GaugeCapabilities, LengthReading
 from cellcal.drivers.touch_probe.coupler import Coupler
@@ -39,7 +40,7 @@ class DialGauge(CouplerDevice):
         except ValueError as error:
             raise RefusedError(
                 self.name,
-                f"the analogue input reports {error}.",
+                make_message("the analogue input reports {error}.", error=error),
                 remedy="Check the dial gauge's cable and supply, and that its plunger is not at its end.",
                 vendor_code=word,
             ) from error
@@ -56,12 +57,14 @@ class DialGauge(CouplerDevice):
         if value_m <= margin_m:
             raise RefusedError(
                 self.name,
-                f"the plunger is free ({value_m * 1e3:.3f} mm): it touches nothing.",
+                make_message(
+                    "the plunger is free ({value_mm:.3f} mm): it touches nothing.", value_mm=value_m * 1000.0
+                ),
                 remedy="Bring the gauge against the surface until the plunger is pushed in.",
             )
         if value_m >= self._options.range_m - margin_m:
             raise RefusedError(
                 self.name,
-                f"the plunger is at its end ({value_m * 1e3:.3f} mm).",
+                make_message("the plunger is at its end ({value_mm:.3f} mm).", value_mm=value_m * 1000.0),
                 remedy="Move the arm back before anything bends, then choose a pose within the gauge's range.",
             )

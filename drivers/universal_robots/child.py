@@ -9,6 +9,7 @@ import time
 
 from rtde_control import RTDEControlInterface
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.wire.child import serve_requests
 
 _CYCLE_HZ = 125.0  # enough for commands, and the client spins while it waits
@@ -38,7 +39,11 @@ class _ControlInterface:
         """Start a joint move; False when the controller did not take it."""
         # A wrong length would be a malformed packet and a call that never returns.
         if len(target_rad) != 6:
-            raise ValueError(f"{len(target_rad)} joint angles for an arm of 6")
+            raise ValueError(
+                make_message(
+                    "{target_rad_count} joint angles for an arm of 6", target_rad_count=len(target_rad)
+                )
+            )
         return bool(self._connected_control().moveJ(target_rad, speed_rad_s, acceleration_rad_s2, True))
 
     def move_running(self) -> bool:

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellcal.calibration.arm.mounting import MOUNTED
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import RobotCapabilities
 from cellcal.drivers.universal_robots.motion import MotionTolerances
 from cellcal.drivers.universal_robots.robot import CAPABILITIES, UniversalRobot, UrMotionOptions
@@ -43,7 +44,13 @@ class UniversalRobotConfig(BaseModel):
     @classmethod
     def _check_model(cls, name: str) -> str:
         if name.partition(MOUNTED)[0] not in _MODELS:
-            raise ValueError(f"this driver does not know a {name!r}; it knows {', '.join(_MODELS)}")
+            raise ValueError(
+                make_message(
+                    "this driver does not know a {name!r}; it knows {models}",
+                    name=name,
+                    models=", ".join(_MODELS),
+                )
+            )
         return name
 
     @property

@@ -11,6 +11,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import CABLE
 
@@ -48,7 +49,7 @@ class UrDashboard:
         reply = await self._ask_dashboard("stop")
         if not reply.lower().startswith("stopped"):
             raise RefusedError(
-                self._device, f'the controller refused to stop its program: "{reply}".',
+                self._device, make_message('the controller refused to stop its program: "{reply}".', reply=reply),
                 remedy="Stop the robot at the pendant.", vendor_text=reply,
             )  # fmt: skip
 
@@ -66,12 +67,16 @@ class UrDashboard:
                 reader, writer = await asyncio.open_connection(self._address, PORT, limit=_LONGEST_LINE)
                 yield reader, writer
         except TimeoutError:
-            raise self._unreachable_error(f"did not answer within {self._deadline_s:g} s") from None
+            raise self._unreachable_error(
+                make_message("did not answer within {deadline_s:g} s", deadline_s=self._deadline_s)
+            ) from None
         except (OSError, EOFError) as error:
-            raise self._unreachable_error(f"cannot be reached ({error})") from error
+            raise self._unreachable_error(make_message("cannot be reached ({error})", error=error)) from error
         except ValueError as error:
             raise WireProtocolError(
-                self._device, f"the dashboard sent a line that is too long ({error}).", remedy=_ASK_TO_REPORT
+                self._device,
+                make_message("the dashboard sent a line that is too long ({error}).", error=error),
+                remedy=_ASK_TO_REPORT,
             ) from error
         finally:
             if writer is not None:
@@ -81,7 +86,11 @@ class UrDashboard:
 
     def _unreachable_error(self, what: str) -> UnreachableError:
         return UnreachableError(
-            self._device, f"the dashboard of the controller at {self._address} {what}.", remedy=CABLE
+            self._device,
+            make_message(
+                "the dashboard of the controller at {address} {what}.", address=self._address, what=what
+            ),
+            remedy=CABLE,
         )
 
 

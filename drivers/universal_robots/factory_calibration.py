@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import DhTable
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import CABLE, Six
 
@@ -57,10 +58,14 @@ async def read_factory_kinematics(device: str, address: str, *, deadline_s: floa
                 with contextlib.suppress(OSError):
                     await writer.wait_closed()
     except TimeoutError:
-        what = f"sent no factory calibration within {deadline_s:g} s"
+        what = make_message("sent no factory calibration within {deadline_s:g} s", deadline_s=deadline_s)
     except (OSError, EOFError) as error:
-        what = f"cannot be reached ({error})"
-    raise UnreachableError(device, f"the primary interface of {address} {what}.", remedy=CABLE)
+        what = make_message("cannot be reached ({error})", error=error)
+    raise UnreachableError(
+        device,
+        make_message("the primary interface of {address} {what}.", address=address, what=what),
+        remedy=CABLE,
+    )
 
 
 async def _first_kinematics(device: str, reader: asyncio.StreamReader) -> FactoryKinematics:
@@ -68,7 +73,7 @@ async def _first_kinematics(device: str, reader: asyncio.StreamReader) -> Factor
         header = await reader.readexactly(_PACKET.size)
         size, kind = _PACKET.unpack(header)
         if not _PACKET.size <= size <= _LONGEST_PACKET:
-            raise _unreadable_error(device, f"a packet of {size} bytes", header)
+            raise _unreadable_error(device, make_message("a packet of {size} bytes", size=size), header)
         body = await reader.readexactly(size - _PACKET.size)
         if kind == _ROBOT_STATE:
             for sub_kind, data in sub_packages(device, body):
@@ -84,7 +89,9 @@ def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
             raise _unreadable_error(device, "half a sub-package", body[start:])
         size, kind = _SUB_PACKET.unpack_from(body, start)
         if not _SUB_PACKET.size <= size <= len(body) - start:
-            raise _unreadable_error(device, f"a sub-package of {size} bytes", body[start:])
+            raise _unreadable_error(
+                device, make_message("a sub-package of {size} bytes", size=size), body[start:]
+            )
         yield kind, body[start + _SUB_PACKET.size : start + size]
         start += size
 
@@ -92,7 +99,9 @@ def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
 def decode_kinematics(device: str, data: bytes) -> FactoryKinematics:
     """Read the kinematics sub-package."""
     if len(data) != _KINEMATICS.size:
-        raise _unreadable_error(device, f"kinematics of {len(data)} bytes", data)
+        raise _unreadable_error(
+            device, make_message("kinematics of {data_count} bytes", data_count=len(data)), data
+        )
     values = _KINEMATICS.unpack(data)
     if not all(map(math.isfinite, values[6:30])):
         raise _unreadable_error(device, "kinematics that are not numbers", data)
@@ -109,7 +118,7 @@ def decode_kinematics(device: str, data: bytes) -> FactoryKinematics:
 def _unreadable_error(device: str, what: str, frame: bytes) -> WireProtocolError:
     return WireProtocolError(
         device,
-        f"the primary interface sent {what}.",
+        make_message("the primary interface sent {what}.", what=what),
         remedy="Report this with the controller's version; nothing in the cell is at fault.",
         frame=frame[:_HEX_SHOWN].hex(),
     )

@@ -4,6 +4,7 @@ Rests on the safety bits and the program's state. The robot mode only explains w
 cannot move.
 """
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Condition, Readiness
 from cellcal.drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState
@@ -24,7 +25,9 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
     """Tell whether the arm could move now, and if not, who must do what."""
     entry = _safety_entry(sample) or _mode_entry(sample)
     if entry is not None:
-        return Condition(Readiness(entry.kind), f"{entry.text}.", entry.remedy)
+        return Condition(
+            Readiness(entry.kind), make_message("{entry_text}.", entry_text=entry.text), entry.remedy
+        )
     if sample.runtime_state != RuntimeState.STOPPED and not program_is_ours:
         return Condition(
             Readiness.NOT_READY,
@@ -34,7 +37,10 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
     if sample.speed_fraction < _LOWEST_SLIDER:
         return Condition(
             Readiness.NOT_READY,
-            f"the speed slider stands at {sample.speed_fraction * 100:.0f} %.",
+            make_message(
+                "the speed slider stands at {speed_fraction_percent:.0f} %.",
+                speed_fraction_percent=sample.speed_fraction * 100,
+            ),
             "Raise the speed slider at the pendant.",
         )
     return Condition(Readiness.READY)
@@ -43,7 +49,13 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
 def safety_stop_of(device: str, sample: StateSample) -> MotionStoppedError | None:
     """Return the safety stop that this state shows, if any."""
     entry = _safety_entry(sample)
-    return None if entry is None else MotionStoppedError(device, f"{entry.text}.", remedy=entry.remedy)
+    return (
+        None
+        if entry is None
+        else MotionStoppedError(
+            device, make_message("{entry_text}.", entry_text=entry.text), remedy=entry.remedy
+        )
+    )
 
 
 def condition_error(device: str, condition: Condition) -> DeviceError:
@@ -58,7 +70,7 @@ def translate_refusal(error: RefusedError) -> RefusedError:
         if entry.kind in error.vendor_text.lower():
             return RefusedError(
                 error.device,
-                f"{entry.text}.",
+                make_message("{entry_text}.", entry_text=entry.text),
                 remedy=entry.remedy,
                 vendor_code=entry.code,
                 vendor_text=error.vendor_text,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.errors import (
@@ -317,7 +318,11 @@ class UniversalRobot:
         joint, error_rad = farthest_joint(sample, target)
         return MotionStoppedError(
             self.name,
-            f"the arm stands, but joint {joint + 1} is {math.degrees(error_rad):.2f} deg from its target.",
+            make_message(
+                "the arm stands, but joint {joint} is {error_deg:.2f} deg from its target.",
+                joint=joint + 1,
+                error_deg=math.degrees(error_rad),
+            ),
             remedy="Look whether something blocks the arm or its speed is at zero, then repeat the step.",
         )
 
@@ -393,7 +398,7 @@ def _with_look_first(error: DeviceError) -> DeviceError:
     """Where we lost sight of the arm, the first thing to do is to look at it."""
     blind = isinstance(error, UnreachableError | DeviceTimeoutError)
     if blind and not error.remedy.startswith(_LOOK):
-        error.remedy = f"{_LOOK} {error.remedy}"
+        error.remedy = make_message("{cure} {cure_2}", cure=_LOOK, cure_2=error.remedy)
     return error
 
 

@@ -9,6 +9,7 @@ import logging
 import time
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Identity
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
@@ -108,8 +109,15 @@ class RobotConnection:
         if (model, serial) != (self._model, self._serial):
             raise WrongDeviceError(
                 self.device,
-                f"at {self._address} answers a {model} with serial {serial}; "
-                f"the cell file names a {self._model} with serial {self._serial}.",
+                make_message(
+                    "at {address} answers a {model} with serial {serial}; the cell file names a {model_2} "
+                    "with serial {serial_2}.",
+                    address=self._address,
+                    model=model,
+                    serial=serial,
+                    model_2=self._model,
+                    serial_2=self._serial,
+                ),
                 remedy="Correct the address or the serial in the cell file.",
             )
         if self._identity is None and not str(version).startswith(VERIFIED_ON):
@@ -120,7 +128,9 @@ class RobotConnection:
         if (version.major, version.minor) < _OLDEST or version.major > _NEWEST_MAJOR:
             raise RefusedError(
                 self.device,
-                f"the controller runs software {version}; this driver knows 5.6 to 5.25.",
+                make_message(
+                    "the controller runs software {version}; this driver knows 5.6 to 5.25.", version=version
+                ),
                 remedy="Use a controller with PolyScope 5.6 or later, not PolyScope X.",
                 vendor_text=str(version),
             )

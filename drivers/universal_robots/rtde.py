@@ -9,6 +9,8 @@ import struct
 from collections.abc import Callable
 from enum import IntEnum
 
+from cellcal.calibration.documents.message import make_message
+
 PORT = 30004
 HEADER = struct.Struct(">HB")
 
@@ -65,7 +67,7 @@ class RtdeLink(asyncio.Protocol):
         while len(self._buffer) >= HEADER.size:
             size, kind = HEADER.unpack_from(self._buffer)
             if size < HEADER.size:
-                self._refuse_stream(ValueError(f"a message of {size} bytes"))
+                self._refuse_stream(ValueError(make_message("a message of {size} bytes", size=size)))
                 return
             if len(self._buffer) < size:
                 return

@@ -10,6 +10,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.supervision import message_and_remedy_of, start_link_task
 from cellcal.drivers.universal_robots.health import translate_refusal
@@ -151,7 +152,9 @@ class MotionSession:
         """End the session that nothing keeps alive any more; the robot's program ends by its watchdog."""
         message, remedy = message_and_remedy_of(error)
         self._error = UnreachableError(
-            self._child.device, f"the program failed while it kept control: {message}.", remedy=remedy
+            self._child.device,
+            make_message("the program failed while it kept control: {message}.", message=message),
+            remedy=remedy,
         )
         self._child.kill(message)
 
@@ -172,7 +175,10 @@ class MotionSession:
     def _program_ended(self) -> MotionStoppedError:
         return MotionStoppedError(
             self._child.device,
-            "our program on the controller has ended: stopped at the pendant or by another client, or because"
-            f" this computer was silent for {1 / self._options.watchdog_hz:g} s.",
+            make_message(
+                "our program on the controller has ended: stopped at the pendant or by another client, "
+                "or because this computer was silent for {watchdog_hz:g} s.",
+                watchdog_hz=1 / self._options.watchdog_hz,
+            ),
             remedy="Look at the pendant; if it was not stopped there, check the network, then repeat the step.",
         )

@@ -13,6 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
 from cellcal.drivers.wire.trace import FrameTrace
@@ -111,9 +112,13 @@ class StateClient:
                     await self.read_fresh()
         except TimeoutError:
             self.close()
-            raise self._unreachable_error(f"did not answer within {deadline_s:g} s") from None
+            raise self._unreachable_error(
+                make_message("did not answer within {deadline_s:g} s", deadline_s=deadline_s)
+            ) from None
         except OSError as error:
-            raise self._unreachable_error(f"cannot be reached ({error.strerror or error})") from error
+            raise self._unreachable_error(
+                make_message("cannot be reached ({error})", error=error.strerror or error)
+            ) from error
         except BaseException:
             self.close()
             raise
@@ -132,7 +137,11 @@ class StateClient:
         while self._newest_s <= before_s:
             self.report_loss(again=True)
             if not await self._wait_for_sample(deadline_s) and self._newest_s <= before_s:
-                self._fail_with(self._unreachable_error(f"sent no new state for {self.stale_s:g} s"))
+                self._fail_with(
+                    self._unreachable_error(
+                        make_message("sent no new state for {stale_s:g} s", stale_s=self.stale_s)
+                    )
+                )
                 self.close()
         return self.samples[-1]
 
@@ -174,9 +183,10 @@ class StateClient:
         pairs = zip(_RECIPE, types.split(","), strict=False)
         unknown = [name for (name, _), kind in pairs if kind == "NOT_FOUND"]
         if not unknown:
-            raise self._protocol_error(f"fields of other types ({types})", reply)
+            raise self._protocol_error(make_message("fields of other types ({types})", types=types), reply)
         raise self._refused_error(
-            f"does not know {', '.join(unknown)}", "Update it to PolyScope 5.6 or later."
+            make_message("does not know {unknown}", unknown=", ".join(unknown)),
+            "Update it to PolyScope 5.6 or later.",
         )
 
     async def _send_request(self, kind: MessageType, payload: bytes = b"") -> bytes:
@@ -186,7 +196,9 @@ class StateClient:
         answered, reply = await self._replies.get()
         self.report_loss(again=True)
         if answered != kind:
-            raise self._protocol_error(f"{chr(answered)!r} in answer to {chr(kind)!r}", reply)
+            raise self._protocol_error(
+                make_message("{chr!r} in answer to {chr_2!r}", chr=chr(answered), chr_2=chr(kind)), reply
+            )
         return reply
 
     def _on_message(self, kind: int, payload: bytes) -> None:
@@ -199,7 +211,11 @@ class StateClient:
 
     def _on_data(self, payload: bytes) -> None:
         if len(payload) != _PACKET.size or payload[0] != self._recipe_id:
-            self._fail_with(self._protocol_error(f"a state of {len(payload)} bytes", payload))
+            self._fail_with(
+                self._protocol_error(
+                    make_message("a state of {payload_count} bytes", payload_count=len(payload)), payload
+                )
+            )
             self.close()
             return
         sample = _decode_sample(payload)
@@ -213,7 +229,11 @@ class StateClient:
             self._arrived.set()
 
     def _on_lost(self, error: Exception | None) -> None:
-        self._fail_with(self._unreachable_error(f"closed the connection{f' ({error})' if error else ''}"))
+        self._fail_with(
+            self._unreachable_error(
+                make_message("closed the connection{error}", error=f" ({error})" if error else "")
+            )
+        )
 
     def _fail_with(self, error: DeviceError) -> None:
         if self._error is None:
@@ -222,15 +242,23 @@ class StateClient:
         self._arrived.set()
 
     def _unreachable_error(self, what: str) -> UnreachableError:
-        return UnreachableError(self.device, f"the controller at {self.address} {what}.", remedy=CABLE)
+        return UnreachableError(
+            self.device,
+            make_message("the controller at {address} {what}.", address=self.address, what=what),
+            remedy=CABLE,
+        )
 
     def _refused_error(self, what: str, remedy: str) -> RefusedError:
-        return RefusedError(self.device, f"the controller at {self.address} {what}.", remedy=remedy)
+        return RefusedError(
+            self.device,
+            make_message("the controller at {address} {what}.", address=self.address, what=what),
+            remedy=remedy,
+        )
 
     def _protocol_error(self, what: str, frame: bytes) -> WireProtocolError:
         return WireProtocolError(
             self.device,
-            f"the controller sent {what}.",
+            make_message("the controller sent {what}.", what=what),
             remedy="Report this with the controller's version; nothing in the cell is at fault.",
             frame=frame[:_HEX_SHOWN].hex(),
         )

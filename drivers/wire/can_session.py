@@ -10,6 +10,7 @@ from typing import Any
 import can
 import canopen
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
@@ -85,7 +86,7 @@ class CanSession:
         try:
             self._bus = options.open(handshake_s=self._answer_s)
         except (can.CanError, OSError, ValueError) as error:
-            message = f"the CAN bus cannot be opened ({error})."
+            message = make_message("the CAN bus cannot be opened ({error}).", error=error)
             raise UnreachableError(self.device, message, remedy=_WIRING) from error
         self._network = _CountingNetwork(self._bus, 0x600 + self._id)
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
@@ -131,7 +132,7 @@ class CanSession:
         except canopen.SdoAbortedError as error:
             raise RefusedError(
                 self.device,
-                f"the device refused: {error}.",
+                make_message("the device refused: {error}.", error=error),
                 remedy="Check that model and object table in cell.toml fit this device.",
                 vendor_code=error.code,
                 vendor_text=str(error),
@@ -140,7 +141,9 @@ class CanSession:
             raise self._no_answer(error) from error
         except (can.CanError, OSError) as error:
             self._mark_dead(f"sending failed ({error})")
-            raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING) from error
+            raise UnreachableError(
+                self.device, make_message("{entry_text}.", entry_text=self.dead), remedy=_WIRING
+            ) from error
         except (
             struct.error,
             ValueError,
@@ -164,20 +167,28 @@ class CanSession:
         if self._odd_frame:
             return self._odd_answer_error(f"an answer of {len(self._odd_frame) // 2} bytes instead of 8")
         return DeviceTimeoutError(
-            self.device, f"no answer from node {self._id} within {self._answer_s:g} s.", remedy=_WIRING
+            self.device,
+            make_message(
+                "no answer from node {id} within {answer_s:g} s.", id=self._id, answer_s=self._answer_s
+            ),
+            remedy=_WIRING,
         )
 
     def _odd_answer_error(self, what: str) -> WireProtocolError:
         return WireProtocolError(
             self.device,
-            f"node {self._id} answered what the standard does not allow: {what}.",
+            make_message(
+                "node {id} answered what the standard does not allow: {what}.", id=self._id, what=what
+            ),
             remedy="Make sure that no other program talks to the device; the reading was not used.",
             frame=self._odd_frame or self._trace.last_received(),
         )
 
     def _require_alive(self) -> None:
         if self.dead:
-            raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING)
+            raise UnreachableError(
+                self.device, make_message("{entry_text}.", entry_text=self.dead), remedy=_WIRING
+            )
 
     # ---- reader thread ----
 
@@ -195,7 +206,7 @@ class CanSession:
 
     def _end_broken(self, why: str) -> None:
         """Leave the bus; the receiver's error is raised by the next request, which connects anew."""
-        self._mark_dead(f"the program failed while it received ({why})")
+        self._mark_dead(make_message("the program failed while it received ({why})", why=why))
         with contextlib.suppress(can.CanError, OSError):
             self._bus.shutdown()
 

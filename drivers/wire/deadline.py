@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError
 
 _REMEDY = "Check the device and its cable, then try again."
@@ -61,4 +62,8 @@ async def answer_deadline(device: str, seconds: float, doing: str) -> AsyncItera
 
 def timeout_error(device: str, seconds: float, doing: str) -> DeviceTimeoutError:
     """Return the error of a device that did not come to an end in time."""
-    return DeviceTimeoutError(device, f"{doing} took longer than {seconds:.4g} s.", remedy=_REMEDY)
+    return DeviceTimeoutError(
+        device,
+        make_message("{doing} took longer than {seconds:.4g} s.", doing=doing, seconds=seconds),
+        remedy=_REMEDY,
+    )

@@ -20,6 +20,7 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
@@ -160,7 +161,9 @@ class ModbusLink:
                 connected = await self._client.connect()
         if not connected:
             where = f"{self._host}:{self._port}"
-            raise UnreachableError(self.device, f"no connection to {where}.", remedy=_CABLE)
+            raise UnreachableError(
+                self.device, make_message("no connection to {where}.", where=where), remedy=_CABLE
+            )
 
     async def _exchange_request(self, ask: _Ask, function: int) -> ModbusPDU:
         """Send one request and return its own answer; on anything else the connection is dropped."""
@@ -187,7 +190,9 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             if "No response" in str(error):
                 raise self._silence_error() from None
-            raise UnreachableError(self.device, f"the connection broke: {error}.", remedy=_CABLE) from error
+            raise UnreachableError(
+                self.device, make_message("the connection broke: {error}.", error=error), remedy=_CABLE
+            ) from error
 
     def _check_answer(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
         if answer.transaction_id != client.ctx.request_transaction_id:
@@ -206,7 +211,9 @@ class ModbusLink:
         raise self._refused_error(entry)
 
     def _refused_error(self, entry: CodeEntry) -> DeviceError:
-        message = f"Modbus exception {entry.code}: {entry.text}."
+        message = make_message(
+            "Modbus exception {entry_code}: {entry_text}.", entry_code=entry.code, entry_text=entry.text
+        )
         if entry.kind == "unreachable":
             return UnreachableError(self.device, message, remedy=entry.remedy)
         return RefusedError(
@@ -220,7 +227,11 @@ class ModbusLink:
         )
 
     def _silence_error(self) -> DeviceTimeoutError:
-        return DeviceTimeoutError(self.device, f"no answer within {self._deadline_s:g} s.", remedy=_CABLE)
+        return DeviceTimeoutError(
+            self.device,
+            make_message("no answer within {deadline_s:g} s.", deadline_s=self._deadline_s),
+            remedy=_CABLE,
+        )
 
     def _trace_packet(self, sending: bool, packet: bytes) -> bytes:
         self.trace.add_frame(">" if sending else "<", packet.hex())

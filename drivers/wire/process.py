@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack_message
@@ -189,7 +190,11 @@ class ChildProcess:
             return  # the caller was cancelled
         if "refused" in message:
             text = str(message["refused"])
-            answer.set_exception(RefusedError(self.device, f"{text.rstrip('. ')}.", vendor_text=text))
+            answer.set_exception(
+                RefusedError(
+                    self.device, make_message("{entry_text}.", entry_text=text.rstrip(". ")), vendor_text=text
+                )
+            )
         else:
             answer.set_result(message["value"])
 

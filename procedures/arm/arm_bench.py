@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Observations
 from cellcal.calibration.identification.parameters import GRAVITY, Priors
@@ -87,7 +88,10 @@ async def read_healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
         raise RefusalError(
-            f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
+            make_message(
+                "the robot is not ready or not mastered: {condition_message}",
+                condition_message=condition.message or "mastering data invalid",
+            ),
             code="procedure.not_healthy",
             remedy="Clear what is wrong, then start a new run.",
         )
@@ -96,7 +100,11 @@ async def read_healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
     error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(
-            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            make_message(
+                "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
+                error_mm=error_m * 1000.0,
+                model_name=model.name,
+            ),
             code="procedure.wrong_model",
             remedy="Correct the robot's model in the cell file, then start a new run.",
         )
@@ -139,7 +147,9 @@ def _device_of(cell: Cell, method: Method) -> tuple[Triple, Triple, float, float
 
 def _missing_setup_error(need: str, remedy: str) -> NeedsUnmetError:
     return NeedsUnmetError(
-        f"this cell does not say {NEEDS[need][0]}", missing=(NEEDS[need][0],), remedy=remedy
+        make_message("this cell does not say {needs}", needs=NEEDS[need][0]),
+        missing=(NEEDS[need][0],),
+        remedy=remedy,
     )
 
 
@@ -150,7 +160,11 @@ async def check_same_robot(cell: Cell, epoch: int | None) -> int | None:
     found = await cell.mastering.encoder_epoch()
     if found != epoch:
         raise RefusalError(
-            f"the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+            make_message(
+                "the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+                epoch=epoch,
+                found=found,
+            ),
             code="procedure.position_lost_again",
             remedy="Run mastering_recovery; what was measured before cannot be combined with later captures.",
         )

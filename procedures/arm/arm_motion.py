@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.pose_design import candidate_joints
@@ -94,7 +95,10 @@ def draw_poses(
     pool = drawn[_collision_check(reach).is_free(drawn)][:count]
     if len(pool) < FEWEST_POSES:
         raise DegenerateDataError(
-            f"only {len(pool)} of the postures tried keep joint limits, box and arm clear of each other",
+            make_message(
+                "only {pool_count} of the postures tried keep joint limits, box and arm clear of each other",
+                pool_count=len(pool),
+            ),
             remedy="Widen the workspace box.",
         )
     return tuple(tuple(float(q) for q in pose) for pose in pool)
@@ -159,7 +163,7 @@ def way_to_one(
     degrees = ", ".join(f"{np.degrees(q):.0f}" for q in rests[0])
     raise DegenerateDataError(
         "no way is free from where the robot stands to where the series begins.",
-        remedy=f"Jog the robot to about {degrees} deg, then start a new run.",
+        remedy=make_message("Jog the robot to about {degrees} deg, then start a new run.", degrees=degrees),
     )
 
 
@@ -227,7 +231,11 @@ def map_roads(reach: MotionSpace, rest_rad: Joints, pool: tuple[Joints, ...]) ->
         hung |= _link_to_hub(reach, best, _HubLink(len(hubs) - 1, hung[best].wound_rad), remaining)
     if len(hung) < FEWEST_POSES:
         raise DegenerateDataError(
-            f"only {len(hung)} of {len(pool)} postures have a free way from where the robot would rest",
+            make_message(
+                "only {hung_count} of {pool_count} postures have a free way from where the robot would rest",
+                hung_count=len(hung),
+                pool_count=len(pool),
+            ),
             remedy="Widen the workspace box, allow more candidates, or move the wire.",
         )
     return Roadmap(

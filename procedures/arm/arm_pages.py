@@ -1,5 +1,6 @@
 """What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.accuracy_limits import TOOL
 from cellcal.procedures.arm.arm_bench import Bench
@@ -81,10 +82,13 @@ def zero_changes(bench: Bench, found: ArmIdentification) -> tuple[ValueChange, .
     turned = zip(names, found.written_offsets_rad, strict=True)
     return (
         *(
-            ValueChange(f"{name}: counts at zero", float(old), float(new), "count")
+            ValueChange(make_message("{name}: counts at zero", name=name), float(old), float(new), "count")
             for name, old, new in counts
         ),
-        *(ValueChange(f"{name}: zero turns by", 0.0, angle, "rad") for name, angle in turned),
+        *(
+            ValueChange(make_message("{name}: zero turns by", name=name), 0.0, angle, "rad")
+            for name, angle in turned
+        ),
     )
 
 

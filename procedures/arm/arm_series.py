@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import (
@@ -134,7 +135,12 @@ def device_shift_m(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
     distance = distance_m(first, again)
     if distance > SAME_SIGMAS * float(np.hypot(sigma_m, np.hypot(noise_m(first), noise_m(again)))):
         raise StationMovedError(
-            f"{again.label}: the wire is {distance * 1e3:.3f} mm longer or shorter than in {first.label}",
+            make_message(
+                "{again_label}: the wire is {distance:.3f} mm longer or shorter than in {first_label}",
+                again_label=again.label,
+                distance=distance * 1000.0,
+                first_label=first.label,
+            ),
             remedy="Hook, anchor or robot base has moved, or the hall's temperature. Begin the series anew.",
         )
     return distance

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import not_identified
@@ -109,11 +110,16 @@ class ArmIdentification:
     def saving_text(self) -> str:
         """What choosing the poses saved, in words."""
         if self.fixed_plan_captures is None:
-            return f"{self.captures} captures; evenly drawn poses do not reach this U at all"
+            return make_message(
+                "{captures} captures; evenly drawn poses do not reach this U at all", captures=self.captures
+            )
         share = 1.0 - self.captures / self.fixed_plan_captures
-        return (
-            f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
-            f"same U: {share * 100:.0f} % saved"
+        return make_message(
+            "{captures} captures; a fixed plan of evenly drawn poses needs {fixed_plan_captures} for "
+            "the same U: {share_percent:.0f} % saved",
+            captures=self.captures,
+            fixed_plan_captures=self.fixed_plan_captures,
+            share_percent=share * 100,
         )
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force, limits_text
 from cellcal.procedures.arm.calibration_result import ArmIdentification
 from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration
@@ -28,7 +29,9 @@ def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) ->
     return ProcedureVerdict(
         (
             judge_value(
-                f"RMS error at poses that were not fitted, {direction_text}", out.after_rms_m, "m",
+                make_message(
+                    "RMS error at poses that were not fitted, {direction_text}", direction_text=direction_text
+                ), out.after_rms_m, "m",
                 u=doubt_m, limit=limits.check_rms_m, degrees_of_freedom=out.degrees_of_freedom,
             ),
             state_fact(
@@ -81,21 +84,35 @@ def _tool_remarks(result: CalibrationResult) -> tuple[str, ...]:
     if found is None:
         return ()
     counts = ", ".join(map(str, found.captures))
-    message = f"Captures at the points of the end-effector: {counts}"
-    return (message, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
+    message = make_message("Captures at the points of the end-effector: {counts}", counts=counts)
+    return (
+        message,
+        *(
+            (make_message("The tool frame was not written: {not_written}", not_written=not_written),)
+            if not_written
+            else ()
+        ),
+    )
 
 
 def _zero_figures(found: ArmIdentification) -> tuple[Characteristic, ...]:
     known_offsets = (offset for offset in found.offsets if offset.known)
     return tuple(
-        state_figure(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0)
+        state_figure(
+            make_message("{o_name}, true minus shown", o_name=o.name), o.value_rad, "rad", u=o.u_rad / 2.0
+        )
         for o in known_offsets
     )
 
 
 def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[str, ...]:
     hidden = tuple(
-        f"{h.parameter} cannot be told{f' from {h.partner}' if h.partner else ''}: {h.cure}"
+        make_message(
+            "{parameter} cannot be told{partner}: {cure}",
+            parameter=h.parameter,
+            partner=make_message(" from {partner}", partner=h.partner) if h.partner else "",
+            cure=h.cure,
+        )
         for h in result.identified.hidden
     )
     if result.identified.tool is not None and result.identified.tool.placed is None:

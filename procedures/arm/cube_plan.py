@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.accuracy import FULL_POSES, cube_positions
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.motion_check import allowed_postures
@@ -136,7 +137,12 @@ def _largest_cube(
         side *= SHRINK
     x, y, z = centres[0]
     raise DegenerateDataError(
-        f"no cube about x {x * 1e3:.0f}, y {y * 1e3:.0f}, z {z * 1e3:.0f} mm has five poses that can be gone to",
+        make_message(
+            "no cube about x {x:.0f}, y {y:.0f}, z {z:.0f} mm has five poses that can be gone to",
+            x=x * 1000.0,
+            y=y * 1000.0,
+            z=z * 1000.0,
+        ),
         remedy="Choose another centre_m, or a smaller side_m; or allow more candidates.",
     )
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.drift.causes import most_informative_order
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.drivers.interfaces import Joints
@@ -78,7 +79,9 @@ def plan_check(bench: Bench, reference: DriftReference, rules: DriftRules) -> Dr
     lost = sum(not way_is_free(reach, rest, pose) for pose in reference.poses_rad)
     if lost:
         raise RefusalError(
-            f"{lost} poses of the reference have no free way from where the robot would rest",
+            make_message(
+                "{lost} poses of the reference have no free way from where the robot would rest", lost=lost
+            ),
             code="procedure.unreachable",
             remedy="Give the workspace and wire that the reference was taken with, or take a new one (renew).",
         )

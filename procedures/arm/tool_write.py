@@ -7,6 +7,7 @@ from typing import Protocol
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.fixture import PlacedPoints
 from cellcal.drivers.interfaces import Instruction
@@ -92,7 +93,10 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     checks = found.checks
     rule = "chi square of the errors against what was predicted, 99.9 %"
     return (
-        *(state_figure(f"tip {axis} in the flange", value, "m") for axis, value in places),
+        *(
+            state_figure(make_message("tip {axis} in the flange", axis=axis), value, "m")
+            for axis, value in places
+        ),
         *frame_figures(found, limits.tip_m, limits.orientation_rad),
         state_fact(
             "the points' check poses agree with the stated uncertainty",
@@ -127,7 +131,7 @@ def not_written_reason(found: FoundTool, verdict: ProcedureVerdict, order: ToolO
     if verdict.overall_decision is FAIL:
         return "the verdict is FAIL"
     open_left = [f.name for f in _tool_figures(verdict.characteristics) if f.decision is not PASS]
-    return f"measure more: {', '.join(open_left)}" if open_left else ""
+    return make_message("measure more: {open_left}", open_left=", ".join(open_left)) if open_left else ""
 
 
 def tool_instruction(found: ToolByPoints, verdict: ProcedureVerdict, order: ToolOrder) -> Instruction:

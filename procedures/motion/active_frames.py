@@ -7,6 +7,7 @@ hangs at the flange, or is working at this robot: points from before and after d
 import math
 from collections.abc import Iterable
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.cell import Cell
@@ -43,7 +44,10 @@ async def check_same_frames(cell: Cell) -> None:
     changed = frame_changes(cell.motion.frames, now)
     if changed:
         raise FramesChangedError(
-            f"the robot does not work with what this run began with: {changes_text(changed)}",
+            make_message(
+                "the robot does not work with what this run began with: {changes_text}",
+                changes_text=changes_text(changed),
+            ),
             remedy=cure_text(changed),
         )
 
@@ -64,13 +68,20 @@ def refuse_unnamed(named: ActiveFrames, now: ActiveFrames | None) -> None:
     ):
         if want is not None and found is None:
             raise FramesChangedError(
-                f"the cell file names {what} {want}, and this robot does not tell it",
-                remedy=f"Take {what} out of [robot.active], and look on the pendant yourself.",
+                make_message(
+                    "the cell file names {what} {want}, and this robot does not tell it", what=what, want=want
+                ),
+                remedy=make_message(
+                    "Take {what} out of [robot.active], and look on the pendant yourself.", what=what
+                ),
             )
     changed = frame_changes(named, told_now)
     if changed:
         raise FramesChangedError(
-            f"the robot does not work with what the cell file names: {changes_text(changed)}",
+            make_message(
+                "the robot does not work with what the cell file names: {changes_text}",
+                changes_text=changes_text(changed),
+            ),
             remedy=cure_text(changed, "start again"),
         )
 
@@ -94,7 +105,9 @@ def changes_text(changed: Iterable[Change]) -> str:
 def cure_text(changed: Iterable[Change], then: str = "resume") -> str:
     """Return what a technician does about the differences."""
     words = ", ".join(undo for _, undo in changed)
-    return f"{words[:1].upper()}{words[1:]}, then {then}."
+    return make_message(
+        "{words}{words_2}, then {then}.", words=words[:1].upper(), words_2=words[1:], then=then
+    )
 
 
 def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
@@ -106,7 +119,7 @@ def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
         ("the payload", known_frames.payload_kg is None),
     )
     unknown = [what for what, missing in parts if missing]
-    return (_UNTOLD.format(what=" or ".join(unknown)),) if unknown else ()
+    return (make_message(_UNTOLD, what=" or ".join(unknown)),) if unknown else ()
 
 
 def _selection_change(what: str, was: int | None, now: int | None) -> Change | None:
@@ -128,7 +141,7 @@ def _payload_change(was: float | None, now: float | None) -> Change | None:
     if was is None or now is None or abs(was - now) <= PAYLOAD_KG:
         return None
     return (
-        f"the payload is {now:.3f} kg, and not {was:.3f} kg",
+        make_message("the payload is {now:.3f} kg, and not {was:.3f} kg", now=now, was=was),
         f"set the payload to {was:.3f} kg on the pendant again",
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord
@@ -246,7 +247,10 @@ def unreachable_error(here: Array, limits: MotionLimits) -> DegenerateDataError:
     """Say that no pose can be reached, and what is too near where the arm stands, if it is that."""
     why, remedy = _collision_text(here, limits), "Jog the robot towards the middle of its range, then resume."
     message = "none of the poses still needed can be reached from here without breaking a limit"
-    return DegenerateDataError(f"{message}: {why}" if why else message, remedy=remedy)
+    return DegenerateDataError(
+        make_message("{path}: {refused_message}", path=message, refused_message=why) if why else message,
+        remedy=remedy,
+    )
 
 
 def _collision_text(here: Array, limits: MotionLimits) -> str:
@@ -260,7 +264,11 @@ def _collision_text(here: Array, limits: MotionLimits) -> str:
     k = int(np.argmax(near.excess[0]))
     apart_mm, kept_mm = 1e3 * near.found[0, k], 1e3 * near.limit[0, k]
     doubt_mm = 0.0 if near.uncertainty is None else 1e3 * near.uncertainty[0, k]
-    return (
-        f"{near.quantity_names[k]}: {apart_mm:.0f} mm, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
-        "turns that are not known yet"
+    return make_message(
+        "{quantity_names}: {apart_mm:.0f} mm, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of "
+        "them for turns that are not known yet",
+        quantity_names=near.quantity_names[k],
+        apart_mm=apart_mm,
+        kept_mm=kept_mm,
+        doubt_mm=doubt_mm,
     )

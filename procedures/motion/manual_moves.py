@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
@@ -46,10 +47,12 @@ async def move_by_hand(
         if not moves and abs(errors[worst]) <= tolerance_rad:
             return
         off = f"J{worst + 1} is {math.degrees(errors[worst]):+.2f} deg off"
-        progress_text = "The robot still moves. " if moves else f"Not there yet: {off}. "
+        progress_text = (
+            "The robot still moves. " if moves else make_message("Not there yet: {off}. ", off=off)
+        )
         way_rad = (target,)
     raise NotThereError(
-        f"{progress_text}The arm was not brought to its target.",
+        make_message("{progress_text}The arm was not brought to its target.", progress_text=progress_text),
         remedy="Find out what keeps it away, then resume.",
     )
 
@@ -68,9 +71,20 @@ async def jog_by_hand(
     open_rad, progress_text = delta_rad, ""
     for _ in range(TRIES):
         degrees, pace = math.degrees(open_rad), math.degrees(speed_rad_s)
-        words = f"With the pendant, turn J{axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
+        words = make_message(
+            "With the pendant, turn J{axis} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s.",
+            axis=axis + 1,
+            degrees=degrees,
+            pace=pace,
+        )
         await ask_confirmation(
-            cell, Instruction("jog_by_hand", f"{progress_text}{words} Say yes when it stands.")
+            cell,
+            Instruction(
+                "jog_by_hand",
+                make_message(
+                    "{progress_text}{words} Say yes when it stands.", progress_text=progress_text, words=words
+                ),
+            ),
         )
         moved = drive.to_joints(np.array(await store.encoder_counts()), before)[axis]
         open_rad = delta_rad - float(moved)
@@ -78,29 +92,41 @@ async def jog_by_hand(
             return
         progress_text = "Not there yet. "
     raise NotThereError(
-        f"J{axis + 1} was not turned as asked: {math.degrees(open_rad):+.2f} deg are left.",
+        make_message(
+            "J{axis} was not turned as asked: {open_deg:+.2f} deg are left.",
+            axis=axis + 1,
+            open_deg=math.degrees(open_rad),
+        ),
         remedy="Find out what keeps it from turning, then resume.",
     )
 
 
 def _move_text(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str:
-    pace = f"{math.degrees(speed_rad_s):.1f} deg/s"
+    pace = make_message("{speed_rad_s:.1f} deg/s", speed_rad_s=math.degrees(speed_rad_s))
     if cell.level is MotionLevel.PROGRAM and cell.programs is not None:
         name = cell.programs.write_program(tuple(tuple(corner) for corner in way_rad), speed_rad_s)
-        return (
-            f"Load the program {name} on the pendant, compare its joints with "
-            f"{_joints_text(way_rad[-1])}, and run it in T1, at most {pace}. Say yes when it has ended."
+        return make_message(
+            "Load the program {name} on the pendant, compare its joints with {joints_text}, and run "
+            "it in T1, at most {pace}. Say yes when it has ended.",
+            name=name,
+            joints_text=_joints_text(way_rad[-1]),
+            pace=pace,
         )
     to = _joints_text(way_rad[-1])
     if len(way_rad) > 1:
         over = "; then ".join(map(_joints_text, way_rad[:-1]))
-        return (
-            f"With the pendant, in T1 and at most {pace} per joint, bring the robot by way of {over}; "
-            f"to {to}. Say yes when it stands there."
+        return make_message(
+            "With the pendant, in T1 and at most {pace} per joint, bring the robot by way of {over}; "
+            "to {to}. Say yes when it stands there.",
+            pace=pace,
+            over=over,
+            to=to,
         )
-    return (
-        f"With the pendant, in T1 and at most {pace} per joint, bring the robot to {to}. "
-        "Say yes when it stands there."
+    return make_message(
+        "With the pendant, in T1 and at most {pace} per joint, bring the robot to {to}. Say yes "
+        "when it stands there.",
+        pace=pace,
+        to=to,
     )
 
 

@@ -15,6 +15,7 @@ from enum import Enum
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
@@ -139,7 +140,11 @@ def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> No
     worst = max(range(len(errors)), key=errors.__getitem__)
     if not errors[worst] <= tolerance_rad:
         raise OffTargetError(
-            f"axis {worst + 1} ended {math.degrees(errors[worst]):.3f} deg from its target",
+            make_message(
+                "axis {worst} ended {errors:.3f} deg from its target",
+                worst=worst + 1,
+                errors=math.degrees(errors[worst]),
+            ),
             remedy="Look whether something blocks the arm, then resume.",
         )
 
@@ -215,7 +220,7 @@ def _check_and_cap(  # noqa: PLR0913 - one way needs all of it
     broken = [finding for finding in verdict.findings if finding.check != "tip speed"]
     if broken:
         raise MotionRefusedError(
-            f"the way is not free: {broken[0].sentence}",
+            make_message("the way is not free: {broken_sentence}", broken_sentence=broken[0].sentence),
             remedy="Nothing has moved. Look whether the robot stands where it should, then start a new run.",
         )
     slower = verdict.times_too_fast(len(way_rad), 1.01)
@@ -248,7 +253,7 @@ async def _read_ready(cell: Cell, *allowed: Readiness) -> JointReading:
     if reading.moving or _loop_time() - reading.taken_at_s > STALE_S:
         what = "moves already" if reading.moving else "shows a state that is too old"
         raise MotionRefusedError(
-            f"the robot {what}: no move is commanded on top of it",
+            make_message("the robot {what}: no move is commanded on top of it", what=what),
             remedy="Look at the robot and find out who moves it, then resume.",
         )
     return reading
@@ -269,7 +274,11 @@ async def _check_same_encoders(cell: Cell) -> None:
         memory.epoch = epoch
     elif epoch != memory.epoch:
         raise PositionLostAgainError(
-            f"the robot lost its position during this run (encoder epoch {memory.epoch}, now {epoch})",
+            make_message(
+                "the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+                epoch=memory.epoch,
+                found=epoch,
+            ),
             remedy="Start the recovery anew; the points measured before cannot be combined with later ones.",
         )
 
@@ -291,9 +300,11 @@ async def _ensure_approved(
     if cell.surroundings.is_known or cell.motion.approved:
         return
     deltas = "" if here_rad is None else _turns_text(here_rad, way_rad[-1])
-    words = (
-        "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
-        f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
+    words = make_message(
+        "No obstacles known: the path was not checked against what stands in the cell. The robot "
+        "will turn{deltas} at up to {speed_rad_s:.1f} deg/s. Look at its way. May it move?",
+        deltas=deltas,
+        speed_rad_s=math.degrees(speed_rad_s),
     )
     await _ask_agreement(cell, Instruction("approve_move", words), here_rad)
 
@@ -317,9 +328,12 @@ async def _check_override(cell: Cell, here_rad: Joints | None) -> None:
     while (now := await cell.override.speed_override()) > (
         before := _watched_override(memory, now)
     ) + SAME_OVERRIDE:
-        words = (
-            f"The speed override stands at {now * 100:.0f} %, and was {before * 100:.0f} % at most while this run "
-            "moved the robot. Nothing recorded is lost. Look at the robot. May it move that fast?"
+        words = make_message(
+            "The speed override stands at {now_percent:.0f} %, and was {before_percent:.0f} % at "
+            "most while this run moved the robot. Nothing recorded is lost. Look at the robot. May "
+            "it move that fast?",
+            now_percent=now * 100,
+            before_percent=before * 100,
         )
         await _ask_agreement(cell, Instruction("may_move_faster", words), here_rad)
         memory.override = now

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sample_motion
@@ -119,7 +120,11 @@ def refuse_broken(verdict: MotionVerdict) -> None:
     ]
     if broken:
         raise DegenerateDataError(
-            f"the plan would break {len(broken)} limits, first: {broken[0]}",
+            make_message(
+                "the plan would break {broken_count} limits, first: {broken}",
+                broken_count=len(broken),
+                broken=broken[0],
+            ),
             remedy="Jog the robot towards the middle of its range, then start again.",
         )
 

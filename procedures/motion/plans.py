@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain
@@ -128,7 +129,11 @@ def plan_kit(state: MotorState, room: MotionBounds, poses: int, seed: int) -> Mo
     ways = ways_through(state.joints_rad, kit, partial(winding_after, model, limits))
     if len(ways) < min(poses, model.axis_count + 6):
         raise DegenerateDataError(
-            f"only {len(ways)} of {poses} planned poses can be reached without breaking a limit",
+            make_message(
+                "only {way_count} of {poses} planned poses can be reached without breaking a limit",
+                way_count=len(ways),
+                poses=poses,
+            ),
             remedy="Move the robot nearer to the middle of its range, or move the wire's anchor.",
         )
     before, gone = here, []

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array, log_rotation
 from cellcal.drivers.interfaces import Joints
@@ -68,7 +69,11 @@ def probe_line(model: RobotModel, tip_in_flange_m: Place, start_rad: Joints, end
     start, end = np.array(start_rad, dtype=float), np.array(end_rad, dtype=float)
     tip = np.array(tip_in_flange_m, dtype=float)
     if start.shape != (model.axis_count,) or end.shape != start.shape:
-        raise DegenerateDataError(f"start and end of an approach are {model.axis_count} joints each")
+        raise DegenerateDataError(
+            make_message(
+                "start and end of an approach are {axis_count} joints each", axis_count=model.axis_count
+            )
+        )
     if not np.isfinite([*start, *end, *tip]).all():
         raise DegenerateDataError("an approach needs finite joints and a finite tip")
     joints = start + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - start)

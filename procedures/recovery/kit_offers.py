@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
 from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, predict_kit_recovery
@@ -187,10 +188,18 @@ def _design_offer(
     kit = design_kit(model, robot, plan_of(spec), _candidate_postures(spec, model, how))
     places = [place for place in kit.places if place.kind != "nest"]
     kind_texts = {
-        "probe": f"{len(places)} marks touched with the probe",
-        "pin": f"{len(places)} marks or holes met with a pointed tip or a pin",
-        "seat": f"one keyed seat and {spec.check_points} marks for checking",
-        "tracker": f"{len(places)} postures seen by the tracker, and {spec.nests} fixed nests",
+        "probe": make_message("{place_count} marks touched with the probe", place_count=len(places)),
+        "pin": make_message(
+            "{place_count} marks or holes met with a pointed tip or a pin", place_count=len(places)
+        ),
+        "seat": make_message(
+            "one keyed seat and {check_points} marks for checking", check_points=spec.check_points
+        ),
+        "tracker": make_message(
+            "{place_count} postures seen by the tracker, and {nests} fixed nests",
+            place_count=len(places),
+            nests=spec.nests,
+        ),
     }[name]
     postures = tuple(_joints_at(robot, place.counts) for place in places)
     return KitOffer(name, kind_texts, spec, predict_kit_recovery(model, kit, robot), postures)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
 from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.calibration.mastering.place_recovery import places_to_fit
@@ -164,9 +165,12 @@ def _posture_of(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joint
 
 
 def _place_predictions(kit_outlook: KitOutlook) -> tuple[Prediction, ...]:
-    words = (
-        f"the chance that all lost turns are found right with these places is {kit_outlook.success_probability:.6f}; "
-        f"a wrong turn would show at {kit_outlook.check_sigmas:.0f} deviations at the places for checking"
+    words = make_message(
+        "the chance that all lost turns are found right with these places is "
+        "{success_probability:.6f}; a wrong turn would show at {check_sigmas:.0f} deviations at "
+        "the places for checking",
+        success_probability=kit_outlook.success_probability,
+        check_sigmas=kit_outlook.check_sigmas,
     )
     return (
         Prediction(
@@ -222,7 +226,7 @@ def _kit_predictions(offers: KitOffers) -> tuple[Prediction, ...]:
     limits = {name: limit.axis_rad for name, limit in MASTERING.items()}
     return tuple(
         Prediction(
-            f"new zero of the least known axis, by kit '{offer.name}'",
+            make_message("new zero of the least known axis, by kit '{offer_name}'", offer_name=offer.name),
             offer.widest_u_rad,
             "rad",
             limits,
@@ -235,9 +239,15 @@ def _kit_predictions(offers: KitOffers) -> tuple[Prediction, ...]:
 def _offer_text(offer: KitOffer) -> str:
     offer_texts = [
         offer.words,
-        f"about {offer.duration_min:.0f} minutes by hand",
-        f"whole turns would be found right with a chance of {offer.outlook.success_probability:.6f}",
-        f"check places show a wrong turn at {offer.outlook.check_sigmas:.0f} deviations",
+        make_message("about {duration_min:.0f} minutes by hand", duration_min=offer.duration_min),
+        make_message(
+            "whole turns would be found right with a chance of {success_probability:.6f}",
+            success_probability=offer.outlook.success_probability,
+        ),
+        make_message(
+            "check places show a wrong turn at {check_sigmas:.0f} deviations",
+            check_sigmas=offer.outlook.check_sigmas,
+        ),
         *(() if offer.is_strong else ("too weak, it would be refused",)),
     ]
     return "; ".join(offer_texts)
@@ -245,7 +255,10 @@ def _offer_text(offer: KitOffer) -> str:
 
 def _turn_prediction(record: MasteringRecord, joints: np.ndarray) -> Prediction:
     probability, sigmas = predict_turns(load_model(record.model), record, joints)
-    words = f"the chance that all lost turns are found right with these poses is {probability:.6f}"
+    words = make_message(
+        "the chance that all lost turns are found right with these poses is {probability:.6f}",
+        probability=probability,
+    )
     return Prediction("turns of the least known motor", 2.0 * float(max(sigmas)), "turn", sentence=words)
 
 
@@ -301,11 +314,18 @@ def _start_joints(record: MasteringRecord, last_counts: Counts | None) -> Joints
 
 
 def _assumption_texts(knowledge: Knowledge) -> tuple[str, ...]:
-    sentence = f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"
+    sentence = make_message(
+        "a reading of the gauge takes {sample_s:g} s, an answer {answer_s:g} s",
+        sample_s=SAMPLE_S,
+        answer_s=ANSWER_S,
+    )
     if knowledge.record is None:
         return (
             sentence,
-            f"gears of {ASSUMED_RATIO:g}:1: the true ones are read from the controller",
+            make_message(
+                "gears of {assumed_ratio:g}:1: the true ones are read from the controller",
+                assumed_ratio=ASSUMED_RATIO,
+            ),
             "the robot stands with every joint at zero, or as near as its limits allow",
         )
     if knowledge.last_counts is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, RecoveryKit
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.canonical_json import sha256_of
@@ -109,7 +110,9 @@ def place_phases(own: KitSpec | None) -> tuple[Phase, ...]:
 async def _choose_kit(run: Run, offers: KitOffers, own: KitSpec | None) -> KitOffer:
     if not offers.offers:
         raise RefusalError(
-            f"this cell offers no kit of places: {'; '.join(offers.missing)}",
+            make_message(
+                "this cell offers no kit of places: {missing}", missing=join_messages("; ", offers.missing)
+            ),
             code="procedure.no_kit",
             remedy="Do one of these, then start a new run; or record with a draw-wire.",
             evidence=offers,

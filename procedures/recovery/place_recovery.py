@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
 from cellcal.calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
@@ -62,7 +63,12 @@ class _PlaceVisits:
 
     def refused_error(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
         evidence = refused_result(self.record, recovery, self.make_effort(), reason)
-        return RefusalError(f"nothing was written: {reason}", remedy=remedy, code=code, evidence=evidence)
+        return RefusalError(
+            make_message("nothing was written: {reason}", reason=reason),
+            remedy=remedy,
+            code=code,
+            evidence=evidence,
+        )
 
     def make_effort(self) -> RecoveryEffort:
         return RecoveryEffort(

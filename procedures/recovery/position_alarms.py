@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Condition, Counts, Instruction
 from cellcal.procedures.cell import Cell
@@ -96,7 +97,10 @@ async def check_no_alarm(cell: Cell) -> Condition:
     condition = await read_alarms(cell)
     if condition.alarms:
         raise StillAlarmedError(
-            f"the robot still reports {', '.join(sorted({alarm.code for alarm in condition.alarms}))}",
+            make_message(
+                "the robot still reports {alarms}",
+                alarms=", ".join(sorted({alarm.code for alarm in condition.alarms})),
+            ),
             remedy="Clear the alarm by the controller's manual, then resume.",
         )
     return condition

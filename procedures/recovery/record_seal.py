@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.canonical_json import sha256_of
@@ -30,7 +31,10 @@ def plan_instruction(plan: MotionPlan) -> Instruction:
     """Return the plan as a question for the technician."""
     fastest_rad_s = max(plan.speeds_rad_s)
     tour = PlanTour(len(plan.poses_rad), TimedMotion(plan.travel_rad, plan.moving_s, fastest_rad_s))
-    what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
+    what = make_message(
+        "the robot with the wire hooked in, to {poses_rad_count} poses; the wire keeps its range",
+        poses_rad_count=len(plan.poses_rad),
+    )
     instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     moves = PlannedMoves(
         ways_rad=plan.ways_rad or straight_ways(plan.poses_rad),

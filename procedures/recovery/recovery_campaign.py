@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
@@ -88,7 +89,12 @@ class RecoveryCampaign:
 
     def refused_error(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
         evidence = refused_result(self.record, recovery, self.make_effort(), reason)
-        return RefusalError(f"nothing was written: {reason}", remedy=remedy, code=code, evidence=evidence)
+        return RefusalError(
+            make_message("nothing was written: {reason}", reason=reason),
+            remedy=remedy,
+            code=code,
+            evidence=evidence,
+        )
 
 
 async def check_memory(campaign: RecoveryCampaign) -> TurnRecovery | None:
@@ -177,7 +183,11 @@ async def measure_until_decided(campaign: RecoveryCampaign, guess: tuple[int, ..
                 recovery, recovery.reason, FULL_CALIBRATION, "procedure.geometry_changed"
             )
         if exhausted:
-            reason = f"not decidable after {campaign.taken} captures: {recovery.reason}"
+            reason = make_message(
+                "not decidable after {taken} captures: {recovery_reason}",
+                taken=campaign.taken,
+                recovery_reason=recovery.reason,
+            )
             remedy = "Check the wire's places and the hook, then start again or master by the marks."
             raise campaign.refused_error(recovery, reason, remedy, "procedure.undecided")
         changed = recovery.mode == "geometry"

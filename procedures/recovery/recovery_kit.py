@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
 from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.drivers.interfaces import Joints
@@ -123,17 +124,27 @@ def refuse_weak(model_name: str, found: KitProspect) -> None:
     if kit_outlook is None or kit_outlook.success_probability < GOOD_PROBABILITY:
         weakest = names[int(np.argmax(found.sigma_turns))]
         raise RefusalError(
-            f"these places would leave the motor of {weakest} open to {max(found.sigma_turns):.1f} turns",
+            make_message(
+                "these places would leave the motor of {weakest} open to {sigma_turns:.1f} turns",
+                weakest=weakest,
+                sigma_turns=max(found.sigma_turns),
+            ),
             code="procedure.weak_kit",
             remedy="Choose places farther apart, with the tip farther from the last axis and the wrist bent by "
             "more than 40 degrees, then start a new run.",
         )
     if not is_strong(kit_outlook):
         raise RefusalError(
-            f"{kit_outlook.fitted} places to fit and {kit_outlook.checked} for checking are too "
-            f"little: a wrong turn would show at "
-            f"{kit_outlook.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; "
-            f"{max(kit_outlook.spare, 0)} figures to spare",
+            make_message(
+                "{fitted} places to fit and {checked} for checking are too little: a wrong turn would "
+                "show at {check_sigmas:.1f} deviations, {good_sigmas:g} are needed; {spare} figures to "
+                "spare",
+                fitted=kit_outlook.fitted,
+                checked=kit_outlook.checked,
+                check_sigmas=kit_outlook.check_sigmas,
+                good_sigmas=GOOD_SIGMAS,
+                spare=max(kit_outlook.spare, 0),
+            ),
             code="procedure.weak_kit",
             remedy="Record more places, with the tip farther from the last axis, then start a new run.",
         )

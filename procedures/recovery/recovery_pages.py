@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.drivers.interfaces import Instruction
@@ -44,7 +45,7 @@ def correction_page(
     ]
     changes: list[dict[str, Any]] = [
         {
-            "name": f"{axis['name']}: counts at zero",
+            "name": make_message("{name}: counts at zero", name=axis["name"]),
             "before": axis["before"],
             "after": axis["after"],
             "unit": "count",

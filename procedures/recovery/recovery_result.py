@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.flank_check import FlankCheck, compare_flanks
@@ -148,9 +149,13 @@ def confirm_memory(
     problem = LossProblem(load_model(record.model), record, checks)
     power, found = motor_estimates(problem, np.zeros(len(recovery.turns)))
     weakest, farthest = float(power.min()), float(np.abs(found * power).max())
-    words = f"the check poses see a whole turn of any motor at {weakest:.0f} deviations or more"
+    words = make_message(
+        "the check poses see a whole turn of any motor at {weakest:.0f} deviations or more", weakest=weakest
+    )
     sharp = GateCheck(SHARP_CHECK, weakest >= MEMORY_POWER, weakest, MEMORY_POWER, words)
-    message = f"no motor alone explains the lengths better by more than {farthest:.1f} deviations"
+    message = make_message(
+        "no motor alone explains the lengths better by more than {farthest:.1f} deviations", farthest=farthest
+    )
     alone = GateCheck(ALONE_CHECK, farthest <= ALONE_SIGMAS, farthest, ALONE_SIGMAS, message)
     blind = tuple(float(HIDDEN_SIGMAS / max(p, 1e-9)) for p in power)
     accepted = verified.accepted and sharp.passed and alone.passed
@@ -265,8 +270,12 @@ def correction_instruction(recovery: TurnRecovery, record: MasteringRecord | Non
     """
     instruction = Instruction(
         "accept_mastering",
-        f"{recovery.reason}. The check poses confirm it. {_proviso_text(recovery)}"
-        "Write the mastering data to the controller?",
+        make_message(
+            "{entry_text}. The check poses confirm it. {proviso_text}Write the mastering data to the "
+            "controller?",
+            entry_text=recovery.reason,
+            proviso_text=_proviso_text(recovery),
+        ),
     )
     return instruction if record is None else correction_page(instruction, record, recovery)
 

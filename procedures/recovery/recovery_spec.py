@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.accuracy_limits import AccuracyClass, MasteringLimits
@@ -56,6 +57,9 @@ def refuse_unknown_axes(spec: MasteringRecoverySpec, axes: int) -> None:
     """Refuse axes that the robot does not have."""
     if not all(1 <= axis <= axes for axis in spec.exchanged_axes):
         raise RefusalError(
-            f"exchanged_axes names an axis that is not there: {spec.exchanged_axes}",
-            remedy=f"Axes count from 1 to {axes}.",
+            make_message(
+                "exchanged_axes names an axis that is not there: {exchanged_axes}",
+                exchanged_axes=spec.exchanged_axes,
+            ),
+            remedy=make_message("Axes count from 1 to {axes}.", axes=axes),
         )

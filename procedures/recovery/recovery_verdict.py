@@ -1,5 +1,6 @@
 """What a mastering recovery may claim, joint by joint, and what it leaves to people."""
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.flank_check import FlankCheck
 from cellcal.procedures.accuracy_limits import (
     MASTERING,
@@ -38,7 +39,13 @@ def verdict_on_recovery(
     limits = limits_in_force(MASTERING, accuracy_class, own)
     joints = [_joint_figure(joint, limits.axis_rad) for joint in result.joints]
     checks = [
-        state_fact(f"gate: {check.name}", check.passed, check.sentence, found=check.found, limit=check.limit)
+        state_fact(
+            make_message("gate: {check_name}", check_name=check.name),
+            check.passed,
+            check.sentence,
+            found=check.found,
+            limit=check.limit,
+        )
         for check in result.gate
     ]
     moved = ", ".join(
@@ -47,7 +54,7 @@ def verdict_on_recovery(
         if joint.exact and joint.turns_restored
     )
     real = ", ".join(joint.name for joint in result.joints if not joint.exact)
-    remarks = [f"Turn counters corrected: {moved or 'none'}."]
+    remarks = [make_message("Turn counters corrected: {moved}.", moved=moved or "none")]
     remarks.append(f"New zero of {real}." if real else "Zero offsets unchanged; this is no calibration.")
     return ProcedureVerdict(
         (*joints, *checks, *_flank_figures(result.flanks)),
@@ -75,17 +82,35 @@ def saving_texts(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[s
     took = drawn.travel_rad / result.jog_speed_rad_s / 60.0
     if drawn.drawn_captures is None:
         return (
-            f"{taken} captures and {checked} checks; evenly drawn poses do not tell the motors as surely at all",
+            make_message(
+                "{taken} captures and {checked} checks; evenly drawn poses do not tell the motors as "
+                "surely at all",
+                taken=taken,
+                checked=checked,
+            ),
         )
     needs, longer = drawn.drawn_captures, drawn.drawn_travel_rad / result.jog_speed_rad_s / 60.0
     if longer <= took:
         return (
-            f"no saving: evenly drawn poses need {needs} captures and {longer:.1f} minutes of moving for as much",
+            make_message(
+                "no saving: evenly drawn poses need {needs} captures and {longer:.1f} minutes of moving "
+                "for as much",
+                needs=needs,
+                longer=longer,
+            ),
         )
     return (
-        f"{taken} captures, {took:.1f} minutes of moving, and {checked} checks; a fixed plan of evenly drawn poses "
-        f"needs {needs} captures and {longer:.1f} minutes of moving to be as sure: "
-        f"{(1.0 - took / longer) * 100:.0f} % of the moving saved",
+        make_message(
+            "{taken} captures, {took:.1f} minutes of moving, and {checked} checks; a fixed plan of "
+            "evenly drawn poses needs {needs} captures and {longer:.1f} minutes of moving to be as "
+            "sure: {took_percent:.0f} % of the moving saved",
+            taken=taken,
+            took=took,
+            checked=checked,
+            needs=needs,
+            longer=longer,
+            took_percent=(1.0 - took / longer) * 100,
+        ),
     )
 
 
@@ -93,9 +118,18 @@ def _joint_figure(joint: JointRecovery, limit_rad: float) -> Characteristic:
     if joint.exact:
         rule = "exact or refused: the gate below decides"
         return state_fact(
-            f"{joint.name}: turns restored", True, rule, found=float(joint.turns_restored), unit="turn"
+            make_message("{joint_name}: turns restored", joint_name=joint.name),
+            True,
+            rule,
+            found=float(joint.turns_restored),
+            unit="turn",
         )
-    return known_within(f"{joint.name}: new zero", "rad", u=joint.offset_u_rad / 2.0, limit=limit_rad)
+    return known_within(
+        make_message("{joint_name}: new zero", joint_name=joint.name),
+        "rad",
+        u=joint.offset_u_rad / 2.0,
+        limit=limit_rad,
+    )
 
 
 def _flank_figures(found: FlankCheck | None) -> tuple[Characteristic, ...]:
@@ -120,7 +154,7 @@ def _flank_figures(found: FlankCheck | None) -> tuple[Characteristic, ...]:
             )
         )  # fmt: skip
     if found.backlash_rad is not None:
-        name = f"play of {', '.join(found.joints)}, taken as alike"
+        name = make_message("play of {joints}, taken as alike", joints=", ".join(found.joints))
         rule = "no more than what this wire sees of them together"
         figures.append(state_figure(name, found.backlash_rad, "rad", u=found.backlash_u_rad / 2.0, rule=rule))
     return tuple(figures)
@@ -130,12 +164,15 @@ def _joint_changes(result: RecoveryResult) -> tuple[ValueChange, ...]:
     zeros = zip(result.joints, result.counts_at_zero_before, result.counts_at_zero, strict=True)
     offsets = [
         ValueChange(
-            f"{joint.name}: error of its zero", joint.offset_rad, None if joint.offset_u_rad else 0.0, "rad"
+            make_message("{joint_name}: error of its zero", joint_name=joint.name),
+            joint.offset_rad,
+            None if joint.offset_u_rad else 0.0,
+            "rad",
         )
         for joint in result.joints
     ]
     counts = [
-        ValueChange(f"{joint.name}: counts at zero", float(old), float(new), "count")
+        ValueChange(make_message("{name}: counts at zero", name=joint.name), float(old), float(new), "count")
         for joint, old, new in zeros
     ]
     return (*offsets, *counts)

@@ -4,6 +4,7 @@ Older counts lead to a zero that was right once. The measurements find most of t
 newer record or backup knows it now.
 """
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Counts, Instruction
@@ -20,9 +21,14 @@ NEWEST = (
 
 def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> PagedInstruction:
     """Return the question with the saved counts, and what a tenth of a degree of each axis displaces the hook."""
-    sentences = [NEWEST, f"Counts at zero: {_counts_text(record.counts_at_zero)}."]
+    sentences = [
+        NEWEST,
+        make_message("Counts at zero: {counts_text}.", counts_text=_counts_text(record.counts_at_zero)),
+    ]
     if last_counts is not None:
-        sentences.append(f"Last healthy counts: {_counts_text(last_counts)}.")
+        sentences.append(
+            make_message("Last healthy counts: {counts_text}.", counts_text=_counts_text(last_counts))
+        )
     return levers_page(Instruction("saved_counts", " ".join(sentences)), record)
 
 

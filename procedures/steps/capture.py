@@ -5,6 +5,7 @@ import math
 import statistics
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import WireCapture
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.cell import Cell
@@ -45,8 +46,13 @@ async def capture_still(
             await check_same_frames(cell)
             return found
     raise NotAtRestError(
-        f"{label}: counts went from {found.wire.counts} to {found.counts_after}, lengths spread by "
-        f"{(max(found.readings_m) - min(found.readings_m)) * 1e3:.2f} mm",
+        make_message(
+            "{label}: counts went from {counts} to {counts_after}, lengths spread by {readings_mm:.2f} mm",
+            label=label,
+            counts=found.wire.counts,
+            counts_after=found.counts_after,
+            readings_mm=(max(found.readings_m) - min(found.readings_m)) * 1000.0,
+        ),
         remedy="Let the arm come to rest, see that the wire hangs free, then resume.",
     )
 

@@ -1,5 +1,6 @@
 """Points of the end-effector: how hook or target gets to them, and what shape they must have."""
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.run import RefusalError
@@ -24,13 +25,25 @@ def point_instruction(method: str, number: int, point_m: Triple) -> Instruction:
     if method == "tracker":
         return Instruction(
             f"target_to_point_{number}",
-            f"Put the tracker's target into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm "
-            "from the tip). The tracker must see it; the robot moves next.",
+            make_message(
+                "Put the tracker's target into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, "
+                "z {z:.1f} mm from the tip). The tracker must see it; the robot moves next.",
+                number=number,
+                x=x,
+                y=y,
+                z=z,
+            ),
         )
     return Instruction(
         f"hook_wire_{number}",
-        f"Hang the wire's hook into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the "
-        "tip). Nothing may touch the wire; the robot moves next.",
+        make_message(
+            "Hang the wire's hook into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z "
+            "{z:.1f} mm from the tip). Nothing may touch the wire; the robot moves next.",
+            number=number,
+            x=x,
+            y=y,
+            z=z,
+        ),
     )
 
 
@@ -40,9 +53,15 @@ def bad_shape_error(placed: PlacedPoints | None, evidence: object) -> RefusalErr
         return None
     i, j = placed.worst_pair
     return RefusalError(
-        f"points {i + 1} and {j + 1} of the end-effector were found {abs(placed.worst_gap_m) * 1e3:.2f} mm "
-        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than on the drawing "
-        f"({placed.worst_deviation:.1f} deviations)",
+        make_message(
+            "points {i} and {j} of the end-effector were found {worst_gap_mm:.2f} mm {detail} each "
+            "other than on the drawing ({worst_deviation:.1f} deviations)",
+            i=i + 1,
+            j=j + 1,
+            worst_gap_mm=abs(placed.worst_gap_m) * 1000.0,
+            detail="further from" if placed.worst_gap_m > 0 else "nearer to",
+            worst_deviation=placed.worst_deviation,
+        ),
         code="procedure.wrong_shape",
         remedy="See that the points were measured in the order of the drawing, and that nothing is bent.",
         evidence=evidence,

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Question
 from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.instruments import Instruments, instruments_of
@@ -65,8 +66,17 @@ async def choose_kit(cell: Cell, text: str, names: tuple[str, ...]) -> KitChoice
             kit_name = names[0]
         if kit_name in names:
             return KitChoice(kit_name, answer.who)
-        question = f"There is no kit {answer.value!r}; there are {', '.join(names)}.\n{text}"
+        question = make_message(
+            "There is no kit {answer_value!r}; there are {names}.\n{text}",
+            answer_value=answer.value,
+            names=", ".join(names),
+            text=text,
+        )
     raise NoSuchKitError(
-        f"no kit was chosen: {answer.value!r} is none of {', '.join(names)}",
+        make_message(
+            "no kit was chosen: {answer_value!r} is none of {names}",
+            answer_value=answer.value,
+            names=", ".join(names),
+        ),
         remedy="Resume the run and type one of the names.",
     )

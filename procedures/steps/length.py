@@ -5,6 +5,7 @@ import math
 import statistics
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames
@@ -45,6 +46,10 @@ async def capture_length(cell: Cell, label: str, samples: int) -> LengthCapture:
             raw = tuple(reading.raw for reading in readings)
             return LengthCapture(label, after.joints_rad, statistics.fmean(values), sigma, values, raw)
     raise NotAtRestError(
-        f"{label}: the arm moves, or the lengths spread by {spread * 1e3:.2f} mm",
+        make_message(
+            "{label}: the arm moves, or the lengths spread by {spread:.2f} mm",
+            label=label,
+            spread=spread * 1000.0,
+        ),
         remedy="Let the arm come to rest, see that the wire hangs free, then resume.",
     )

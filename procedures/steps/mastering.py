@@ -5,6 +5,7 @@ import asyncio
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.errors import UnreachableError
@@ -73,7 +74,11 @@ def _refuse_other_model(model: RobotModel, joints_rad: Joints, base_flange: Pose
     error_m = model_error_m(model, joints_rad, base_flange)
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(
-            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            make_message(
+                "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
+                error_mm=error_m * 1000.0,
+                model_name=model.name,
+            ),
             code="procedure.wrong_model",
             remedy="Correct the robot's model in the cell file, then start a new run.",
         )
@@ -97,7 +102,11 @@ async def stored_record(cell: Cell) -> MasteringRecord:
         )
     if record.robot_serial != identity.serial:
         raise RefusalError(
-            f"the record is of robot {record.robot_serial}, this is {identity.serial}",
+            make_message(
+                "the record is of robot {robot_serial}, this is {serial}",
+                robot_serial=record.robot_serial,
+                serial=identity.serial,
+            ),
             code="procedure.wrong_record",
             remedy="Import the record of this robot.",
         )
@@ -141,7 +150,11 @@ async def check_same_epoch(cell: Cell, epoch: int) -> int:
     found = await motor_store(cell).encoder_epoch()
     if found != epoch:
         raise PositionLostAgainError(
-            f"the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+            make_message(
+                "the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+                epoch=epoch,
+                found=found,
+            ),
             remedy="Start the recovery anew; the points measured before cannot be combined with later ones.",
         )
     return found

@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.drivers.interfaces import (
     Air,
@@ -72,7 +73,9 @@ def tracker_of(cell: Cell) -> Tracker:
     if cell.tracker is None:
         lacks = NEEDS["tracker"][0]
         raise NeedsUnmetError(
-            f"this step needs {lacks}", missing=(lacks,), remedy="Add a [[tracker]] to cell.toml."
+            make_message("this step needs {lacks}", lacks=lacks),
+            missing=(lacks,),
+            remedy="Add a [[tracker]] to cell.toml.",
         )
     return cell.tracker
 
@@ -115,7 +118,11 @@ async def measure_pose(cell: Cell, label: str, *, station: int | None = None) ->
     device = cast(MeasuresPoses, tracker_of(cell))
     if not tracker_of(cell).capabilities.measures_poses:
         lacks = NEEDS["measures_poses"][0]
-        raise NeedsUnmetError(f"this step needs {lacks}", missing=(lacks,), remedy="Measure points instead.")
+        raise NeedsUnmetError(
+            make_message("this step needs {lacks}", lacks=lacks),
+            missing=(lacks,),
+            remedy="Measure points instead.",
+        )
     for _ in range(TRIES):
         await asyncio.sleep(cell.limits.settle_s)
         before = await cell.robot.read_joints()
@@ -141,7 +148,10 @@ def check_one_station(stations: Iterable[int], expected: int | None = None) -> N
     found = sorted(set(stations) | ({expected} if expected is not None else set()))
     if len(found) > 1:
         raise StationMovedError(
-            f"readings of the stations {', '.join(map(str, found))} are of different frames and cannot be mixed",
+            make_message(
+                "readings of the stations {map} are of different frames and cannot be mixed",
+                map=", ".join(map(str, found)),
+            ),
             remedy="Measure all poses of one fit from one station, or give each station a frame of its own.",
         )
 
@@ -167,7 +177,12 @@ def check_station(first: PointCapture, again: PointCapture, arm_sigma_m: float) 
     distance = float(np.linalg.norm(way))
     if float(way @ np.linalg.solve(covariance, way)) > SAME_SIGMAS**2:
         raise StationMovedError(
-            f"{again.label}: the target is {distance * 1e3:.3f} mm from where it was in {first.label}",
+            make_message(
+                "{again_label}: the target is {distance:.3f} mm from where it was in {first_label}",
+                again_label=again.label,
+                distance=distance * 1000.0,
+                first_label=first.label,
+            ),
             remedy="Tripod, target or robot base has moved, or the hall's temperature. Begin the series anew.",
         )
     return distance
@@ -211,6 +226,10 @@ def _readings_agree(readings: tuple[PointReading, ...]) -> bool:
 
 def _not_at_rest_error(label: str) -> NotAtRestError:
     return NotAtRestError(
-        f"{label}: the arm or its target moved while it was measured, {TRIES} times",
+        make_message(
+            "{label}: the arm or its target moved while it was measured, {tries} times",
+            label=label,
+            tries=TRIES,
+        ),
         remedy="Let the arm come to rest, see that the target sits firmly, then resume.",
     )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, frame_from_more_points, frame_from_three_points
@@ -95,7 +96,7 @@ def _read_tip(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     key = "tcp.one_axis" if alike.like is None else "tcp.spread_low"
     if len(touches) > 3:  # the step says itself which turn tells most
         return MeterReading(key, figures=tuple(figures))
-    words = f"Turn the tool {alike.turn.describe_turn()} of the flange, or further."
+    words = make_message("Turn the tool {turn} of the flange, or further.", turn=alike.turn.describe_turn())
     return MeterReading(key, words, figures=tuple(figures))
 
 
@@ -113,13 +114,16 @@ def _read_move(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     turned = _angle_between(start.rotation_matrix(), base_flange.rotation_matrix())
     figures = (MeterFigure("moved", moved, "m", least=least), MeterFigure("turned", turned, "rad", most=most))
     if turned > most:
-        words = (
-            f"The tool has turned by {math.degrees(turned):.2f} degrees: bring it back to how it was held."
+        words = make_message(
+            "The tool has turned by {turned:.2f} degrees: bring it back to how it was held.",
+            turned=math.degrees(turned),
         )
         return MeterReading("tool.turned", words, figures=figures)
     if moved < least:
         return MeterReading(
-            "tool.move_short", f"Move on by {(least - moved) * 1e3:.0f} mm or more.", figures=figures
+            "tool.move_short",
+            make_message("Move on by {least:.0f} mm or more.", least=(least - moved) * 1000.0),
+            figures=figures,
         )
     return MeterReading(figures=figures)
 

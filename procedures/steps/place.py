@@ -3,6 +3,7 @@
 import math
 from typing import Literal
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import PlaceCapture
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell
@@ -42,7 +43,11 @@ async def visit_place(
     that knows its position: anything that keeps the tool will do there. Nothing is commanded to move.
     """
     kind, number, label = what
-    words = f"{_WORDS[kind].format(number=number + 1)}{_near_text(kind, near_rad)} Let go, then say yes."
+    words = make_message(
+        "{format}{near_text} Let go, then say yes.",
+        format=_WORDS[kind].format(number=number + 1),
+        near_text=_near_text(kind, near_rad),
+    )
     await ask_confirmation(cell, Instruction(f"visit_{kind}_{number + 1}", words))
     store = motor_store(cell)
     before = await store.encoder_counts()
@@ -76,7 +81,7 @@ async def _refuse_open(cell: Cell, kind: PlaceKind, label: str) -> None:
     """Where a probe is there, its contact must confirm the touch."""
     if kind == "point" and cell.probe is not None and not (await cell.probe.read_contact()).closed:
         raise NoContactHereError(
-            f"{label}: the probe's contact is open",
+            make_message("{label}: the probe's contact is open", label=label),
             remedy="Creep on until the probe signals, then confirm again.",
         )
 
@@ -86,6 +91,8 @@ def _refuse_moving(
 ) -> None:
     if max(abs(a - b) for a, b in zip(before, after, strict=True)) > tolerance_counts:
         raise NotAtRestError(
-            f"{label}: counts went from {before} to {after}",
+            make_message(
+                "{label}: counts went from {before} to {after}", label=label, before=before, after=after
+            ),
             remedy="Let the arm come to rest, then resume.",
         )

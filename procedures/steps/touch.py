@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import ContactEdge, Joints, TouchProbe
 from cellcal.procedures.cell import Cell, ProbeSetup
 from cellcal.procedures.motion import motion_gate
@@ -145,7 +146,7 @@ async def leave_face(cell: Cell, label: str, approach: ProbeApproach) -> None:
         return
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [approach.start_rad], speed, care=MotionCare.TOUCHING)
-    trouble = f"{label}: the contact stays closed at the start of its approach"
+    trouble = make_message("{label}: the contact stays closed at the start of its approach", label=label)
     await _check_open(probe, trouble)
 
 
@@ -154,7 +155,9 @@ def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
     if cell.probe is None or cell.probe_setup is None:
         what = NEEDS["probe"][0]
         raise NeedsUnmetError(
-            f"this cell has no {what}", missing=(what,), remedy="Add a [[probe]] to cell.toml."
+            make_message("this cell has no {what}", what=what),
+            missing=(what,),
+            remedy="Add a [[probe]] to cell.toml.",
         )
     return cell.probe, cell.probe_setup
 
@@ -162,7 +165,11 @@ def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
 def _probe_line_of(cell: Cell, setup: ProbeSetup, approach: ProbeApproach) -> ProbeLine:
     if cell.model is None:
         what = NEEDS["model"][0]
-        raise NeedsUnmetError(f"this cell has no {what}", missing=(what,), remedy="Name it in cell.toml.")
+        raise NeedsUnmetError(
+            make_message("this cell has no {what}", what=what),
+            missing=(what,),
+            remedy="Name it in cell.toml.",
+        )
     return probe_line(cell.model, setup.tip_in_flange_m, approach.start_rad, approach.end_rad)
 
 
@@ -171,22 +178,39 @@ def _refuse_unsafe(label: str, line: ProbeLine, approach: ProbeApproach, probe: 
     speeds = (approach.search_m_s, approach.measure_m_s)
     if not all(0 < speed <= PROBING_CAP_M_S for speed in speeds) or not approach.travel_rad_s > 0:
         raise ContactError(
-            f"{label}: probing speeds must be above 0 and at most {PROBING_CAP_M_S * 1e3:g} mm/s",
+            make_message(
+                "{label}: probing speeds must be above 0 and at most {probing_cap_m_s:g} mm/s",
+                label=label,
+                probing_cap_m_s=PROBING_CAP_M_S * 1000.0,
+            ),
             remedy="Nothing has moved. Correct the speeds of the approach.",
         )
     ways_fit = 0 < approach.retreat_m < line.length_m and approach.segment_m > 0
     if not ways_fit or not math.isfinite(approach.segment_m) or approach.repeats < 1:
         raise ContactError(
-            f"{label}: retreat, segment and repeats do not fit an approach of {line.length_m * 1e3:.2f} mm",
+            make_message(
+                "{label}: retreat, segment and repeats do not fit an approach of {length_mm:.2f} mm",
+                label=label,
+                length_mm=line.length_m * 1000.0,
+            ),
             remedy="Nothing has moved. Correct the approach.",
         )
     can = probe.capabilities
     push_m = max(speeds) * (can.reaction_s + STOP_S)
     if push_m > can.overtravel_m:
         raise OvertravelError(
-            f"{label}: at {max(speeds) * 1e3:.2f} mm/s the tip may be pushed in by {push_m * 1e3:.2f} mm, "
-            f"the probe allows {can.overtravel_m * 1e3:.2f} mm",
-            remedy=f"Probe at {can.overtravel_m / (can.reaction_s + STOP_S) * 1e3:.2f} mm/s or slower.",
+            make_message(
+                "{label}: at {speeds:.2f} mm/s the tip may be pushed in by {push_mm:.2f} mm, the probe "
+                "allows {overtravel_mm:.2f} mm",
+                label=label,
+                speeds=max(speeds) * 1000.0,
+                push_mm=push_m * 1000.0,
+                overtravel_mm=can.overtravel_m * 1000.0,
+            ),
+            remedy=make_message(
+                "Probe at {overtravel_mm:.2f} mm/s or slower.",
+                overtravel_mm=can.overtravel_m / (can.reaction_s + STOP_S) * 1000.0,
+            ),
         )
 
 
@@ -194,7 +218,7 @@ async def refuse_contact(label: str, probe: TouchProbe) -> None:
     """Refuse to begin with a contact that is closed."""
     if (await probe.read_contact()).closed:
         raise AlreadyInContactError(
-            f"{label}: the probe's contact is closed before the approach begins",
+            make_message("{label}: the probe's contact is closed before the approach begins", label=label),
             remedy="Move the tip clear by hand; if it stays closed, check probe and cable. Then resume.",
         )
 
@@ -221,8 +245,13 @@ async def _feel_contact(
     found = _make_touch(line, at, standing, edge, probe)
     if found.overtravel_m > probe.capabilities.overtravel_m:
         raise OvertravelError(
-            f"{label}: the arm pushed the tip in by {found.overtravel_m * 1e3:.2f} mm, "
-            f"the probe allows {probe.capabilities.overtravel_m * 1e3:.2f} mm",
+            make_message(
+                "{label}: the arm pushed the tip in by {overtravel_mm:.2f} mm, the probe allows "
+                "{overtravel_mm_2:.2f} mm",
+                label=label,
+                overtravel_mm=found.overtravel_m * 1000.0,
+                overtravel_mm_2=probe.capabilities.overtravel_m * 1000.0,
+            ),
             remedy="Look whether the stylus is bent; measure its tip again before anything else.",
         )
     return found
@@ -240,7 +269,11 @@ async def _travel_to_contact(
     )
     if travel.edge is None:
         raise NoContactError(
-            f"{label}: no contact within {(line.length_m - here_m) * 1e3:.1f} mm",
+            make_message(
+                "{label}: no contact within {length_mm:.1f} mm",
+                label=label,
+                length_mm=(line.length_m - here_m) * 1000.0,
+            ),
             remedy="See that the surface is where it is expected and the probe is plugged in and signals, "
             "then resume from a nearer start.",
         )
@@ -261,7 +294,14 @@ async def _move_back(cell: Cell, label: str, line: ProbeLine, from_m: float, by_
     target = line.joints_at(max(from_m - by_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [target], speed, care=MotionCare.TOUCHING)
-    await _check_open(probe, f"{label}: the contact stays closed {by_m * 1e3:.1f} mm away from the surface")
+    await _check_open(
+        probe,
+        make_message(
+            "{label}: the contact stays closed {by_mm:.1f} mm away from the surface",
+            label=label,
+            by_mm=by_m * 1000.0,
+        ),
+    )
 
 
 async def _check_open(probe: TouchProbe, trouble: str) -> None:
@@ -289,7 +329,9 @@ async def move_untouched(
     travel = await move_until_contact(cell, probe, stops, min(speed_rad_s, cell.limits.speed_rad_s), care)
     if travel.edge is not None:
         raise ContactError(
-            f"{label}: the probe touched something on its way to the start of the approach",
+            make_message(
+                "{label}: the probe touched something on its way to the start of the approach", label=label
+            ),
             remedy="Move the tip clear by hand, look for what is in the way, choose another start. Then resume.",
         )
 
@@ -301,7 +343,7 @@ async def _standing_joints(cell: Cell, label: str) -> Joints:
     if not is_still(before, after):
         await cell.robot.stop()
         raise ContactError(
-            f"{label}: the arm moved on after it was stopped at the contact",
+            make_message("{label}: the arm moved on after it was stopped at the contact", label=label),
             remedy="Press the emergency stop if it still moves; find out who else commands it.",
         )
     return after.joints_rad
@@ -311,12 +353,18 @@ async def _refuse_uncertain(label: str, edge: ContactEdge, probe: TouchProbe) ->
     """Refuse a contact that flickers, or that is open although the arm stands beyond it."""
     if not edge.steady:
         raise BouncingContactError(
-            f"{label}: the contact did not settle; times it opened: {edge.bounces}",
+            make_message(
+                "{label}: the contact did not settle; times it opened: {bounces}",
+                label=label,
+                bounces=edge.bounces,
+            ),
             remedy="Probe more slowly; if it stays so, clean the probe and check its cable. Then resume.",
         )
     if not await _contact_becomes(probe, closed=True):
         raise ContactLostError(
-            f"{label}: the contact closed, and is open although the arm has not moved back",
+            make_message(
+                "{label}: the contact closed, and is open although the arm has not moved back", label=label
+            ),
             remedy="Check the probe's cable and that the surface does not give way. Then resume.",
         )
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.procedures.cell import Cell
@@ -72,7 +73,11 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
         found = await store.read_mastering()
     if found != goal:
         raise ReadBackError(
-            f"mastering reads {found.counts_at_zero} after writing {goal.counts_at_zero}",
+            make_message(
+                "mastering reads {counts_at_zero} after writing {counts_at_zero_2}",
+                counts_at_zero=found.counts_at_zero,
+                counts_at_zero_2=goal.counts_at_zero,
+            ),
             remedy="Do not move the robot in AUTO. Restore the old mastering data by hand.",
         )
     return found
@@ -101,7 +106,7 @@ async def check_still_in_force(cell: Cell, written: Counts) -> MasteringData:
 def _check_read_back(what: str, found: Pose, goal: Pose) -> Pose:
     if not is_same_pose(found, goal):
         raise ReadBackError(
-            f"{what} reads {found} after writing {goal}",
+            make_message("{what} reads {found} after writing {goal}", what=what, found=found, goal=goal),
             remedy="Check that the frame is not write-protected.",
         )
     return found

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.points.fixture import MirrorPoint, mirror_gaps, mirror_image
 from cellcal.calibration.wires.design import best_order, expected_covariance, look_ahead
@@ -101,12 +102,21 @@ def fixed_plan_captures(survey: Survey, factor: float, reached: tuple[float, flo
 def saving_text(captures: int, fixed: int | None) -> str:
     """Return what choosing the poses saved against evenly drawn ones, as a sentence."""
     if fixed is None:
-        return f"{captures} captures; evenly drawn poses do not reach this U at all"
+        return make_message(
+            "{captures} captures; evenly drawn poses do not reach this U at all", captures=captures
+        )
     if fixed <= captures:
-        return f"no saving: {captures} captures; evenly drawn poses need {fixed} for the same U"
-    return (
-        f"{captures} captures; a fixed plan of evenly drawn poses needs {fixed} for the same U: "
-        f"{(1.0 - captures / fixed) * 100:.0f} % saved"
+        return make_message(
+            "no saving: {captures} captures; evenly drawn poses need {fixed} for the same U",
+            captures=captures,
+            fixed=fixed,
+        )
+    return make_message(
+        "{captures} captures; a fixed plan of evenly drawn poses needs {fixed_plan_captures} for "
+        "the same U: {share_percent:.0f} % saved",
+        captures=captures,
+        fixed_plan_captures=fixed,
+        share_percent=(1.0 - captures / fixed) * 100,
     )
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.accuracy_limits import FRAME
 from cellcal.procedures.forecast import (
     PERSON_S,
@@ -28,7 +29,11 @@ def state_before(knowledge: Knowledge) -> SurveyState:
         Something of ``wire_lacking`` is not known.
     """
     if knowledge.model is None or knowledge.gauge is None or knowledge.gauge_setup is None:
-        raise ValueError(f"not known: {', '.join(missing_wire_setup(knowledge))}")
+        raise ValueError(
+            make_message(
+                "not known: {missing_wire_setup}", missing_wire_setup=", ".join(missing_wire_setup(knowledge))
+            )
+        )
     zero = () if knowledge.record is None else knowledge.record.counts_at_zero
     return SurveyState(
         serial="" if knowledge.record is None else knowledge.record.robot_serial,
@@ -56,17 +61,22 @@ def survey_forecast(survey: Survey, what: str, knowledge: Knowledge) -> Forecast
         low, high = (low, middle) if enough else (middle + 1, high)
     origin_u_m, angle_u_rad = expected_at_least(survey, low)
     captures = low * len(plan.spots)
-    after = f"after {captures} captures"
+    after = make_message("after {captures} captures", captures=captures)
     paced, each_s = plan.total_motion(low), knowledge.limits.settle_s + rules.samples * SAMPLE_S
     predictions = [
         Prediction(
-            f"{what} origin", origin_u_m, "m", {name: limits.origin_m for name, limits in FRAME.items()},
-            f"{after}. {_goal_text(survey, low, (origin_u_m, angle_u_rad))}",
+            make_message("{what} origin", what=what), origin_u_m, "m",
+            {name: limits.origin_m for name, limits in FRAME.items()},
+            make_message(
+                "{entry_text}. {text}", entry_text=after, text=_goal_text(survey, low, (origin_u_m, angle_u_rad))
+            ),
         )
     ]  # fmt: skip
     if len(goal.points_in_inner_m) > 1:
         angles = {name: limits.angle_rad for name, limits in FRAME.items()}
-        predictions.append(Prediction(f"{what} angle", angle_u_rad, "rad", angles, after))
+        predictions.append(
+            Prediction(make_message("{what} angle", what=what), angle_u_rad, "rad", angles, after)
+        )
     poses = tuple(
         PlannedPose(f"spot {spot + 1}, pose {k + 1}", plan.pools[spot][index])
         for spot in range(len(plan.spots))

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.pose_design import candidate_joints
@@ -61,7 +62,11 @@ def draw_pool(
     pool = drawn[_collision_check(model_name, wire, room.surroundings).is_free(drawn)][:count]
     if len(pool) < FEWEST_POSES:
         raise DegenerateDataError(
-            f"only {len(pool)} of the postures tried keep joint limits, box, wire and arm clear of each other",
+            make_message(
+                "only {pool_count} of the postures tried keep joint limits, box, wire and arm clear of "
+                "each other",
+                pool_count=len(pool),
+            ),
             remedy="Widen the workspace box, or put the fixture or the wire where the robot reaches all round it.",
         )
     return tuple(tuple(float(q) for q in pose) for pose in pool)
@@ -129,7 +134,7 @@ def way_to_rest(
     degrees = ", ".join(f"{math.degrees(q):.0f}" for q in rests[0])
     raise DegenerateDataError(
         "no way is free from where the robot stands to where the wire can be moved.",
-        remedy=f"Jog the robot to about {degrees} deg, then start a new run.",
+        remedy=make_message("Jog the robot to about {degrees} deg, then start a new run.", degrees=degrees),
     )
 
 

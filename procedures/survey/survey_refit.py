@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.wires.network_fit import WireNetwork, length_misses
 from cellcal.procedures.refit import (
     LEFT_OUT,
@@ -94,8 +95,14 @@ def refit_lengths(
         for number, spot in enumerate(captures, 1):
             if len(spot) < LEAST_AT_A_SPOT:
                 raise RefitError(
-                    f"{len(spot)} lengths at spot {number} are too few to place it.",
-                    remedy=f"Keep {LEAST_AT_A_SPOT} or more at each spot.",
+                    make_message(
+                        "{spot_count} lengths at spot {number} are too few to place it.",
+                        spot_count=len(spot),
+                        number=number,
+                    ),
+                    remedy=make_message(
+                        "Keep {least_at_a_spot} or more at each spot.", least_at_a_spot=LEAST_AT_A_SPOT
+                    ),
                     code="review.too_few",
                 )
         found, network = solve(captures)

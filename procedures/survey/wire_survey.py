@@ -6,6 +6,7 @@ capture the survey knows how well the frame sought would be known; it goes on wh
 
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.procedures.cell import Cell
@@ -40,7 +41,10 @@ async def read_survey_state(cell: Cell) -> SurveyState:
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
         raise RefusalError(
-            f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
+            make_message(
+                "the robot is not ready or not mastered: {condition_message}",
+                condition_message=condition.message or "mastering data invalid",
+            ),
             code="procedure.not_healthy",
             remedy="Clear what is wrong, then start a new run.",
         )
@@ -48,7 +52,11 @@ async def read_survey_state(cell: Cell) -> SurveyState:
     error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(
-            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            make_message(
+                "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
+                error_mm=error_m * 1000.0,
+                model_name=model.name,
+            ),
             code="procedure.wrong_model",
             remedy="Correct the robot's model in the cell file, then start a new run.",
         )
@@ -206,7 +214,9 @@ def _no_pose_error(spot: int, choice: SpotChoice) -> RefusalError:
             evidence=choice,
         )
     return RefusalError(
-        f"no further pose at spot {spot + 1} can be reached with the wire clear of the arm",
+        make_message(
+            "no further pose at spot {spot} can be reached with the wire clear of the arm", spot=spot + 1
+        ),
         code="procedure.unreachable",
         remedy="Widen the workspace box, allow more candidates, or move fixture or wire; then start a new run.",
         evidence=choice,
@@ -223,10 +233,18 @@ def _contradiction_error(plan: SurveyPlan, network: WireNetwork, spot: int, take
         )
     label = taken[spot][network.worst_capture].label
     return RefusalError(
-        f"the lengths contradict each other: {label} stands out by {network.worst_deviation:.1f} deviations, "
-        f"residual {network.residual_rms_m * 1e3:.2f} mm RMS",
+        make_message(
+            "the lengths contradict each other: {label} stands out by {worst_deviation:.1f} "
+            "deviations, residual {residual_rms_mm:.2f} mm RMS",
+            label=label,
+            worst_deviation=network.worst_deviation,
+            residual_rms_mm=network.residual_rms_m * 1000.0,
+        ),
         code="procedure.lengths_inconsistent",
-        remedy=f"See that the wire is where '{plan.spots[spot].instruction.text}' says, hangs free and is not "
-        "touched; then start a new run.",
+        remedy=make_message(
+            "See that the wire is where '{instruction_text}' says, hangs free and is not touched; "
+            "then start a new run.",
+            instruction_text=plan.spots[spot].instruction.text,
+        ),
         evidence=network,
     )

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
@@ -297,7 +298,13 @@ def _joints_for(bench: ProbeBench, tip_m: Array) -> Joints:
     except DegenerateDataError as error:
         x, y, z = tip_m * 1e3
         raise DegenerateDataError(
-            f"the tip cannot be brought to x {x:.0f}, y {y:.0f}, z {z:.0f} mm with the attitude in which it stands.",
+            make_message(
+                "the tip cannot be brought to x {x:.0f}, y {y:.0f}, z {z:.0f} mm with the attitude in "
+                "which it stands.",
+                x=x,
+                y=y,
+                z=z,
+            ),
             remedy="Give the frame as it is drawn (nominal), or turn the probe so that the whole corner is in reach.",
         ) from error
     return as_joints(np.array(found))
@@ -308,15 +315,21 @@ def _refuse_unfit(bench: ProbeBench, rules: CornerRules, nominal: Pose) -> None:
     least = bench.radius_m + rules.search_way_m
     if min(rules.inset_m, rules.depth_m) <= least:
         raise DegenerateDataError(
-            f"inset_m and depth_m must be more than {least * 1e3:.1f} mm, the ball's radius and search_way_m: the "
-            "ball would meet an edge or the next face.",
+            make_message(
+                "inset_m and depth_m must be more than {least:.1f} mm, the ball's radius and "
+                "search_way_m: the ball would meet an edge or the next face.",
+                least=least * 1000.0,
+            ),
             remedy="Feel farther from the edges, or search less far.",
         )
     axis = load_model(bench.model).base_flange(np.array([bench.joints_rad]))[0, :3, :3] @ bench.axis_in_flange
     lean = math.acos(float(np.clip(-axis @ nominal.rotation_matrix()[:, 2], -1.0, 1.0)))
     if lean > STEEPEST_RAD:
         raise DegenerateDataError(
-            f"the stylus stands {math.degrees(lean):.0f} deg from the first face's normal: its shank may touch.",
+            make_message(
+                "the stylus stands {lean:.0f} deg from the first face's normal: its shank may touch.",
+                lean=math.degrees(lean),
+            ),
             remedy="Turn the probe so that it looks straight at the first face, its z towards you; then start a new "
             "run.",
         )
@@ -340,7 +353,11 @@ def _refuse_crossing(
     least = bench.radius_m + rules.search_way_m
     if nearest.min() < least:
         raise DegenerateDataError(
-            f"the tip would pass the faces at {nearest.min() * 1e3:.1f} mm, {least * 1e3:.1f} mm are kept.",
+            make_message(
+                "the tip would pass the faces at {nearest:.1f} mm, {least:.1f} mm are kept.",
+                nearest=nearest.min() * 1000.0,
+                least=least * 1000.0,
+            ),
             remedy="Bring the tip over the first face, well clear of it, then start a new run.",
         )
 

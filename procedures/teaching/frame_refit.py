@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.frame_design import FIRST_FIXED
 from cellcal.calibration.points.frames import TaughtFrame
@@ -78,7 +79,7 @@ def _solve_frame(
     for step, role in ((ORIGIN_STEP, "origin"), (Y_SIDE_STEP, "in_plane")):
         if not any(one.role == role for one in used):
             raise RefitError(
-                f"the frame cannot do without {step!r}.",
+                make_message("the frame cannot do without {step!r}.", step=step),
                 remedy="Leave another point out, or touch this one anew in a new run.",
             )
     if not any(one.role == "on_x" for one in used):

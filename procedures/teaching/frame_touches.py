@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.frame_design import (
@@ -106,16 +107,24 @@ class FrameEffort:
     def saving_text(self) -> str:
         """Return what was saved, or why nothing more was asked for, as a sentence."""
         if not self.reached:
-            return (
-                f"{self.touches} touches; further ones were not asked for: {self.most} would leave the origin within "
-                f"{self.best_origin_u_m * 1e3:.2f} mm and the axes within {self.best_angle_u_rad * 1e3:.2f} mm per "
-                "metre (k=2)"
+            return make_message(
+                "{touches} touches; further ones were not asked for: {most} would leave the origin "
+                "within {origin_u_mm:.2f} mm and the axes within {angle_u_rad:.2f} mm per metre (k=2)",
+                touches=self.touches,
+                most=self.most,
+                origin_u_mm=self.best_origin_u_m * 1000.0,
+                angle_u_rad=self.best_angle_u_rad * 1000.0,
             )
         if self.touches >= self.in_turn:
-            return f"no saving: {self.touches} touches, as many as the three points in turn would take"
-        return (
-            f"{self.touches} touches, each where it tells most; the three points touched in turn would take "
-            f"{self.in_turn} for the U of the limits"
+            return make_message(
+                "no saving: {touches} touches, as many as the three points in turn would take",
+                touches=self.touches,
+            )
+        return make_message(
+            "{touches} touches, each where it tells most; the three points touched in turn would "
+            "take {in_turn} for the U of the limits",
+            touches=self.touches,
+            in_turn=self.in_turn,
         )
 
 
@@ -217,7 +226,9 @@ class _TouchSeries:
         why = self._contradiction_text()
         if why:
             self.aside.append(SetAside(self.points.pop().step, MEASURED_AGAIN))
-            again = Instruction(instruction.key, f"{why} {instruction.text}")
+            again = Instruction(
+                instruction.key, make_message("{cure} {cure_2}", cure=why, cure_2=instruction.text)
+            )
             await self._record_touch(run, f"{ANEW_STEP} {len(self.aside)}", role, again)
 
     async def touch_above(self, run: Run) -> Pose:
@@ -270,10 +281,14 @@ def _further_touch(role: FrameRole, number: int) -> tuple[str, FrameRole, Instru
 
 def _with_known_text(instruction: Instruction, taught: TaughtFrame) -> Instruction:
     origin, turn = 2e3 * max(taught.origin_sigma_m), 2e3 * max(taught.rotation_sigma_rad)
-    known_text = (
-        f"So far the origin is known within {origin:.2f} mm, the axes within {turn:.2f} mm per metre (95 %)."
+    known_text = make_message(
+        "So far the origin is known within {origin:.2f} mm, the axes within {turn:.2f} mm per metre (95 %).",
+        origin=origin,
+        turn=turn,
     )
-    return Instruction(instruction.key, f"{instruction.text} {known_text}")
+    return Instruction(
+        instruction.key, make_message("{cure} {cure_2}", cure=instruction.text, cure_2=known_text)
+    )
 
 
 def _frame_points(rules: FrameRules, points: Sequence[FrameTouch]) -> list[FramePoint]:

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
@@ -140,7 +141,10 @@ def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
     height = float((np.array(above_m) - np.array(base_frame.position_m)) @ base_frame.rotation_matrix()[:, 2])
     if not height > 0:
         raise CalibrationError(
-            f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
+            make_message(
+                "the check point lies {height:.1f} mm below the frame: z points the wrong way.",
+                height=-height * 1000.0,
+            ),
             remedy="The points were touched in another order than they are listed. Start a new run.",
         )
 
@@ -162,13 +166,21 @@ def saving_text(spec: FrameOffset, found: FoundFrameOffset) -> str:
     planned, in_turn = touch_outlook(spec, points), touches_needed_in_rounds(points, spec.offset_goal)
     if not planned.reached or in_turn is None:
         origin_mm, angle_deg = planned.origin_u_m * 1e3, math.degrees(planned.angle_u_rad)
-        return (
-            f"{touches} touches; further ones were not asked for: {spec.most_touches} would leave the origin within "
-            f"{origin_mm:.2f} mm and the angle within {angle_deg:.3f} deg (k=2)"
+        return make_message(
+            "{touches} touches; further ones were not asked for: {most_touches} would leave the "
+            "origin within {origin_mm:.2f} mm and the angle within {angle_deg:.3f} deg (k=2)",
+            touches=touches,
+            most_touches=spec.most_touches,
+            origin_mm=origin_mm,
+            angle_deg=angle_deg,
         )
     if touches >= in_turn:
-        return f"no saving: {touches} touches, as many as the points in turn would take"
-    return (
-        f"{touches} touches, each further one where it tells most; the points touched in turn would take "
-        f"{in_turn} for the U of the limits"
+        return make_message(
+            "no saving: {touches} touches, as many as the points in turn would take", touches=touches
+        )
+    return make_message(
+        "{touches} touches, each further one where it tells most; the points touched in turn "
+        "would take {in_turn} for the U of the limits",
+        touches=touches,
+        in_turn=in_turn,
     )

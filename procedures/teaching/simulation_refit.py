@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPairs
@@ -61,7 +62,10 @@ def refit_robot(pairs: TagPairs, fit: Callable[[TagPairs], tuple[SimulatedRobot,
 
 
 def _tag_points(pairs: TagPairs) -> tuple[FitPoint, ...]:
-    return tuple(FitPoint(f"tag {pairs.one.tag_label(row)}") for row in range(len(pairs.one)))
+    return tuple(
+        FitPoint(make_message("tag {tag_label}", tag_label=pairs.one.tag_label(row)))
+        for row in range(len(pairs.one))
+    )
 
 
 def _used_pairs(pairs: TagPairs, use: Use) -> TagPairs:

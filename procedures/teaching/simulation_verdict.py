@@ -2,6 +2,7 @@
 
 import math
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.points.tag_placement import PlacedTags, SpatialUncertainty
 from cellcal.calibration.points.tag_robot import SimulatedRobot
 from cellcal.procedures.accuracy_limits import CheckLimits, FrameLimits, ToolLimits
@@ -45,18 +46,35 @@ def robot_verdict(
         ),
         limits_from=limits_from,
         not_verified=(
-            *(f"{one.name}: hidden behind {one.partner}; {one.cure}" for one in found.unknowable),
+            *(
+                make_message(
+                    "{one_name}: hidden behind {partner}; {cure}",
+                    one_name=one.name,
+                    partner=one.partner,
+                    cure=one.cure,
+                )
+                for one in found.unknowable
+            ),
             "The tool's axes: places of one target do not tell them.",
             "Postures far from the tags.",
         ),
         remarks=(
             *found.remarks,
             *(
-                (f"tags that do not belong and were left out: {', '.join(found.rejected)}",)
+                (
+                    make_message(
+                        "tags that do not belong and were left out: {rejected}",
+                        rejected=", ".join(found.rejected),
+                    ),
+                )
                 if found.rejected
                 else ()
             ),
-            *((f"tags of one path only: {', '.join(found.unpaired)}",) if found.unpaired else ()),
+            *(
+                (make_message("tags of one path only: {unpaired}", unpaired=", ".join(found.unpaired)),)
+                if found.unpaired
+                else ()
+            ),
         ),
         changes=(
             ValueChange("RMS at tags that were not fitted", found.before.rmse_m, error_m, "m"),
@@ -82,7 +100,9 @@ def placed_verdict(
             _uncertainty_figure("origin of the frame", found.origin_uncertainty, "m", limits.origin_m),
             _uncertainty_figure("turn of the frame", found.angle_uncertainty, "rad", limits.angle_rad),
             state_figure(
-                f"largest distance of a tag, {found.tags[worst]}, no accuracy", found.after_m[worst], "m"
+                make_message("largest distance of a tag, {tags}, no accuracy", tags=found.tags[worst]),
+                found.after_m[worst],
+                "m",
             ),
             *turned,
         ),
@@ -92,14 +112,19 @@ def placed_verdict(
             *((spare,) if spare else ()),
             "How well the frame that the measured tags are given in is known.",
         ),
-        remarks=(f"tags of one path only: {', '.join(found.unpaired)}",) if found.unpaired else (),
+        remarks=(make_message("tags of one path only: {unpaired}", unpaired=", ".join(found.unpaired)),)
+        if found.unpaired
+        else (),
         changes=(ValueChange("RMS distance of the tags", before, after, "m"),),
     )
 
 
 def _uncertainty_figure(name: str, how: SpatialUncertainty, unit: str, limit: float) -> Characteristic:
     """Judge an expanded uncertainty in space."""
-    rule = f"PASS if U (k = {how.coverage:.2f}, 95 %, in space) <= L, else UNDECIDED: measure more"
+    rule = make_message(
+        "PASS if U (k = {coverage:.2f}, 95 %, in space) <= L, else UNDECIDED: measure more",
+        coverage=how.coverage,
+    )
     word = PASS if how.expanded_uncertainty <= limit else UNDECIDED
     return Characteristic(name, how.expanded_uncertainty, unit, how.standard, how.coverage, limit, word, rule)
 

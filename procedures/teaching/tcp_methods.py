@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.tool_point import (
     AxesLimits,
@@ -146,7 +147,10 @@ def _origin_instruction(way: TeachingMethod) -> Instruction:
     if way.is_by_attitude:
         return Instruction(
             "hold_tool",
-            f"Hold the tool with {TOOL_ATTITUDES[way.attitude][1]}; a level tells better than the eye.",
+            make_message(
+                "Hold the tool with {tool_attitudes}; a level tells better than the eye.",
+                tool_attitudes=TOOL_ATTITUDES[way.attitude][1],
+            ),
         )
     return ORIGIN
 
@@ -160,5 +164,10 @@ def _move_instruction(way: TeachingMethod, axis: str) -> Instruction:
         where = "to the side of the tool's +z"
     return Instruction(
         f"along_{axis}",
-        f"Go back to {start}. Without turning the tool, move {where}, {way.min_move_m * 1e3:.0f} mm or more.",
+        make_message(
+            "Go back to {start}. Without turning the tool, move {where}, {min_move_mm:.0f} mm or more.",
+            start=start,
+            where=where,
+            min_move_mm=way.min_move_m * 1000.0,
+        ),
     )

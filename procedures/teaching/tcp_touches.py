@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
 from cellcal.calibration.points.touch_design import (
@@ -136,9 +137,10 @@ def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int,
         return _decide_more(rules, touches, None)
     tip = locate_tool_point(touches, arm_sigma_m=rules.arm_sigma_m)
     if _is_stray(rules, tip):
-        why = (
-            f"the other touches contradict touch {tip.stray_touch + 1} by "
-            f"{tip.leave_one_out_m[tip.stray_touch] * 1e3:.2f} mm"
+        why = make_message(
+            "the other touches contradict touch {stray_touch} by {leave_one_out_mm:.2f} mm",
+            stray_touch=tip.stray_touch + 1,
+            leave_one_out_mm=tip.leave_one_out_m[tip.stray_touch] * 1000.0,
         )
         return _decide_anew(
             tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, foreseen
@@ -177,7 +179,14 @@ def _decide_anew(
     touch: int, why: str, advice: str, anew: tuple[int, ...], foreseen: float | None
 ) -> TouchDecision:
     if anew.count(touch) >= 2 or len(anew) >= MOST_ANEW:
-        return TouchDecision("wrong", touch, f"{why}, also after it was taught again", _WRONG, foreseen, None)
+        return TouchDecision(
+            "wrong",
+            touch,
+            make_message("{why}, also after it was taught again", why=why),
+            _WRONG,
+            foreseen,
+            None,
+        )
     return TouchDecision("anew", touch, why, advice, foreseen, None)
 
 
@@ -190,7 +199,10 @@ def _decide_more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | 
         "touch",
         len(touches),
         "",
-        f"From the first touch's attitude, turn the tool {turn.describe_turn()} of the flange, about; touch the pin.",
+        make_message(
+            "From the first touch's attitude, turn the tool {turn} of the flange, about; touch the pin.",
+            turn=turn.describe_turn(),
+        ),
         _foreseen_u_m(rules, touches),
         None if tip is None else tip.tip_u_in_space_m,
     )
@@ -198,10 +210,15 @@ def _decide_more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | 
 
 def _alike_text(alike: AlikeTouch) -> str:
     if alike.like is None:
-        return f"touch {alike.touch + 1} leaves the tip open: all touches are turned about nearly one axis"
-    return (
-        f"touch {alike.touch + 1} is turned only {math.degrees(alike.apart_rad):.1f} degrees from touch "
-        f"{alike.like + 1}"
+        return make_message(
+            "touch {touch} leaves the tip open: all touches are turned about nearly one axis",
+            touch=alike.touch + 1,
+        )
+    return make_message(
+        "touch {touch} is turned only {apart_deg:.1f} degrees from touch {like}",
+        touch=alike.touch + 1,
+        apart_deg=math.degrees(alike.apart_rad),
+        like=alike.like + 1,
     )
 
 
@@ -215,7 +232,9 @@ def _next_instruction(
     """Return the next step's name and what the technician is told."""
     if judged.do == "anew":
         number = judged.touch + 1
-        text = f"Teach touch {number} again: {judged.why}. {judged.advice}"
+        text = make_message(
+            "Teach touch {number} again: {why}. {text}", number=number, why=judged.why, text=judged.advice
+        )
         return f"touch anew {anew}", Instruction(f"touch_anew_{number}", text)
     if count < len(named):
         step, instruction = named[count]
@@ -238,9 +257,16 @@ def _known_text(judged: TouchDecision) -> str:
 def _refuse_scatter(rules: TouchRules, tip: ToolPoint) -> None:
     if tip.rms_m > rules.rms_limit_m:
         raise OutOfToleranceError(
-            f"the touches disagree by {tip.rms_m * 1e3:.2f} mm RMS, limit {rules.rms_limit_m * 1e3:.2f} mm.",
+            make_message(
+                "the touches disagree by {rms_mm:.2f} mm RMS, limit {rms_limit_mm:.2f} mm.",
+                rms_mm=tip.rms_m * 1000.0,
+                rms_limit_mm=rules.rms_limit_m * 1000.0,
+            ),
             found=tip.rms_m,
             limit=rules.rms_limit_m,
             unit="m",
-            remedy=f"Check that the pin did not move, then redo touch {tip.stray_touch + 1}.",
+            remedy=make_message(
+                "Check that the pin did not move, then redo touch {stray_touch}.",
+                stray_touch=tip.stray_touch + 1,
+            ),
         )

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint
 from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
@@ -106,11 +107,15 @@ def _tip_figure(tip: ToolPoint, arm_sigma_m: float, limit: float) -> Characteris
         math.sqrt(3.0) * arm_sigma_m,
         tip.coverage_in_space,
     )
-    rule = f"PASS if U (k = {k:.2f}, 95 %, in space) <= L, else UNDECIDED: measure more"
+    rule = make_message(
+        "PASS if U (k = {coverage:.2f}, 95 %, in space) <= L, else UNDECIDED: measure more", coverage=k
+    )
     if arm_u(arm_sigma_m) >= limit:
-        rule = (
-            f"PASS if U (k = {k:.2f}, 95 %, in space) <= L, else UNDECIDED: the arm's own errors alone (arm_sigma_m) "
-            f"leave {arm_u(arm_sigma_m) * 1e3:.2f} mm, and no touch lessens them"
+        rule = make_message(
+            "PASS if U (k = {k:.2f}, 95 %, in space) <= L, else UNDECIDED: the arm's own errors "
+            "alone (arm_sigma_m) leave {arm_u:.2f} mm, and no touch lessens them",
+            k=k,
+            arm_u=arm_u(arm_sigma_m) * 1000.0,
         )
     word = PASS if tip.tip_u_in_space_m <= limit else UNDECIDED
     figure = Characteristic(
@@ -134,7 +139,9 @@ def _axes_figure(judging: TcpCriteria, axes: ToolAxes, tip: ToolPoint, limit: fl
     dof = effective_degrees_of_freedom([(measured, freedom), (by_square, math.inf), (estimated, math.inf)])
     u = math.sqrt(float(np.trace(covariance)))
     k = coverage_in_space(np.linalg.eigvalsh(covariance).clip(0.0).tolist(), dof) if u else 2.0
-    rule = f"PASS if U (k = {k:.2f}, 95 %, about any axis) <= L, else UNDECIDED: measure more"
+    rule = make_message(
+        "PASS if U (k = {k:.2f}, 95 %, about any axis) <= L, else UNDECIDED: measure more", k=k
+    )
     word = PASS if k * u <= limit else UNDECIDED
     figure = Characteristic("turn of the tool's axes", k * u, "rad", u, k, limit, word, rule)
     return figure.with_budget(
@@ -148,7 +155,10 @@ def _leave_one_out_figures(tip: ToolPoint, limit: float) -> tuple[Characteristic
     if tip.leave_one_out_max_m is None:
         return ()
     worst = int(np.argmax(tip.leave_one_out_m)) + 1
-    rule = f"a touch as the others foretell it, worst touch {worst}: PASS if at most 2 L, else UNDECIDED"
+    rule = make_message(
+        "a touch as the others foretell it, worst touch {worst}: PASS if at most 2 L, else UNDECIDED",
+        worst=worst,
+    )
     return (
         state_evidence(
             "largest distance of a touch from where the others have it",
@@ -193,7 +203,9 @@ def _not_verified(way: TeachingMethod) -> tuple[str, ...]:
 def _saving_text(found: TaughtTool) -> str:
     fixed = found.fixed_plan_touches
     plan = "more than 60" if fixed is None else str(fixed)
-    return (
-        f"{found.touches} touches, each where it tells most; a plan fixed beforehand at 30 degrees would "
-        f"take {plan} for the U of the limits"
+    return make_message(
+        "{touches} touches, each where it tells most; a plan fixed beforehand at 30 degrees "
+        "would take {plan} for the U of the limits",
+        touches=found.touches,
+        plan=plan,
     )

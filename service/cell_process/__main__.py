@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR, start_task
 from cellcal.service.cell_process.cell_controller import TASK, CellController
 from cellcal.service.cell_process.lines import LineTooLongError, LineWriter, whole_lines
@@ -68,7 +69,7 @@ async def _answer_line(
         reply = {
             "ok": False,
             "code": "desk.not_understood",
-            "message": f"The order is not understood: {error}",
+            "message": make_message("The order is not understood: {error}", error=error),
             "remedy": "Load the page again.",
         }
     number = request.get("number") if isinstance(request, dict) else None

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.interfaces import JogsAxes, Readiness, Robot
 from cellcal.drivers.supervision import (
@@ -299,7 +300,9 @@ class CellController:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
         except Exception as error:  # noqa: BLE001  whatever it was, the page is told and the desk goes on
             _log.exception("an order (%s) broke", command.order.op)
-            message = f"The program failed at this order: {type(error).__name__}: {error}"
+            message = make_message(
+                "The program failed at this order: {name}: {error}", name=type(error).__name__, error=error
+            )
             return {"ok": False, "code": "desk.broken", "message": message, "remedy": "Look into its log."}
         return {"ok": True, "rev": self.rev}
 
@@ -361,7 +364,9 @@ class CellController:
             self._run_in_progress.clear_run()  # a person has ended it
         except OSError as error:
             raise OrderRefusedError(
-                f"the run was ended, but the disk refuses to note it: {error.strerror}.",
+                make_message(
+                    "the run was ended, but the disk refuses to note it: {strerror}.", strerror=error.strerror
+                ),
                 remedy="Free or repair the disk; the run goes on by itself at the next start until then.",
             ) from error
         finally:
@@ -416,7 +421,9 @@ class CellController:
     def _begin_run(self, order: StartRun | ResumeRun, who: str) -> None:
         self._refuse_while_busy()
         if self._cell is None:
-            raise OrderRefusedError(f"the cell cannot be used: {self._trouble}", remedy=self._remedy)
+            raise OrderRefusedError(
+                make_message("the cell cannot be used: {trouble}", trouble=self._trouble), remedy=self._remedy
+            )
         self._launch_run(self._cell, order, who)
 
     def _start_unattended(self, cell: Cell, answer: PreparedAnswer) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import orjson
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import LONGEST_LINE
 
@@ -29,7 +30,11 @@ class LineTooLongError(CellError):
 
     def __init__(self, what: str) -> None:
         super().__init__(
-            f"{what} is longer than {LONGEST_LINE} bytes and was not taken.",
+            make_message(
+                "{what} is longer than {longest_line} bytes and was not taken.",
+                what=what,
+                longest_line=LONGEST_LINE,
+            ),
             remedy="What the journal has of the run is whole. Send the log to the maker of the program.",
         )
 
@@ -103,7 +108,9 @@ def _say_so(message: dict[str, Any], size: int) -> None:
             session["troubles"].append(
                 {
                     "task": "screens",
-                    "message": f"what the screens show is shortened: it has {size} bytes.",
+                    "message": make_message(
+                        "what the screens show is shortened: it has {size} bytes.", size=size
+                    ),
                     "remedy": "The journal and the certificate have everything.",
                     "failures": 1,
                     "running": True,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.instruction_page import InstructionPage, StepKind, page_of
@@ -76,7 +77,9 @@ class ScreenOperator:
         text = self.prompt.text
         pending.set_exception(
             RefusedError(
-                "operator", f"the answer was no: {text}", remedy="Resume the run when it can be done."
+                "operator",
+                make_message("the answer was no: {question}", question=text),
+                remedy="Resume the run when it can be done.",
             )
         )
 
@@ -87,7 +90,12 @@ class ScreenOperator:
 
     async def _show_prompt(self, kind: str, key: str, text: str, unit: str, page: InstructionPage) -> Answer:
         if self.prompt is not None:
-            raise BusyError("operator", f"{self.prompt.key!r} is being asked, {key!r} has to wait.")
+            raise BusyError(
+                "operator",
+                make_message(
+                    "{asking!r} is being asked, {key!r} has to wait.", asking=self.prompt.key, key=key
+                ),
+            )
         self._count += 1
         self._answer = asyncio.get_running_loop().create_future()
         name = f"{self.run_id}:{self._count}"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.catalogue import definition_named
@@ -128,7 +129,9 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
     refused = view.state in REFUSED
     if view.state != RunVerdict.PASSED and not refused:
         raise CertificateError(
-            f"run {run_id} has no result to certify. {view.reason}".strip(),
+            make_message(
+                "run {run_id} has no result to certify. {text}", run_id=run_id, text=view.reason
+            ).strip(),
             remedy=f"`cellcal show {run_id} --cell {config.path}` tells what it found; `resume` goes on with it.",
         )
     entry = definition_named(view.procedure)
@@ -194,7 +197,9 @@ def _describe_traceability(
     if not used:
         return NO_TRACEABILITY
     if view.cell["config_sha256"] != config.sha256:
-        return f"{NO_TRACEABILITY} The cell file has been edited since the run."
+        return make_message(
+            "{no_traceability} The cell file has been edited since the run.", no_traceability=NO_TRACEABILITY
+        )
     serial = view.cell["devices"][0]["identity"]["serial"]
     robot = next((robot.name for robot in config.robots if robot.serial == serial), "")
     there, day = config.instruments_for(robot), date.fromisoformat(end.wall_utc[:10])

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
@@ -74,13 +75,18 @@ def describe_figure(figure: Mapping[str, Any], translations: Translations = ENGL
 def head_rows(content: Mapping[str, Any], translations: Translations = ENGLISH) -> list[tuple[str, str]]:
     """Return what was calibrated, with what, and when."""
     run, devices = content["run"], content["devices"]
-    version = translations.translate(f"version {run['procedure_version']}")
+    version = translations.translate(make_message("version {run}", run=run["procedure_version"]))
     rows = [
         ("procedure", f"{translations.translate(run['title'])} ({run['procedure']}, {version})"),
         ("robot", _describe_identity(devices[0]["identity"], translations)),
         *((device["role"], _describe_identity(device["identity"], translations)) for device in devices[1:]),
         ("cell", content["cell"]["name"]),
-        ("encoder epoch", translations.translate(f"{content['encoder_epoch_at_start']} at the start")),
+        (
+            "encoder epoch",
+            translations.translate(
+                make_message("{content} at the start", content=content["encoder_epoch_at_start"])
+            ),
+        ),
         ("run", run["run_id"]),
         ("from, to (UTC)", f"{at_time(run['started_utc'])}, {at_time(run['ended_utc'])}"),
     ]
@@ -115,7 +121,7 @@ def controller_rows(
 def _describe_tool(frames: Mapping[str, Any], translations: Translations) -> str:
     number, pose = frames.get("tool_number"), frames.get("flange_tool")
     parts = (
-        "" if number is None else translations.translate(f"number {number}"),
+        "" if number is None else translations.translate(make_message("number {number}", number=number)),
         describe_pose(pose, translations) if pose else "",
     )
     return ": ".join(part for part in parts if part)
@@ -125,7 +131,7 @@ def _user_frame(number: int | None, translations: Translations) -> str:
     if number is None:
         return ""
     return (
-        translations.translate(f"number {number}")
+        translations.translate(make_message("number {number}", number=number))
         if number
         else translations.translate("number 0, the base itself")
     )
@@ -211,7 +217,9 @@ def sign_off_rows(
                 " and ".join(person["role"] for person in one["people"]) or "role not recorded"
             ),
             at_time(one["at_utc"]),
-            translations.translate(f"SHA-256 of what was shown {one['what_sha256'][:16]}…")
+            translations.translate(
+                make_message("SHA-256 of what was shown {one}…", one=one["what_sha256"][:16])
+            )
             if one["what_sha256"]
             else "",
         )
@@ -284,5 +292,5 @@ def _display_name(key: str) -> str:
 
 
 def _describe_identity(identity: Mapping[str, str], translations: Translations) -> str:
-    serial = translations.translate(f"serial {identity['serial']}")
+    serial = translations.translate(make_message("serial {identity}", identity=identity["serial"]))
     return f"{identity['vendor']} {identity['model']}, {serial}, {identity['firmware']}"

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.certificates.blocks import (
     Block,
     BulletBlock,
@@ -128,7 +129,7 @@ def _decision_rule(verdict: Mapping[str, Any], translations: Translations) -> st
     """Return the verdict's rule in words, and whose limits they are."""
     parts = [_RULES[verdict["word"]]]
     if verdict.get("limits_from"):
-        parts.append(f"Judged by {verdict['limits_from']}.")
+        parts.append(make_message("Judged by {verdict}.", verdict=verdict["limits_from"]))
     if any(figure["rule"].startswith("PASS if U ") for figure in verdict["characteristics"]):
         parts.append(_KNOWN_WITHIN)
     if any("x + g <= L" in figure["rule"] for figure in verdict["characteristics"]):
@@ -237,9 +238,13 @@ def _rejected_sections(
     used = len(points) - len(unused)
     title = translations.translate("Readings that were not used")
     number = (
-        f"{len(points)} readings, {used} used; each one is in the JSON file."
+        make_message(
+            "{point_count} readings, {used} used; each one is in the JSON file.",
+            point_count=len(points),
+            used=used,
+        )
         if len(points) != 1
-        else f"1 reading, {used} used; it is in the JSON file."
+        else make_message("1 reading, {used} used; it is in the JSON file.", used=used)
     )
     count_text = ParagraphBlock(translations.translate(number))
     if not unused:
@@ -374,7 +379,11 @@ def _reading_sections(points: Sequence[Mapping[str, Any]], translations: Transla
     head = _table_head(translations, "No.#", "Reading", "At (UTC)", "Read", "Used")
     omitted = len(points) - len(rows)
     caption = (
-        f"The first {len(rows)} readings; {omitted} more are in the JSON file."
+        make_message(
+            "The first {row_count} readings; {omitted} more are in the JSON file.",
+            row_count=len(rows),
+            omitted=omitted,
+        )
         if omitted
         else "Every reading."
     )
@@ -390,16 +399,26 @@ def _what_was_read(point: Mapping[str, Any], translations: Translations) -> str:
     """Return a reading in a line: a length, a place, a pose; whatever else is named and stands in the file."""
     value = point.get("value")
     if "value_sha256" in point:
-        return translations.translate(f"in the journal, SHA-256 {point['value_sha256'][:16]}…")
+        return translations.translate(
+            make_message("in the journal, SHA-256 {point}…", point=point["value_sha256"][:16])
+        )
     if not isinstance(value, dict):
         return translations.translate("in the JSON file" if point["used"] else "nothing")
     lengths = value.get("readings_m")
     if isinstance(lengths, list) and lengths:
         mean = sum(lengths) / len(lengths)
         shown = format_quantity(mean, "m")
-        return translations.translate(f"{shown}, mean of {len(lengths)}") if len(lengths) > 1 else shown
+        return (
+            translations.translate(
+                make_message("{shown}, mean of {length_count}", shown=shown, length_count=len(lengths))
+            )
+            if len(lengths) > 1
+            else shown
+        )
     if is_pose(value.get("base_flange")):
-        return translations.translate(f"flange at {describe_place(value['base_flange']['position_m'])}")
+        return translations.translate(
+            make_message("flange at {place}", place=describe_place(value["base_flange"]["position_m"]))
+        )
     place = value.get("position_m")
     if isinstance(place, list) and len(place) == 3:
         return describe_place(place)
@@ -422,9 +441,11 @@ def _made_with(
         ("content SHA-256", sha256),
         ("public key", public_key),
     ]
-    notice = (
-        f"This page is a rendering. What is signed is {file_stem(content)}.json; check it with `cellcal verify FILE "
-        "--key PUBKEY`. A check tells that it is unchanged and which key signed it, not whose key that is."
+    notice = make_message(
+        "This page is a rendering. What is signed is {file_stem}.json; check it with `cellcal "
+        "verify FILE --key PUBKEY`. A check tells that it is unchanged and which key signed it, "
+        "not whose key that is.",
+        file_stem=file_stem(content),
     )
     named = tuple((translations.translate(name), value) for name, value in rows)
     return Section(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.certificates.blocks import PictureBlock
 from cellcal.service.certificates.certificate_texts import ENGLISH
 from cellcal.service.quantities import format_quantity
@@ -97,7 +98,9 @@ def before_and_after(
                 ("largest error at check poses", "max_m"),
             )
         ]
-        caption = f"Before and after at {out['captures']} check poses that took no part in the fit."
+        caption = make_message(
+            "Before and after at {out} check poses that took no part in the fit.", out=out["captures"]
+        )
         yield _draw_pairs(rows, "m", translations.translate(caption), translations)
         return
     for unit, caption in (
@@ -144,7 +147,11 @@ def _draw_pairs(
     description = "; ".join(
         f"{row.name}: "
         + translations.translate(
-            f"{format_quantity(row.before, unit)} before, {format_quantity(row.after, unit)} after"
+            make_message(
+                "{quantity} before, {quantity_2} after",
+                quantity=format_quantity(row.before, unit),
+                quantity_2=format_quantity(row.after, unit),
+            )
         )
         for row in rows
     )
@@ -194,10 +201,11 @@ def errors_by_point(errors: PointErrors, translations: Translations = ENGLISH) -
         drawing.draw_dot((x, axis.to_position(value)), _AFTER)
     worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
     name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
-    alt = (
-        f"One dot a point, {len(errors.values_m)} points; the largest is "
-        f"{format_quantity(errors.values_m[worst], 'm')} "
-        f"at {name}."
+    alt = make_message(
+        "One dot a point, {values_m_count} points; the largest is {quantity} at {name}.",
+        values_m_count=len(errors.values_m),
+        quantity=format_quantity(errors.values_m[worst], "m"),
+        name=name,
     )
     return drawing.to_picture(
         translations.translate(f"{errors.what[:1].upper()}{errors.what[1:]}."), translations.translate(alt)
@@ -229,7 +237,11 @@ def scatter_of(
     return drawing.to_picture(
         translations.translate("Samples of each reading: what they differ from their mean."),
         translations.translate(
-            f"{len(taken)} readings; the largest difference is {format_quantity(most, 'm')}."
+            make_message(
+                "{taken_count} readings; the largest difference is {quantity}.",
+                taken_count=len(taken),
+                quantity=format_quantity(most, "m"),
+            )
         ),
     )
 

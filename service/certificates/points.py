@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NotRequired, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.canonical_json import canonical_json, sha256_of
 from cellcal.procedures.run import DeclinedError
 from cellcal.procedures.run_history import EventKind, StepEffect
@@ -81,7 +82,9 @@ def _all_findings(events: Iterable[JournalEvent]) -> list[_RecordedFinding]:
             everything.append(counted[-1])
         elif event.kind in (EventKind.FORGOTTEN, EventKind.UNDONE):
             for taken in counted[body["keep"] :]:
-                taken.reason = f"discarded by {event.actor}: done again from {body['step']!r}"
+                taken.reason = make_message(
+                    "discarded by {actor}: done again from {body!r}", actor=event.actor, body=body["step"]
+                )
             del counted[body["keep"] :]
     return everything
 
@@ -131,7 +134,7 @@ def _failed_readings(events: Iterable[JournalEvent]) -> list[ReadingEntry]:
 
 
 def _failure_reason(body: Mapping[str, Any]) -> str:
-    return f"no reading: {body['message'] or body['error']}"
+    return make_message("no reading: {body}", body=body["message"] or body["error"])
 
 
 def _answer_author(kind: str, body: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.signing import check_document, read_document
@@ -81,7 +82,9 @@ def pdf_from(json_path: Path, locale: Locale = "en") -> bytes:
         if locale == "en":
             raise
     english = page_from(json_path)
-    return as_pdf(replace(english, status=f"{english.status} {_IN_ENGLISH}"))
+    return as_pdf(
+        replace(english, status=make_message("{cure} {cure_2}", cure=english.status, cure_2=_IN_ENGLISH))
+    )
 
 
 def print_beside(json_path: Path) -> PrintedFiles:
@@ -114,5 +117,6 @@ def write_sheet(path: Path, content: str | bytes) -> None:
         replace_file(path, content, mode=SHARED_FILE)
     except OSError as error:
         raise PrintingError(
-            f"{path} cannot be written: {error.strerror}.", remedy="Give a folder that may be written."
+            make_message("{path} cannot be written: {strerror}.", path=path, strerror=error.strerror),
+            remedy="Give a folder that may be written.",
         ) from error

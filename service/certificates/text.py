@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.certificates.certificate_texts import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
@@ -95,7 +96,13 @@ def _result_lines(result: Any) -> list[str]:
 
 def _point_lines(points: list[Mapping[str, Any]]) -> list[str]:
     unused = [point for point in points if not point["used"]]
-    lines = [f"{len(points)} readings, {len(points) - len(unused)} used; each one is in the JSON file."]
+    lines = [
+        make_message(
+            "{point_count} readings, {used} used; each one is in the JSON file.",
+            point_count=len(points),
+            used=len(points) - len(unused),
+        )
+    ]
     for point in unused:
         lines += _wrap_text(f"{point['step']}: {point['reason']}", "  not used: ", 4)
     return lines
@@ -151,8 +158,12 @@ def _signature_lines(file: str, run: Mapping[str, Any], sha256: str, public_key:
         f"content SHA-256 {sha256}",
         f"public key      {public_key}",
         *_wrap_text(
-            f"This page is a rendering. What is signed is {file}.json; check it with `cellcal verify FILE "
-            "--key PUBKEY`. A check tells that it is unchanged and which key signed it, not whose key that is."
+            make_message(
+                "This page is a rendering. What is signed is {file_stem}.json; check it with `cellcal "
+                "verify FILE --key PUBKEY`. A check tells that it is unchanged and which key signed it, "
+                "not whose key that is.",
+                file_stem=file,
+            )
         ),
     ]
 

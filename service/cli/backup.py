@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 
 if TYPE_CHECKING:
@@ -187,8 +188,8 @@ def _read_passphrase(file: Path | None, *, twice: bool) -> str:
         handed = str(file.parent) == os.environ.get("CREDENTIALS_DIRECTORY")  # systemd keeps it from others
         if not handed and file.stat().st_mode & 0o077:
             raise CellError(
-                f"other users of this computer may read {file}.",
-                remedy=f"Run: chmod 600 {file}",
+                make_message("other users of this computer may read {path}.", path=file),
+                remedy=make_message("Run: chmod 600 {path}", path=file),
                 code="usage",
             )
         return read_plain_text(file).partition("\n")[0].rstrip("\r")

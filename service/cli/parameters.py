@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.cli.model_argument import ModelArgument
 
@@ -319,7 +320,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
             file.write(data)
     except FileExistsError as taken:
         raise ParameterSetError(
-            f"{to} is there already.", remedy="Choose another name.", code="usage"
+            make_message("{path} is there already.", path=to), remedy="Choose another name.", code="usage"
         ) from taken
     STDERR_CONSOLE.print(
         f"wrote {to}: {item.robot_serial} version {item.version}", markup=False, soft_wrap=True

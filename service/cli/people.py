@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from cellcal.calibration.documents.message import make_message
+
 if TYPE_CHECKING:
     from cellcal.service.people.accounts import AccountStore
     from cellcal.service.people.pin_hashing import PinHasher
@@ -62,7 +64,10 @@ def reset(
     register, hasher = _open_with_hasher(cell)
     account = register.find_person(name)
     if account is None:
-        raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
+        raise PeopleError(
+            make_message("there is no {name!r} here.", name=name),
+            remedy="`cellcal people list` names everybody.",
+        )
     new = account.role if role is None else _parse_role(role)
     register.reset_person(name, new, _ask_pin_hash(hasher, new, secret_stdin), _administrator_name())
     _print_message(f"{account.name} may sign in as {new}, with the new PIN.")

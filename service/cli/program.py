@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.cli.model_argument import ModelArgument
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale
@@ -108,7 +109,12 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     carry = _of_each_brand(
         lambda rule: move_transfer(cell, change, rule, frame=frame, joints=joints).transfer_programs
     )
-    report = _change_programs(_find_programs(files, cell, outputs), carry, outputs, f"Moved in {cell.name}")
+    report = _change_programs(
+        _find_programs(files, cell, outputs),
+        carry,
+        outputs,
+        make_message("Moved in {cell_name}", cell_name=cell.name),
+    )
     if frame is not None:
         print_frame_instead(cell, frame, change)
     return report.exit_code
@@ -144,7 +150,7 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
         _find_programs(files, source, outputs),
         carry,
         outputs,
-        f"{source.name} cloned to {cell.name}",
+        make_message("{source_name} cloned to {cell_name}", source_name=source.name, cell_name=cell.name),
         recorder,
     )
     return report.exit_code
@@ -178,7 +184,11 @@ def compensate(
     cell = read_project(project)
     way = ProgramDirection.DOWNLOAD if download else ProgramDirection.UPLOAD
     carry = _of_each_brand(lambda rule: compensation_transfer(cell, way, rule).transfer_programs)
-    title = f"Taught in {cell.name}, for the nominal robot" if download else f"Compensated for {cell.name}"
+    title = (
+        make_message("Taught in {cell_name}, for the nominal robot", cell_name=cell.name)
+        if download
+        else make_message("Compensated for {cell_name}", cell_name=cell.name)
+    )
     return _change_programs(_find_programs(files, cell, outputs), carry, outputs, title).exit_code
 
 

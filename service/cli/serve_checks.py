@@ -4,6 +4,7 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.people.accounts import AccountStore
@@ -79,7 +80,10 @@ def _refuse_missing(cell: Path, listening: ListenAddress) -> None:
 def _refuse_bad_certificate(certificate: Path, key: Path) -> None:
     try:
         if key.stat().st_mode & 0o077:
-            raise _usage_error(f"other users of this computer may read {key}.", f"Run: chmod 600 {key}")
+            raise _usage_error(
+                make_message("other users of this computer may read {path}.", path=key),
+                make_message("Run: chmod 600 {path}", path=key),
+            )
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password=lambda: b"")
     except OSError as error:  # also ssl.SSLError
         raise _usage_error(

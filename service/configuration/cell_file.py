@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from cellcal.calibration.arm.model_references import fixed_reference, load_model
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
@@ -348,7 +349,11 @@ class _CellFileReader:
                 load_model(fixed_reference(robot.model, self.path.absolute().parent))
             except CalibrationError as refused:
                 none = f"there is no robot model {robot.model!r}"
-                why = "" if refused.message.startswith(none) else f": {refused.message.rstrip('.')}"
+                why = (
+                    ""
+                    if refused.message.startswith(none)
+                    else make_message(": {refused_message}", refused_message=refused.message.rstrip("."))
+                )
                 self.faults.append((f"robot[{i}].model", f"{none}{why}; {refused.remedy}"))
 
     def _table_list(self, document: dict[str, Any], key: str) -> list[Any]:

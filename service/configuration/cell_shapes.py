@@ -9,6 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_known_model
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
@@ -67,7 +68,9 @@ def read_cell_shape(
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)
     except CalibrationError as refused:
-        raise CellShapeError(f"{path}: {refused.message}") from refused
+        raise CellShapeError(
+            make_message("{path}: {refused_message}", path=path, refused_message=refused.message)
+        ) from refused
 
 
 def surroundings_of(data: Mapping[str, object], where: str) -> Surroundings:
@@ -81,7 +84,8 @@ def surroundings_of(data: Mapping[str, object], where: str) -> Surroundings:
     unknown = data.keys() - {*_TABLES, *_SINGLE}
     if unknown:
         raise CellShapeError(
-            f"{where}: unknown {sorted(unknown)}.", remedy=f"Known: {', '.join((*_SINGLE, *_TABLES))}."
+            f"{where}: unknown {sorted(unknown)}.",
+            remedy=make_message("Known: {conventions}.", conventions=", ".join((*_SINGLE, *_TABLES))),
         )
     lengths = {
         f"{key.removesuffix('_mm')}_m": _read_number(data, key, where) / 1e3

@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 
@@ -26,7 +27,10 @@ class FakeCellClient:
                 writer.close()
                 await writer.wait_closed()
         if "error" in answer:
-            raise CellError(f"the fake cell refused {verb!r}: {answer['error']}", code="fake")
+            raise CellError(
+                make_message("the fake cell refused {verb!r}: {answer}", verb=verb, answer=answer["error"]),
+                code="fake",
+            )
         return answer
 
     async def inject_fault(self, name: str, **arguments: Any) -> dict[str, Any]:

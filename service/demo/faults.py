@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 
@@ -83,7 +84,9 @@ def fault_named(name: str) -> DemoFault:
     """Return a mishap; CellError names those that there are."""
     if name not in _BY_NAME:
         raise CellError(
-            f"the demo knows no mishap {name!r}.", remedy=f"Choose {', '.join(_BY_NAME)}.", code="usage"
+            make_message("the demo knows no mishap {name!r}.", name=name),
+            remedy=make_message("Choose {by_name}.", by_name=", ".join(_BY_NAME)),
+            code="usage",
         )
     return _BY_NAME[name]
 

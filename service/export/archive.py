@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.export.backup_names import is_backup_name
 from cellcal.service.record.signing import CellKey, CheckFinding, check_document
@@ -86,7 +87,9 @@ def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, A
         finally:
             draft.unlink(missing_ok=True)
     except FileExistsError as error:
-        raise BackupError(f"{path} is there already.", remedy="Name another file.", code="usage") from error
+        raise BackupError(
+            make_message("{path} is there already.", path=path), remedy="Name another file.", code="usage"
+        ) from error
     except OSError as error:
         raise BackupError(
             f"the backup {path} cannot be written: {error.strerror}.",

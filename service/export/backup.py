@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.archive import BackupError, write_archive
@@ -141,7 +142,7 @@ def _scratch_folder(folder: Path) -> Iterator[Path]:
             yield Path(name)
     except OSError as error:
         raise BackupError(
-            f"{folder} cannot be written: {error.strerror}.",
+            make_message("{path} cannot be written: {strerror}.", path=folder, strerror=error.strerror),
             remedy="Name a folder that is there and may be written, on a disk with room.",
             code="store.io",
         ) from error

@@ -15,6 +15,7 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, TroubleDocument
 from cellcal.service.configuration.cell_file import CellConfig
@@ -185,7 +186,8 @@ class CellMetrics:
         for gauge in self._config.gauges:
             if gauge.setup.certificate is not None:
                 due.add_sample(
-                    _end_of(gauge.setup.certificate.due), {"what": f"calibration of {gauge.device.name}"}
+                    _end_of(gauge.setup.certificate.due),
+                    {"what": make_message("calibration of {device_name}", device_name=gauge.device.name)},
                 )
         if self._reminder is None:
             from cellcal.service.record.drift_schedule import DriftReminder  # noqa: PLC0415  not while the service starts

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.export.archive import BackupError, BackupManifest, damaged_error, unpack_archive
@@ -204,7 +205,11 @@ def _move_all(places: dict[Path, Path]) -> None:
         for target in moved:
             shutil.rmtree(target) if target.is_dir() else target.unlink()
         raise BackupError(
-            f"{error.filename or 'a folder'} cannot be written: {error.strerror}. Nothing was put back.",
+            make_message(
+                "{path} cannot be written: {strerror}. Nothing was put back.",
+                path=error.filename or "a folder",
+                strerror=error.strerror,
+            ),
             remedy="See who may write there, and that the disk has room.",
             code="store.io",
         ) from error
@@ -233,7 +238,9 @@ def _staging_folder(folder: Path) -> Iterator[Path]:
         stage = Path(tempfile.mkdtemp(dir=folder, prefix=".cellcal-restore-"))
     except OSError as error:
         raise BackupError(
-            f"{folder} cannot be written: {error.strerror}.", remedy="Name another place.", code="usage"
+            make_message("{path} cannot be written: {strerror}.", path=folder, strerror=error.strerror),
+            remedy="Name another place.",
+            code="usage",
         ) from error
     try:
         yield stage

@@ -24,6 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import message_and_remedy_of, start_thread
@@ -76,8 +77,8 @@ def read_secret(path: Path) -> bytes:
     try:
         if path.stat().st_mode & 0o077:
             raise WebhookError(
-                f"other users of this computer may read {path}.",
-                remedy=f"Run: chmod 600 {path}",
+                make_message("other users of this computer may read {path}.", path=path),
+                remedy=make_message("Run: chmod 600 {path}", path=path),
                 code="usage",
             )
         text = read_plain_text(path).strip().removeprefix(SECRET_PREFIX)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
 from cellcal.service.people.naming import clean_name, fold_name
@@ -89,7 +90,9 @@ class AccountStore:
             if taken is not None:
                 removed_note = " (left since)" if taken[0] is not None else ""
                 raise PeopleError(
-                    f"there is a {clean} already{removed_note}.",
+                    make_message(
+                        "there is a {clean} already{removed_note}.", clean=clean, removed_note=removed_note
+                    ),
                     remedy="Give another name: names stand in signatures.",
                 )
             at.execute(
@@ -112,7 +115,10 @@ class AccountStore:
     ) -> Account:
         account = self.find_person(name)
         if account is None:
-            raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
+            raise PeopleError(
+                make_message("there is no {name!r} here.", name=name),
+                remedy="`cellcal people list` names everybody.",
+            )
         with self._write_transaction(by, f"{what} {account.name}") as at:
             at.execute(
                 f"UPDATE person SET {change}, epoch = epoch + 1 WHERE name = ?", (*values, account.name)
@@ -135,7 +141,7 @@ class AccountStore:
                 at.execute("INSERT INTO mark VALUES (?)", (mark,))
         elif noted[0][0] != mark:
             raise PeopleError(
-                f"the PINs in {self.path} were kept with another pepper.",
+                make_message("the PINs in {path} were kept with another pepper.", path=self.path),
                 remedy="Restore the pepper from the backup, or set every PIN anew in a new register.",
             )
 
@@ -192,7 +198,8 @@ class AccountStore:
         device = self.find_device(device_id)
         if device is None:
             raise PeopleError(
-                f"there is no device {device_id!r}.", remedy="`cellcal people list` names them."
+                make_message("there is no device {device_id!r}.", device_id=device_id),
+                remedy="`cellcal people list` names them.",
             )
         with self._write_transaction(by, f"revoke device {device.id} {device.name}") as at:
             at.execute("UPDATE device SET revoked_at = ? WHERE id = ?", (self._clock(), device.id))
@@ -277,7 +284,9 @@ class AccountStore:
                 yield database
         except (OSError, sqlite3.Error) as error:
             raise PeopleError(
-                f"the register of people {self.path} cannot be used: {error}.",
+                make_message(
+                    "the register of people {path} cannot be used: {error}.", path=self.path, error=error
+                ),
                 remedy="Restore it from a backup, and let the user who runs cellcal read and write it.",
             ) from error
 
@@ -292,7 +301,8 @@ class AccountStore:
         database.execute("COMMIT")
         if _schema_version(database) != _VERSION:
             raise PeopleError(
-                f"{self.path} was written by another version of cellcal.", remedy="Use that version."
+                make_message("{path} was written by another version of cellcal.", path=self.path),
+                remedy="Use that version.",
             )
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 
@@ -33,7 +34,7 @@ class WrongSecretError(PeopleError):
     status = 403
 
     def __init__(self, what: str, remedy: str) -> None:
-        super().__init__(f"{what} is not right, or no longer valid.", remedy=remedy)
+        super().__init__(make_message("{what} is not right, or no longer valid.", what=what), remedy=remedy)
 
 
 class TooManyGuessesError(PeopleError):
@@ -46,7 +47,7 @@ class TooManyGuessesError(PeopleError):
         minutes = math.ceil(wait_s / 60.0)
         self.retry_after_s = math.ceil(wait_s)
         super().__init__(
-            f"too many wrong PINs; the next try is possible in {minutes} min.",
+            make_message("too many wrong PINs; the next try is possible in {minutes} min.", minutes=minutes),
             remedy="Wait, or let an administrator run `cellcal people reset`. Stop works all the time.",
         )
 
@@ -57,7 +58,9 @@ class NotAllowedError(PeopleError):
     code = "people.role"
 
     def __init__(self, name: str, role: str, what: str, remedy: str) -> None:
-        super().__init__(f"{name} ({role}) may not {what}.", remedy=remedy)
+        super().__init__(
+            make_message("{name} ({role}) may not {what}.", name=name, role=role, what=what), remedy=remedy
+        )
 
 
 class PinAgainError(PeopleError):
@@ -67,7 +70,10 @@ class PinAgainError(PeopleError):
     status = 401
 
     def __init__(self, why: str) -> None:
-        super().__init__(f"{why} the PIN is asked for again.", remedy="Enter the PIN, then press once more.")
+        super().__init__(
+            make_message("{why} the PIN is asked for again.", why=why),
+            remedy="Enter the PIN, then press once more.",
+        )
 
 
 class SecondPersonError(PeopleError):
@@ -78,7 +84,11 @@ class SecondPersonError(PeopleError):
 
     def __init__(self, name: str) -> None:
         super().__init__(
-            f"the approval of {name} is noted; writing to a controller takes an engineer or a second person.",
+            make_message(
+                "the approval of {name} is noted; writing to a controller takes an engineer or a second "
+                "person.",
+                name=name,
+            ),
             remedy="Let an engineer, or another technician, sign in and approve the same question.",
         )
 
@@ -91,6 +101,6 @@ class ElsewhereError(PeopleError):
 
     def __init__(self, name: str) -> None:
         super().__init__(
-            f"the session is controlled by {name}.",
+            make_message("the session is controlled by {name}.", name=name),
             remedy="Ask to take over; asking for a stop works always.",
         )

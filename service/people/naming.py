@@ -2,6 +2,7 @@
 
 import unicodedata
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Role
 
@@ -25,10 +26,16 @@ def clean_name(raw: str) -> str:
     unseen = [each for each in name if unicodedata.category(each)[0] == "C" or each in "\u2028\u2029"]
     if not name or len(name) > LONGEST_NAME or unseen:
         raise PeopleError(
-            f"a name has 1 to {LONGEST_NAME} characters that can be seen.", remedy="Give another name."
+            make_message(
+                "a name has 1 to {longest_name} characters that can be seen.", longest_name=LONGEST_NAME
+            ),
+            remedy="Give another name.",
         )
     if fold_name(name) in _RESERVED:
-        raise PeopleError(f"the name {name!r} is the service's own.", remedy="Give the person's full name.")
+        raise PeopleError(
+            make_message("the name {name!r} is the service's own.", name=name),
+            remedy="Give the person's full name.",
+        )
     return name
 
 
@@ -48,13 +55,23 @@ def refuse_weak(secret: str, role: Role) -> None:
     """
     wordy = role in (Role.ENGINEER, Role.ADMIN)
     if len(secret) > LONGEST_SECRET:
-        raise PeopleError(f"that is longer than {LONGEST_SECRET} characters.", remedy="Give a shorter one.")
+        raise PeopleError(
+            make_message("that is longer than {longest_secret} characters.", longest_secret=LONGEST_SECRET),
+            remedy="Give a shorter one.",
+        )
     if wordy and len(secret) < _PASSPHRASE:
         raise PeopleError(
-            f"the passphrase of an {role} has at least {_PASSPHRASE} characters.",
+            make_message(
+                "the passphrase of an {role} has at least {passphrase} characters.",
+                role=role,
+                passphrase=_PASSPHRASE,
+            ),
             remedy="Four words that do not belong together are good.",
         )
     if not wordy and len(secret) < _PIN_DIGITS:
-        raise PeopleError(f"a PIN has at least {_PIN_DIGITS} digits.", remedy="Give a longer one.")
+        raise PeopleError(
+            make_message("a PIN has at least {pin_digits} digits.", pin_digits=_PIN_DIGITS),
+            remedy="Give a longer one.",
+        )
     if len(set(secret)) < 3 or secret in "01234567890123456789" or secret in "98765432109876543210":
         raise PeopleError("such a PIN is the first that is tried.", remedy="Give one without a pattern.")

@@ -15,6 +15,7 @@ from pathlib import Path
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError
@@ -75,12 +76,17 @@ def pepper_of(data_dir: Path) -> bytes:
             _create_pepper(path)
         if path.stat().st_mode & 0o077:
             raise PeopleError(
-                f"other users of this computer may read {path}.", remedy=f"Run: chmod 600 {path}"
+                make_message("other users of this computer may read {path}.", path=path),
+                remedy=make_message("Run: chmod 600 {path}", path=path),
             )
         return _check_length(path, read_plain_bytes(path))
     except OSError as error:
         raise PeopleError(
-            f"the pepper in {data_dir} cannot be used: {error.strerror}.",
+            make_message(
+                "the pepper in {data_dir} cannot be used: {strerror}.",
+                data_dir=data_dir,
+                strerror=error.strerror,
+            ),
             remedy="Let the user who runs cellcal read and write this folder.",
         ) from error
 
@@ -88,7 +94,12 @@ def pepper_of(data_dir: Path) -> bytes:
 def _check_length(path: Path, pepper: bytes) -> bytes:
     if len(pepper) != PEPPER_BYTES:
         raise PeopleError(
-            f"{path} holds {len(pepper)} bytes, not the {PEPPER_BYTES} of a pepper.",
+            make_message(
+                "{path} holds {pepper_count} bytes, not the {pepper_bytes} of a pepper.",
+                path=path,
+                pepper_count=len(pepper),
+                pepper_bytes=PEPPER_BYTES,
+            ),
             remedy="Restore it from a backup; without it every PIN has to be set anew.",
         )
     return pepper

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal_files import journal_path
@@ -79,6 +80,7 @@ class DriftReminder:
             except sqlite3.Error:
                 return self._due
             self._due = [
-                {"what": f"drift check of {name}", "due": day.isoformat()} for name, day in found.items()
+                {"what": make_message("drift check of {name}", name=name), "due": day.isoformat()}
+                for name, day in found.items()
             ]
         return self._due

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 from uuid import NAMESPACE_URL, uuid5
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.canonical_json import canonical_json
@@ -135,7 +136,10 @@ class Journal:
             self.damage = self._find_damage()
         except sqlite3.DatabaseError as error:
             if _sqlite_code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
-                raise StoreError(f"the journal {path} cannot be opened: {error}", code="store.io") from error
+                raise StoreError(
+                    make_message("the journal {path} cannot be opened: {error}", path=path, error=error),
+                    code="store.io",
+                ) from error
             self.damage = JournalDamage(0, f"not a readable database: {error}")
 
     @classmethod
@@ -230,7 +234,9 @@ class Journal:
         if existing is not None:
             if (existing.kind, existing.body) != (event.kind, body):
                 raise StoreError(
-                    f"the key {event.key!r} of this run already holds another fact",
+                    make_message(
+                        "the key {event_key!r} of this run already holds another fact", event_key=event.key
+                    ),
                     code="store.conflict",
                     remedy="Two programs may be writing the same run: end one of them.",
                 )
@@ -274,14 +280,21 @@ class Journal:
         """
         if self.damage is not None:
             raise StoreError(
-                f"the journal is damaged after event {self.damage.after_seq}: {self.damage.reason}",
+                make_message(
+                    "the journal is damaged after event {after_seq}: {damage_reason}",
+                    after_seq=self.damage.after_seq,
+                    damage_reason=self.damage.reason,
+                ),
                 code="store.damaged",
                 remedy="It is open for reading only. Export what is good, then restore a backup.",
             )
 
     def _store_error(self, run_id: str, error: sqlite3.Error) -> StoreError:
         if isinstance(error, sqlite3.IntegrityError) or _sqlite_code(error) == sqlite3.SQLITE_BUSY:
-            return StoreError(f"the journal is in use by another program: {error}", code="store.busy")
+            return StoreError(
+                make_message("the journal is in use by another program: {error}", error=error),
+                code="store.busy",
+            )
         safe = self._safe_points(run_id)
         points = "everything stored before is safe" if safe is None else f"your {safe} points are safe"
         if _sqlite_code(error) == sqlite3.SQLITE_FULL:
@@ -313,7 +326,10 @@ def _checked_body(event: NewEvent) -> str:
         return canonical_json(event.body)
     except (ValueError, TypeError) as error:
         raise StoreError(
-            f"a {event.kind!r} event cannot be stored: {error}", code="store.not_a_fact"
+            make_message(
+                "a {event_kind!r} event cannot be stored: {error}", event_kind=event.kind, error=error
+            ),
+            code="store.not_a_fact",
         ) from error
 
 

@@ -4,6 +4,7 @@ A chain of hashes shows what was changed; that its end was cut off, or the whole
 """
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, StoreError
@@ -21,9 +22,11 @@ def missing_end(config: CellConfig, journal: Journal) -> str:
         except (OSError, ValueError, KeyError, TypeError):
             continue  # `cellcal verify` says what is wrong with it
         if head not in heads:
-            return (
-                f"The end of the journal is missing: {path.name} was issued after an event that it does not have. "
-                "Restore a backup of data_dir; or, where it was begun anew on purpose, move old certificates away."
+            return make_message(
+                "The end of the journal is missing: {path_name} was issued after an event that it does "
+                "not have. Restore a backup of data_dir; or, where it was begun anew on purpose, move "
+                "old certificates away.",
+                path_name=path.name,
             )
     return ""
 
@@ -50,5 +53,5 @@ def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) 
     words = "" if journal.damage is not None else missing_end(config, journal)
     if words and not accepted:
         what, _, remedy = words.partition(". ")
-        raise StoreError(f"{what}.", remedy=remedy, code=NOT_ACCEPTED)
+        raise StoreError(make_message("{entry_text}.", entry_text=what), remedy=remedy, code=NOT_ACCEPTED)
     return words.partition(". ")[0]

@@ -3,6 +3,7 @@
 import sqlite3
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, StoreError
 
@@ -31,7 +32,9 @@ def open_journal(config: CellConfig) -> Journal:
         return Journal.open_file(path)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(
-            f"the journal {path} cannot be opened: {error}", remedy=remedy, code="store.io"
+            make_message("the journal {path} cannot be opened: {error}", path=path, error=error),
+            remedy=remedy,
+            code="store.io",
         ) from error
     except StoreError as error:
         raise StoreError(error.message, remedy=error.remedy or remedy, code=error.code) from error

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.files import make_private_folder
 
@@ -69,7 +70,7 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
         except OSError as error:
             other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "another process"
             raise LeaseHeldError(
-                f"{other} is working on robot {robot}",
+                make_message("{other} is working on robot {robot}", other=other, robot=robot),
                 remedy="Wait until that run has ended, or end it there.",
             ) from error
         token = _read_token(descriptor) + 1  # fencing: every holder has a higher one than those before

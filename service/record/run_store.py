@@ -7,6 +7,7 @@ from typing import Any, TypedDict
 from pydantic import TypeAdapter
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
@@ -75,7 +76,9 @@ class RunStore:
         events = self._journal.list_events(run_id)
         if not events or events[0].kind != EventKind.STARTED:
             raise StoreError(
-                f"there is no run {run_id!r}", code="store.no_such_run", remedy="See `cellcal runs`."
+                make_message("there is no run {run_id!r}", run_id=run_id),
+                code="store.no_such_run",
+                remedy="See `cellcal runs`.",
             )
         return _fold_run(events)
 

@@ -26,6 +26,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.canonical_json import canonical_json, sha256_of
@@ -95,7 +96,9 @@ class CellKey:
             body = {"content": content, "format": kind, "sha256": sha256_of(content)}
             signature = self.private.sign(canonical_json(body).encode())
         except (ValueError, TypeError) as error:
-            raise SigningError(f"this cannot be signed: {error}.", remedy="Report this.") from error
+            raise SigningError(
+                make_message("this cannot be signed: {error}.", error=error), remedy="Report this."
+            ) from error
         signature_fields = {"algorithm": _ALGORITHM, "public_key": self.public_key, "value": signature.hex()}
         return canonical_json(body | {"signature": signature_fields}) + "\n"
 
@@ -114,7 +117,9 @@ def station_key(data_dir: Path) -> CellKey:
         private = serialization.load_pem_private_key(read_plain_bytes(path), password=None)
     except OSError as error:
         raise SigningError(
-            f"the signing key {path} cannot be used: {error.strerror}.",
+            make_message(
+                "the signing key {path} cannot be used: {strerror}.", path=path, strerror=error.strerror
+            ),
             remedy="Let the user who runs cellcal read it; keep it from everybody else.",
         ) from error
     except (ValueError, TypeError) as error:
@@ -156,7 +161,10 @@ def read_document(path: Path) -> bytes | CheckedDocument:
         return read_plain_bytes(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
         return _unreadable_document(
-            f"It cannot be read: {str(getattr(error, 'strerror', None) or error).rstrip('.')}."
+            make_message(
+                "It cannot be read: {getattr}.",
+                getattr=str(getattr(error, "strerror", None) or error).rstrip("."),
+            )
         )
 
 
@@ -274,7 +282,7 @@ def _text_of_key_file(path: Path) -> str:
 
 def _no_key(text: str) -> SigningError:
     return SigningError(
-        f"{text!r} is no public key and no file that holds one.",
+        make_message("{text!r} is no public key and no file that holds one.", text=text),
         remedy="Give the 64 hexadecimal digits that `cellcal certificate key --cell CELL` prints, or a file of them.",
         code="usage",
     )
@@ -282,7 +290,7 @@ def _no_key(text: str) -> SigningError:
 
 def _damaged_key_error(path: Path) -> SigningError:
     return SigningError(
-        f"{path} holds no signing key of cellcal.",
+        make_message("{path} holds no signing key of cellcal.", path=path),
         remedy="Restore it from a backup of data_dir. If there is none, move the file away: a new key is made at the "
         "next certificate, and those signed before stay good with the old public key.",
     )

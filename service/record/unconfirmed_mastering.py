@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.procedure_definition import ProcedureDefinition
@@ -100,7 +101,10 @@ def refuse_unconfirmed(
     if found is None or found.of_run == run_id or entry.name in _MAY_START:
         return
     raise UnconfirmedMasteringError(
-        f"the robot's mastering was written by run {found.of_run} and never confirmed: nothing moves by it",
+        make_message(
+            "the robot's mastering was written by run {of_run} and never confirmed: nothing moves by it",
+            of_run=found.of_run,
+        ),
         remedy="Resume that run, undo it (mastering_undo), or start a mastering recovery. Until then do not move the "
         "robot in AUTO.",
     )

@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 from scipy.special import chdtri
 
 from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.leverage import effective_unknowns, standardised_residuals
@@ -89,7 +90,8 @@ def series_of(view: RunView) -> ArmSeries:
     found = {finding.step: finding.value for finding in view.past.findings}
     if not isinstance(view.result, dict) or "identified" not in view.result:
         raise ReviewError(
-            f"run {view.run_id} has no result to look at.", remedy="Resume it, or start it anew."
+            make_message("run {run_id} has no result to look at.", run_id=view.run_id),
+            remedy="Resume it, or start it anew.",
         )
     spec = _SPEC.validate_python(view.spec)
     bench = _BENCH.validate_python(found["read the robot"])
@@ -141,8 +143,8 @@ def fit_of(series: ArmSeries, chosen: Chosen) -> RobustFit:
         return signed
     if int(chosen.sum()) < fewest_readings(task):
         raise ReviewError(
-            f"{int(chosen.sum())} readings are too few for this fit.",
-            remedy=f"Keep {fewest_readings(task)} or more.",
+            make_message("{chosen} readings are too few for this fit.", chosen=int(chosen.sum())),
+            remedy=make_message("Keep {least} or more.", least=fewest_readings(task)),
             code="review.too_few",
         )
     observations = observations_of(task, series.captures)
@@ -310,5 +312,8 @@ def chosen_rows(steps: Sequence[str], chosen_steps: Sequence[str] | None) -> Cho
         return None
     strange: list[Any] = sorted(set(chosen_steps) - set(steps))
     if strange:
-        raise ReviewError(f"{strange[0]!r} is no reading of this run.", remedy="Load the page again.")
+        raise ReviewError(
+            make_message("{strange!r} is no reading of this run.", strange=strange[0]),
+            remedy="Load the page again.",
+        )
     return np.isin(np.array(steps), np.array(sorted(set(chosen_steps)), dtype=np.array(steps).dtype))

@@ -14,6 +14,7 @@ from typing import Any
 import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR
 
@@ -47,7 +48,7 @@ class SolverEndedError(ComputeError):
     def __init__(self, code: int) -> None:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         super().__init__(
-            f"the process that computes has ended ({how}) before it had an answer.",
+            make_message("the process that computes has ended ({how}) before it had an answer.", how=how),
             remedy="Ask again: another one is started. If this stays, look into the service's log.",
         )
 

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.poses.arm_fit import outlook_from
 from cellcal.calibration.poses.measurement_poses import TestPoses
@@ -37,7 +38,10 @@ def tip_uncertainty(
     entry = config.robot_named(robot)
     model, joints = load_model(entry.model), np.asarray(joints_rad, dtype=float)
     if joints.shape != (model.axis_count,) or not np.isfinite(joints).all():
-        raise ReviewError(f"{robot} has {model.axis_count} joints.", remedy="Load the page again.")
+        raise ReviewError(
+            make_message("{robot} has {axis_count} joints.", robot=robot, axis_count=model.axis_count),
+            remedy="Load the page again.",
+        )
     tool = newest_stored_result(config, entry.serial, "tool_frame")
     arm = newest_stored_result(config, entry.serial, "parameter_set")
     tip = _tip_in_flange(tool, arm)

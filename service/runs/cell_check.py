@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
@@ -138,7 +139,12 @@ async def _hold_against_model(device: Robot, name: str, report: DeviceReport) ->
     return replace(
         report,
         state=OTHER_MODEL,
-        message=f"{report.message} Its flange is {error_m * 1e3:.0f} mm from where a {name} has it.",
+        message=make_message(
+            "{report_message} Its flange is {error_mm:.0f} mm from where a {name} has it.",
+            report_message=report.message,
+            error_mm=error_m * 1000.0,
+            name=name,
+        ),
         remedy="Correct the robot's model in the cell file.",
     )
 

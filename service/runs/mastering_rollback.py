@@ -10,6 +10,7 @@ import logging
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motors import motor_store
@@ -102,7 +103,11 @@ class _MasteringRollback:
             )
         found = await restore_mastering(cell, before)
         if found != before:
-            raise ReadBackError(f"the mastering reads {found} after {before} was put back")
+            raise ReadBackError(
+                make_message(
+                    "the mastering reads {restored} after {data} was put back", restored=found, data=before
+                )
+            )
 
     def _append_note(self, kind: EventKind, body: dict[str, object]) -> None:
         try:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.run_history import EventKind
@@ -118,7 +119,10 @@ def plain_picture(raw: bytes) -> tuple[str, bytes]:
         Too large, or no whole JPEG or PNG.
     """
     if len(raw) > MOST_BYTES:
-        raise PictureError(f"a picture has at most {MOST_BYTES >> 10} KiB.", remedy="Take a smaller one.")
+        raise PictureError(
+            make_message("a picture has at most {most_bytes} KiB.", most_bytes=MOST_BYTES >> 10),
+            remedy="Take a smaller one.",
+        )
     try:
         if raw.startswith(_JPEG):
             return "image/jpeg", b"".join(_of_bounded_size(_jpeg_parts(raw)))
@@ -137,7 +141,11 @@ def _of_bounded_size(parts: Iterator[bytes]) -> list[bytes]:
         raise IndexError
     if min(sizes[0]) < 1 or max(sizes[0]) > MOST_PIXELS_A_SIDE:
         raise PictureError(
-            f"a picture has 1 to {MOST_PIXELS_A_SIDE} pixels a side.", remedy="Take a smaller one."
+            make_message(
+                "a picture has 1 to {most_pixels_a_side} pixels a side.",
+                most_pixels_a_side=MOST_PIXELS_A_SIDE,
+            ),
+            remedy="Take a smaller one.",
         )
     return found
 

@@ -3,6 +3,7 @@
 from difflib import get_close_matches
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
 from cellcal.procedures.run import DeclinedError
@@ -30,16 +31,22 @@ async def discard_from(operator: Operator, journal: Journal, run_id: str, step: 
     names = [finding.step for finding in view.past.findings]
     if view.state == RunVerdict.PASSED:
         raise StoreError(
-            f"run {run_id} is finished: its result is stored, and a certificate may be out",
+            make_message(
+                "run {run_id} is finished: its result is stored, and a certificate may be out", run_id=run_id
+            ),
             code="store.finished",
-            remedy=f"Start a new one: `cellcal run {view.procedure}`.",
+            remedy=make_message("Start a new one: `cellcal run {procedure}`.", procedure=view.procedure),
         )
     if step not in names:
         near = get_close_matches(step, names, n=3, cutoff=0.4) or names[:3]
         raise StoreError(
-            f"run {run_id} has no step {step!r} with a finding.",
+            make_message("run {run_id} has no step {step!r} with a finding.", run_id=run_id, step=step),
             code="store.no_such_step",
-            remedy=f"Did you mean {', '.join(map(repr, near))}? `cellcal show {run_id}` lists all."
+            remedy=make_message(
+                "Did you mean {near}? `cellcal show {run_id}` lists all.",
+                near=", ".join(map(repr, near)),
+                run_id=run_id,
+            )
             if near
             else "Nothing was found yet: resume it without --from.",
         )
@@ -59,15 +66,18 @@ def _redo_question(discarded: list[str], written: frozenset[str]) -> str:
     named = (
         discarded if len(discarded) <= _MOST_NAMED else [*discarded[: _MOST_NAMED - 1], "…", discarded[-1]]
     )
-    text = (
-        f"{len(discarded)} findings of this run will no longer count and will be done again: {', '.join(named)}. "
-        "The journal keeps them. The robot stands where the run left it, not where that step began: the way from "
-        "here was not checked. Bring it near the place where that step begins. "
+    text = make_message(
+        "{discarded_count} findings of this run will no longer count and will be done again: "
+        "{named}. The journal keeps them. The robot stands where the run left it, not where that "
+        "step began: the way from here was not checked. Bring it near the place where that step "
+        "begins. ",
+        discarded_count=len(discarded),
+        named=", ".join(named),
     )
     touched = [step for step in discarded if step in written]
     if touched:
         text += f"What {', '.join(touched)} wrote to the controller stays until it is written again. "
-    return f"{text}Discard them?"
+    return make_message("{text}Discard them?", text=text)
 
 
 def _written_steps(journal: Journal, run_id: str) -> frozenset[str]:

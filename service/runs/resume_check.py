@@ -6,6 +6,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.canonical_json import is_alike
 from cellcal.procedures.cell import Fingerprint
@@ -21,7 +22,11 @@ def spec_of(view: RunView, entry: ProcedureDefinition) -> Any:
         return TypeAdapter(entry.spec_type).validate_python(view.spec)
     except ValidationError as error:
         raise ReplayMismatchError(
-            f"the specification of run {view.run_id} is not one of this version: {error}",
+            make_message(
+                "the specification of run {run_id} is not one of this version: {error}",
+                run_id=view.run_id,
+                error=error,
+            ),
             remedy="Start a new run.",
         ) from error
 
@@ -45,7 +50,12 @@ def refuse_difference(view: RunView, entry: ProcedureDefinition, now: Fingerprin
         differences.append(changes_text(switched))
     if differences:
         raise ReplayMismatchError(
-            f"run {view.run_id} cannot be continued: {'; '.join(differences)}", remedy=remedy
+            make_message(
+                "run {run_id} cannot be continued: {differences}",
+                run_id=view.run_id,
+                differences=join_messages("; ", differences),
+            ),
+            remedy=remedy,
         )
 
 
@@ -65,5 +75,9 @@ def _describe_difference(key: str, was: object, present: object) -> str:
     if key == "config_sha256":
         return "the cell file has been edited since"
     if key == "encoder_epoch":
-        return f"the robot lost its position during this run (encoder epoch {was}, now {present})"
+        return make_message(
+            "the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+            epoch=was,
+            found=present,
+        )
     return f"{key} was {was}, is {present}"

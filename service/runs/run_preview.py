@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.catalogue import DEFINITIONS, definition_named
@@ -139,9 +140,14 @@ def refuse_class_out_of_reach(
         if prediction.limits and chosen not in reach:
             expanded = format_quantity(prediction.expanded, prediction.unit)
             raise ClassOutOfReachError(
-                f"class {chosen} cannot be proved: {prediction.name} would be known to {expanded}, "
-                f"more than a third of "
-                f"its limit. In reach: {', '.join(reach) or 'none'}.",
+                make_message(
+                    "class {chosen} cannot be proved: {prediction_name} would be known to {expanded}, more "
+                    "than a third of its limit. In reach: {reach}.",
+                    chosen=chosen,
+                    prediction_name=prediction.name,
+                    expanded=expanded,
+                    reach=", ".join(reach) or "none",
+                ),
                 remedy="Measure more or better (see --dry-run), choose another class, or set limits of your own.",
             )
 

@@ -12,6 +12,7 @@ from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
@@ -191,9 +192,9 @@ def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "servi
     names = [finding.step for finding in RunStore(journal).find_run(run_id).past.findings]
     if step not in names:
         raise StoreError(
-            f"run {run_id} has no finding {step!r}",
+            make_message("run {run_id} has no finding {step!r}", run_id=run_id, step=step),
             code="store.no_such_step",
-            remedy=f"It has: {', '.join(names) or 'none'}.",
+            remedy=make_message("It has: {names}.", names=", ".join(names) or "none"),
         )
     journal.append(run_id, EventKind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
 
@@ -326,9 +327,12 @@ def _out_of_date(role: str, certificate: DeviceCertificate, day: str) -> Charact
         "probe": "the touch probe's calibration is valid",
         "dial": "the dial gauge's calibration is valid",
     }[role]
-    rule = (
-        f"certificate {certificate.number} holds from {certificate.issued} to {certificate.due}, "
-        f"this is {day}: have it calibrated"
+    rule = make_message(
+        "certificate {certificate_number} holds from {issued} to {due}, this is {day}: have it calibrated",
+        certificate_number=certificate.number,
+        issued=certificate.issued,
+        due=certificate.due,
+        day=day,
     )
     return state_evidence(words, False, rule, found=0.0, limit=1.0)
 
@@ -381,7 +385,11 @@ def _refuse_small_disk(path: Path, needed: int) -> None:
     free = shutil.disk_usage(path.parent).free
     if free < needed:
         raise StoreError(
-            f"only {free // 1_000_000} MB are free for the journal; a run needs {needed // 1_000_000} MB",
+            make_message(
+                "only {free} MB are free for the journal; a run needs {needed} MB",
+                free=free // 1000000,
+                needed=needed // 1000000,
+            ),
             code="store.full",
             remedy="Free disk space, then start again.",
         )

@@ -7,6 +7,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.catalogue import definition_named
@@ -82,8 +83,10 @@ def _settings_of(procedure: str, settings: Mapping[str, object]) -> set[str]:
     unknown = sorted(set(settings) - valid)
     if unknown:
         raise CellError(
-            f"{procedure} has no setting {', '.join(unknown)}.",
-            remedy=f"It has: {', '.join(sorted(valid)) or 'none'}.",
+            make_message(
+                "{procedure} has no setting {unknown}.", procedure=procedure, unknown=", ".join(unknown)
+            ),
+            remedy=make_message("It has: {names}.", names=", ".join(sorted(valid)) or "none"),
             code="usage",
         )
     return valid
@@ -103,8 +106,14 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
 
 
 def _settings_error(procedure: str, faults: str) -> CellError:
-    remedy = f"Correct --set; `cellcal procedures {procedure}` shows what each setting takes."
-    return CellError(f"{procedure} cannot be run so: {faults}.", remedy=remedy, code="usage")
+    remedy = make_message(
+        "Correct --set; `cellcal procedures {procedure}` shows what each setting takes.", procedure=procedure
+    )
+    return CellError(
+        make_message("{procedure} cannot be run so: {faults}.", procedure=procedure, faults=faults),
+        remedy=remedy,
+        code="usage",
+    )
 
 
 def _fault_text(fault: ErrorDetails) -> str:

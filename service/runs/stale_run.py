@@ -2,6 +2,7 @@
 
 from datetime import UTC, datetime
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
 from cellcal.procedures.run import DeclinedError
@@ -37,7 +38,7 @@ async def agree_if_old(
     age_h = ((now_utc or datetime.now(UTC)) - last).total_seconds() / 3600.0
     if 0.0 <= age_h <= MOST_H:
         return
-    question = (_QUESTION if age_h > 0.0 else _CLOCK).format(abs(age_h))
+    question = make_message(_QUESTION if age_h > 0.0 else _CLOCK, abs(age_h))
     try:
         await operator.confirm(Instruction("run_is_old", question))
     except RefusedError as error:

@@ -6,6 +6,7 @@ An alarm on the bus informs people. It is no safety function, and nothing acts o
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.session_documents import LiveDocument, SessionDocument
 
 CALM_S = 2.0  # a device that flaps is one alarm
@@ -67,7 +68,11 @@ def wrong_in(session: SessionDocument | None, live: LiveDocument | None) -> list
             CellAlarm("cell.unreachable", session["cell"], connection["message"], connection["remedy"])
         )
     found += [
-        CellAlarm(f"position.{loss['what']}", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
+        CellAlarm(
+            f"position.{loss['what']}",
+            loss["robot"],
+            make_message("{loss}; {loss_2}", loss=loss["detected_by"], loss_2=loss["words"]),
+        )
         for loss in session.get("losses", [])
     ]
     run = session.get("run")

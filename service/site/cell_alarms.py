@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.site.alarms import AlarmSet, CellAlarm, wrong_in
 from cellcal.service.site.cell_state import DueDates, overdue_items
@@ -48,7 +49,9 @@ class CellAlarmWatch:
 
     def _local_alarms(self, now_s: float, journal_trouble: str) -> list[CellAlarm]:
         late = [
-            CellAlarm("due", item["what"], f"was due on {item['due']}", "Have it done.")
+            CellAlarm(
+                "due", item["what"], make_message("was due on {item}", item=item["due"]), "Have it done."
+            )
             for item in overdue_items(self._due.due_items(now_s), datetime.now(UTC).date())
         ]
         broken = [CellAlarm("journal", self._config.cell.name, journal_trouble)] * bool(journal_trouble)

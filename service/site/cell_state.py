@@ -3,6 +3,7 @@
 from datetime import date
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.drift_schedule import DriftReminder
 from cellcal.service.session_documents import RunDocument, SessionDocument
@@ -19,7 +20,10 @@ class DueDates:
 
     def __init__(self, config: CellConfig, link_certificate: Path | None = None) -> None:
         self._fixed = [
-            {"what": f"calibration of {entry.device.name}", "due": entry.setup.certificate.due.isoformat()}
+            {
+                "what": make_message("calibration of {device_name}", device_name=entry.device.name),
+                "due": entry.setup.certificate.due.isoformat(),
+            }
             for entry in config.instrument_entries
             if entry.setup.certificate is not None
         ]

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.files import replace_file
@@ -173,7 +174,9 @@ def _write_cell(folder: Path, site: _SiteFile, authority: SiteAuthority, one: Ce
     try:
         path.mkdir(mode=0o700)
     except FileExistsError as error:
-        raise SiteError(f"{path} is there already.", remedy="Move it away first.", code="usage") from error
+        raise SiteError(
+            make_message("{path} is there already.", path=path), remedy="Move it away first.", code="usage"
+        ) from error
     authority.issue_certificate(one.cell, path)
     write_new(path / "ca.pem", authority.certificate_pem)
     write_new(path / CELL_FILE, _as_text(cell_config(site.site, one.cell, site.endpoint)))

@@ -17,6 +17,7 @@ from typing import Any, NotRequired, TypedDict
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.site.keys import StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
@@ -156,7 +157,9 @@ class Fleet:
             return None
         found = open_message(raw, key, cell, station.public)
         if isinstance(found, MessageFlaw):
-            self.name_flaw(cell, f"{key}: {found.sentence}")
+            self.name_flaw(
+                cell, make_message("{path}: {refused_message}", path=key, refused_message=found.sentence)
+            )
             return None
         return found
 
@@ -177,10 +180,15 @@ class Fleet:
             if is_store_fault(error):
                 raise  # the store itself: no cell's fault
             if isinstance(error, sqlite3.Error):
-                self.name_flaw(cell, f"what it said cannot be kept: {error}")
+                self.name_flaw(cell, make_message("what it said cannot be kept: {error}", error=error))
                 return
             _LOG.exception("what %s said broke the monitor's work on it", cell)
-            self.name_flaw(cell, f"what it said broke the program: {type(error).__name__}: {error}")
+            self.name_flaw(
+                cell,
+                make_message(
+                    "what it said broke the program: {name}: {error}", name=type(error).__name__, error=error
+                ),
+            )
 
     def note_alarm(self, message: SignedMessage) -> None:
         """Take an alarm's event."""

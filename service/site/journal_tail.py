@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
 
@@ -29,7 +30,7 @@ class JournalTail:
             sql = f"SELECT {_COLUMNS} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
             rows = database.execute(sql, (seq, most)).fetchall()
         except sqlite3.Error as error:
-            self.trouble = f"the journal cannot be read: {error}"
+            self.trouble = make_message("the journal cannot be read: {error}", error=error)
             self.close()
             return []
         self.trouble = ""
@@ -110,4 +111,8 @@ def chain_flaw(body: Mapping[str, Any]) -> str:
         prev=bytes.fromhex(body["prev"]),
         hash=bytes.fromhex(body["hash"]),
     )
-    return "" if event.hash == event.expected_hash() else f"event {event.seq} is not what its hash says"
+    return (
+        ""
+        if event.hash == event.expected_hash()
+        else make_message("event {seq} is not what its hash says", seq=event.seq)
+    )

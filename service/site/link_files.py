@@ -15,6 +15,7 @@ import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.site.keys import SiteError
 from cellcal.service.times import ZonedTime
@@ -107,7 +108,9 @@ def read_link_folder(folder: Path, name: str) -> LinkFolder:
     for file in files.values():
         if not file.is_file():
             raise SiteError(
-                f"{file} is not there.", remedy="Copy the folder that enroll made, whole.", code="config"
+                make_message("{path} is not there.", path=file),
+                remedy="Copy the folder that enroll made, whole.",
+                code="config",
             )
     key = files["connect_private_key"]
     if key.stat().st_mode & 0o077:

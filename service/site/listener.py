@@ -17,6 +17,7 @@ from zenoh.handlers import FifoChannel
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.supervision import log_failures, start_thread
 from cellcal.service.record.signing import CheckedDocument, check_document
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
@@ -119,13 +120,20 @@ class FleetListener:
         checked_run = "".join(letter for letter in run_id if letter.isalnum() or letter in "_-")
         replies = self._get_replies(keys.certificate_key(checked_run), "")
         if not replies:
-            raise SiteError(f"{cell} does not answer.", remedy="See whether it is online.", code="device")
+            raise SiteError(
+                make_message("{cell} does not answer.", cell=cell),
+                remedy="See whether it is online.",
+                code="device",
+            )
         return replies[0], check_document(replies[0], expected_key=self._public[cell])
 
     def _station_keys(self, cell: str) -> StationKeys:
         if cell not in self._keys_of:
             checked_identifier(cell, "cell")
-            raise SiteError(f"there is no cell {cell!r} on this site.", remedy="See `cellcal monitor`.")
+            raise SiteError(
+                make_message("there is no cell {cell!r} on this site.", cell=cell),
+                remedy="See `cellcal monitor`.",
+            )
         return self._keys_of[cell]
 
     def _get_replies(self, key: str, parameters: str) -> list[bytes]:
@@ -139,7 +147,11 @@ class FleetListener:
                 found.append(reply.ok.payload.to_bytes())
             elif reply.err is not None:
                 words = _error_text(reply.err.payload.to_bytes())
-                raise SiteError(f"{key}: {words}", remedy="See whether the cell is online.", code="device")
+                raise SiteError(
+                    make_message("{path}: {refused_message}", path=key, refused_message=words),
+                    remedy="See whether the cell is online.",
+                    code="device",
+                )
         return found
 
     # hearing: Rust keeps what comes in until our one thread takes it; a Python callback for each sample would wait
@@ -184,7 +196,9 @@ class FleetListener:
             work()
         except Exception as error:  # shown on the page; the supervisor names it and begins anew
             if not self._leave.is_set():
-                self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
+                self.fleet.name_flaw(
+                    "", make_message("the monitor cannot go on with its work just now: {error}", error=error)
+                )
             raise
 
     def _process_samples(self) -> None:
@@ -327,7 +341,11 @@ def _open_session(config: zenoh.Config, patience_s: float, endpoints: list[str])
         except zenoh.ZError as error:
             if time.monotonic() > until_s:
                 raise SiteError(
-                    f"the site's router at {', '.join(endpoints)} does not answer: {error}.",
+                    make_message(
+                        "the site's router at {endpoints} does not answer: {error}.",
+                        endpoints=", ".join(endpoints),
+                        error=error,
+                    ),
                     remedy="Start `cellcal site router`, and see that this computer reaches it. A certificate that "
                     "is not of this site is refused without a word.",
                     code="device.unreachable",

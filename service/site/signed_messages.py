@@ -14,6 +14,7 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.record.signing import CellKey
 from cellcal.service.times import read_time
@@ -90,7 +91,9 @@ def public_key(hexadecimal: str) -> Ed25519PublicKey:
 def open_message(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> SignedMessage | MessageFlaw:
     """Check a message that arrived under a key, and return what it says or why it is not believed."""
     if len(raw) > LONGEST_MESSAGE:
-        return MessageFlaw(key, f"a message of {len(raw)} bytes is longer than any of ours")
+        return MessageFlaw(
+            key, make_message("a message of {raw_count} bytes is longer than any of ours", raw_count=len(raw))
+        )
     try:
         fields = parse_json(raw)
     except (ValueError, RecursionError):
@@ -108,7 +111,14 @@ def open_message(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -
             key, "the signature does not belong to the message: it was changed, or another key signed it"
         )
     if (fields["key"], fields["station"]) != (key, station):
-        return MessageFlaw(key, f"a message that {fields['station']} signed for {fields['key']} was put here")
+        return MessageFlaw(
+            key,
+            make_message(
+                "a message that {fields} signed for {fields_2} was put here",
+                fields=fields["station"],
+                fields_2=fields["key"],
+            ),
+        )
     return SignedMessage(station, fields["epoch"], fields["seq"], fields["wall"], key, fields["body"])
 
 

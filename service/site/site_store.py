@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.signed_messages import SignedMessage
@@ -75,7 +76,7 @@ class SiteStore:
                 self._database.execute(sql).fetchall()
         except (OSError, sqlite3.Error) as error:
             raise SiteError(
-                f"the monitor's store {path} cannot be used: {error}.",
+                make_message("the monitor's store {path} cannot be used: {error}.", path=path, error=error),
                 remedy="Name another with --store, or move it away: cells are asked again.",
                 code="store",
             ) from error
@@ -144,8 +145,11 @@ class SiteStore:
             if stored[0] == each.raw:
                 return []
             return [
-                f"tells another event under the number {message.seq} of an earlier one: its outbox was restored "
-                "from a copy. Move site_outbox.sqlite away at the cell."
+                make_message(
+                    "tells another event under the number {seq} of an earlier one: its outbox was restored "
+                    "from a copy. Move site_outbox.sqlite away at the cell.",
+                    seq=message.seq,
+                )
             ]
         link = _journal_link(message.body)
         flaws = self._chain_flaws(message.station, *link)
@@ -161,7 +165,10 @@ class SiteStore:
             agrees = {seq - 1: hashed == prev, seq: hashed == own, seq + 1: before == own}[other]
             if not agrees:
                 return [
-                    f"event {seq} of its journal does not follow from what it told before: it was rewritten."
+                    make_message(
+                        "event {seq} of its journal does not follow from what it told before: it was rewritten.",
+                        seq=seq,
+                    )
                 ]
         return []
 

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.times import Day, ZonedTime
 
 _MOST = 500
@@ -96,5 +97,9 @@ def state_flaw(body: object) -> str:
         _StateMessage.model_validate(body)
     except ValidationError as error:
         first = error.errors()[0]
-        return f"its state is not one of ours ({'.'.join(map(str, first['loc']))}: {first['msg']}): another version?"
+        return make_message(
+            "its state is not one of ours ({map}: {first}): another version?",
+            map=".".join(map(str, first["loc"])),
+            first=first["msg"],
+        )
     return ""

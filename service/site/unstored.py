@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.site.fleet import Fleet
 from cellcal.service.site.keys import SiteError
@@ -22,8 +23,12 @@ class StoreFailsError(SiteError):
 
     def __init__(self, error: Exception, count: int) -> None:
         super().__init__(
-            f"the monitor's store takes nothing just now: {error}. {count} events wait in memory and are tried "
-            "again.",
+            make_message(
+                "the monitor's store takes nothing just now: {error}. {count} events wait in memory and "
+                "are tried again.",
+                error=error,
+                count=count,
+            ),
             remedy="See whether the disk is full or read-only, and whether another program has the file open.",
             code="store",
         )
@@ -75,7 +80,7 @@ class UnstoredEvents:
         """Name a fault of the store, and wait before it is tried again."""
         told = StoreFailsError(error, len(self._waiting))
         if not self._failing:
-            self._fleet.name_flaw("", f"{told.message} {told.remedy}")
+            self._fleet.name_flaw("", make_message("{cure} {cure_2}", cure=told.message, cure_2=told.remedy))
         self._failing = True
         self._not_before_s = self._clock() + SUPERVISOR.note_failure(TASK, told)
 

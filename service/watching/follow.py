@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, cast
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
@@ -156,7 +157,16 @@ class _StopReporter:
     def on_condition(self, condition: Condition) -> None:
         """Take in how the robot is at this look."""
         stopped = condition.readiness is Readiness.STOPPED
-        words = f"{self._robot}: {condition.message} {condition.remedy}" if stopped else ""
+        words = (
+            make_message(
+                "{robot}: {condition_message} {condition_remedy}",
+                robot=self._robot,
+                condition_message=condition.message,
+                condition_remedy=condition.remedy,
+            )
+            if stopped
+            else ""
+        )
         if words != self._reported:
             self._say(words or f"{self._robot}: neither stopped nor out of reach any more.")
         self._reported = words

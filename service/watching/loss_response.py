@@ -11,6 +11,7 @@ from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
@@ -92,10 +93,13 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
         (suspicion.record_differs, "the robot may have been mastered on purpose"),
         (
             not (suspicion.record_differs or suspicion.may_run_unattended),
-            f"{suspicion.mode.value} needs a person's judgement",
+            make_message("{mode_value} needs a person's judgement", mode_value=suspicion.mode.value),
         ),
         (loss.follows_another, "what was reported before it has not been cleared by anybody"),
-        (suspicion.not_known, f"the alarm {', '.join(suspicion.not_known)} is unknown here"),
+        (
+            suspicion.not_known,
+            make_message("the alarm {not_known} is unknown here", not_known=", ".join(suspicion.not_known)),
+        ),
         (loss.during_run, "a run had the robot when it was lost: who works there has to judge"),
         (loss.last_healthy is None, "the robot was not seen healthy before"),
         (
@@ -106,7 +110,7 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
         (not watch.cell_closed, "[watch] cell_closed is not confirmed"),
         (
             motion.level is not MotionLevel.COMMANDED,
-            f'the robot\'s motion is "{motion.level}", not "commanded"',
+            make_message('the robot\'s motion is "{level}", not "commanded"', level=motion.level),
         ),
         (not motion.surroundings.is_known, "what stands in the cell is not described ([robot.space])"),
     )

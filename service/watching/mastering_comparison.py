@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Counts, MasteringData, MasteringStore
 from cellcal.service.configuration.cell_file import CellConfig
@@ -92,7 +93,9 @@ def _compare_mastering(
     pending = next((one for one in reversed(journalled.unconfirmed) if one.may_be_in_force(current)), None)
     if pending is not None:
         return (
-            f"run {pending.of_run} wrote it, and ended or broke off before it was confirmed",
+            make_message(
+                "run {of_run} wrote it, and ended or broke off before it was confirmed", of_run=pending.of_run
+            ),
             suspect_unconfirmed(pending.of_run),
         )
     record = journalled.record
@@ -103,13 +106,17 @@ def _compare_mastering(
 
 def _describe_mismatch(record: MasteringRecord, counts: Counts) -> str:
     if len(counts) != len(record.counts_at_zero):
-        return (
-            f"the controller masters {len(counts)} axes, the newest record has {len(record.counts_at_zero)}"
+        return make_message(
+            "the controller masters {count_count} axes, the newest record has {counts_at_zero_count}",
+            count_count=len(counts),
+            counts_at_zero_count=len(record.counts_at_zero),
         )
     moved = np.subtract(counts, record.counts_at_zero)
     joints_deg = np.rad2deg(record.drive.to_joints(np.array(counts), np.array(record.counts_at_zero)))
     axes = [f"J{k + 1} by {abs(joints_deg[k]):.3f} deg" for k in np.flatnonzero(moved)]
-    return (
-        f"the controller's mastering is not that of the newest record ({record.sha256[:12]}), and no alarm tells of "
-        f"it: {', '.join(axes)}"
+    return make_message(
+        "the controller's mastering is not that of the newest record ({sha256}), and no alarm "
+        "tells of it: {axes}",
+        sha256=record.sha256[:12],
+        axes=", ".join(axes),
     )

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
@@ -101,7 +102,9 @@ class RobotWatch:
         self._warn_once(battery_warning(condition))
         detected_by = None
         if condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition):
-            detected_by = f"the controller reports: {condition.message}"
+            detected_by = make_message(
+                "the controller reports: {condition_message}", condition_message=condition.message
+            )
         else:
             detected_by = await self._find_trouble()
         suspicion = _suspect_condition(condition)
@@ -171,7 +174,11 @@ class RobotWatch:
             if float(moved_rad.max()) > reach_rad:
                 axis = int(moved_rad.argmax())
                 jump_deg = np.rad2deg(moved_rad[axis])
-                return f"the count of axis {axis + 1} jumped by {jump_deg:.1f} deg without motion"
+                return make_message(
+                    "the count of axis {axis} jumped by {jump_deg:.1f} deg without motion",
+                    axis=axis + 1,
+                    jump_deg=jump_deg,
+                )
         self._last_observation = (now_s, counts)
         self._save_healthy(counts, epoch)
         return None

@@ -13,6 +13,7 @@ from typing import Any
 import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
 from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
@@ -61,8 +62,11 @@ class DeskSilentError(CellProcessGoneError):
     def __init__(self) -> None:
         CellError.__init__(
             self,
-            f"the cell's process did not answer within {ANSWER_S:.0f} s; it is not known whether it did what was "
-            "ordered.",
+            make_message(
+                "the cell's process did not answer within {answer_s:.0f} s; it is not known whether it "
+                "did what was ordered.",
+                answer_s=ANSWER_S,
+            ),
             remedy="See on this page and at the robot what was done, then go on.",
         )
 
@@ -86,7 +90,9 @@ class InvalidOrderError(CellError):
     code = "request"
 
     def __init__(self, why: str) -> None:
-        super().__init__(f"The request is not understood: {why}.", remedy="See /openapi.json.")
+        super().__init__(
+            make_message("The request is not understood: {why}.", why=why), remedy="See /openapi.json."
+        )
 
 
 class CellProcessClient:
@@ -160,7 +166,9 @@ class CellProcessClient:
         except TypeError as error:
             raise InvalidOrderError(str(error)) from error
         if len(line) > LONGEST_LINE:
-            raise InvalidOrderError(f"it is longer than {LONGEST_LINE} bytes")
+            raise InvalidOrderError(
+                make_message("it is longer than {longest_line} bytes", longest_line=LONGEST_LINE)
+            )
         if "ask" not in message and process.stdin.transport.get_write_buffer_size() > _MOST_UNREAD:
             raise DeskSilentError
         answer: asyncio.Future[OrderReply] = asyncio.get_running_loop().create_future()

@@ -10,6 +10,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 TICK_S = 0.5
@@ -40,8 +41,11 @@ class CellHangsError(CellError):
             _DISK_WAIT: "it waits for a disk",
         }.get(does, "it waits for something that does not come")
         super().__init__(
-            f"the cell's process did not answer any more: {how}. It was ended and is started again; "
-            "a run under way was broken off.",
+            make_message(
+                "the cell's process did not answer any more: {how}. It was ended and is started again; a "
+                "run under way was broken off.",
+                how=how,
+            ),
             remedy="If the robot moves, press the emergency stop. Look at the robot, then resume the run from the "
             "history.",
         )

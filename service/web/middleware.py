@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import app_context, token_of
@@ -303,10 +304,17 @@ def _refuse_what_is_no_json(body: bytes) -> None:
             parse_json(body)
     except DocumentError as error:
         raise RefusedRequestError(
-            422, "guard.json", f"the request is not understood: {error.why}", "Load the page again."
+            422,
+            "guard.json",
+            make_message("the request is not understood: {why}", why=error.why),
+            "Load the page again.",
         ) from error
 
 
 def _refuse_long(size: int, most_bytes: int) -> None:
     if size > most_bytes:
-        raise RefusedRequestError(413, "guard.size", f"more than {most_bytes // 1024} KiB are not taken.")
+        raise RefusedRequestError(
+            413,
+            "guard.size",
+            make_message("more than {most_bytes} KiB are not taken.", most_bytes=most_bytes // 1024),
+        )

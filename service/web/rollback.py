@@ -13,6 +13,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import AnswerPrompt, Name
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
@@ -39,7 +40,7 @@ class NewerVersionError(PeopleError):
 
     def __init__(self, serial: str, newest: int) -> None:
         super().__init__(
-            f"robot {serial} has version {newest} by now.",
+            make_message("robot {serial} has version {newest} by now.", serial=serial, newest=newest),
             remedy="Look at what it changed, then decide again.",
         )
 
@@ -87,7 +88,12 @@ async def roll_back(robot_serial: str, requested: RollbackRequest, request: Requ
     context = app_context(request)
     sets = ParameterSets(Path(context.config.path).parent / FOLDER)
     done: SetHead | None = await asyncio.to_thread(_refused_or_done, sets, robot_serial, requested)
-    question = f"{robot_serial}: version {requested.to} after version {requested.newest}"
+    question = make_message(
+        "{robot_serial}: version {to} after version {newest}",
+        robot_serial=robot_serial,
+        to=requested.to,
+        newest=requested.newest,
+    )
     order = AnswerPrompt(op="answer", prompt_id=question)
     shown: OtherQuestion = {
         "rev": requested.newest,
@@ -107,7 +113,7 @@ def _refused_or_done(sets: ParameterSets, serial: str, requested: RollbackReques
         raise NewerVersionError(serial, newest.version)
     if requested.to >= newest.version:
         raise CellError(
-            f"version {requested.to} is not older than the one that holds.",
+            make_message("version {to} is not older than the one that holds.", to=requested.to),
             remedy="Choose an older one.",
             code="usage",
         )

@@ -11,6 +11,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
     withheld_reason,
 )
 from cellcal.calibration.arm.robot_models.model_text import ModelText, model_of_data, read_model_text
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 
 
@@ -53,7 +54,11 @@ def model_text(name: str) -> ModelText:
             code="usage",
         )
     near = nearest_names(name)
-    there = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(model_names())} and many more."
+    there = (
+        make_message("Did you mean {near}?", near=near[0])
+        if near
+        else f"Known: {', '.join(model_names())} and many more."
+    )
     raise CalibrationError(
         f"there is no robot model {name!r}.",
         remedy=f"{there} `cellcal models WORDS` finds them; a model file (.toml) or a description (.urdf?tip=LINK) "

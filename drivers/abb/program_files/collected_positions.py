@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix, rotation_from_quaternion
 from cellcal.drivers.abb.program_files.usual import GAPS, NUMBERS
@@ -210,7 +211,7 @@ class RapidPositions:
     def _no_quaternion(self, place: int, norm: float) -> ProgramFileError:
         return self.source.error_at(
             place,
-            f"the quaternion has the length {norm:.4f}, not 1.",
+            make_message("the quaternion has the length {norm:.4f}, not 1.", norm=norm),
             remedy="Correct it, or teach the target again.",
         )
 
@@ -235,7 +236,7 @@ class RapidPositions:
         self.external[-6:] = values
         if not self.external_seen and any(value == value and value for value in values):  # noqa: PLR0124
             self.external_seen = True
-            self.add_remark(found.start(), "foreign", _EXTERNAL.format(name))
+            self.add_remark(found.start(), "foreign", make_message(_EXTERNAL, name))
 
 
 def pose_of(texts: tuple[str, ...]) -> Pose | None:

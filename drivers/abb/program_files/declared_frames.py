@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions, pose_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateError
@@ -55,7 +56,7 @@ class DeclaredFrames:
         try:
             found = AGGREGATES[kind].match_at(self.found.source.text, declared.end())
         except AggregateError:
-            self.found.add_remark(declared.start(2), "foreign", _UNREAD_TEXT.format(name, kind))
+            self.found.add_remark(declared.start(2), "foreign", make_message(_UNREAD_TEXT, name, kind))
             return declared.end()
         self.uses.spell_name(name)
         if kind == "tooldata":
@@ -68,7 +69,7 @@ class DeclaredFrames:
         pose = pose_of(found.groups()[1:8])
         if found[1].upper() == "FALSE":
             self.uses.seen_from_flange.add(name.lower())
-            self.found.add_remark(found.start(), "foreign", _STATIONARY_TEXT.format(name))
+            self.found.add_remark(found.start(), "foreign", make_message(_STATIONARY_TEXT, name))
         elif pose is not None:
             self._store_pose(self.tools, name, pose)
 
@@ -76,10 +77,10 @@ class DeclaredFrames:
         user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
         if found[1].upper() == "TRUE":
             self.uses.seen_from_flange.add(name.lower())
-            self.found.add_remark(found.start(), "foreign", _HELD_TEXT.format(name))
+            self.found.add_remark(found.start(), "foreign", make_message(_HELD_TEXT, name))
         elif found[2].upper() == "FALSE":
             self.uses.moved.add(name.lower())
-            self.found.add_remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
+            self.found.add_remark(found.start(), "foreign", make_message(_MOVED_TEXT, name, found[3]))
         elif user is not None and obj is not None:
             self._store_pose(self.bases, name, user @ obj)
 

@@ -3,6 +3,8 @@
 import re
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
+
 W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
 NAME = r"[A-Za-z\x80-\xff][\w\x80-\xff]*+"  # any letter of ISO 8859-1 or, byte by byte, of UTF-8
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])"
@@ -77,7 +79,11 @@ class RapidAggregate:
             if fitting is None:
                 expected = _NAMES.get(token, f"'{token}'")
                 computed = _COMPUTED.match(text, place) is not None
-                return AggregateError(place, f"here should be {expected} of the position.", computed=computed)
+                return AggregateError(
+                    place,
+                    make_message("here should be {expected} of the position.", expected=expected),
+                    computed=computed,
+                )
             place = fitting.end()
         return AggregateError(place, "this position is not understood.", computed=False)
 

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
 from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DECIMALS
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
@@ -164,7 +165,7 @@ class AbbFile:
         if frame is not None:
             raise self._change_error(row, "its work object stands in the moves, which are not rewritten")
         if (pose and kind != CARTESIAN) or (joints and kind != JOINTS):
-            raise self._change_error(row, f"it holds {kind} coordinates")
+            raise self._change_error(row, make_message("it holds {kind} coordinates", kind=kind))
 
     def _pose_edits(
         self, row: int, found: re.Match[str], place_mm: list[float], turn: list[float]
@@ -191,7 +192,9 @@ class AbbFile:
 
     def _configuration_edits(self, row: int, found: re.Match[str], text: str) -> Iterator[Edit]:
         if numbers_of(text) is None:
-            raise self._change_error(row, f"{text!r} is no configuration such as [0,-1,0,1]")
+            raise self._change_error(
+                row, make_message("{text!r} is no configuration such as [0,-1,0,1]", text=text)
+            )
         for k, part in enumerate(text.strip()[1:-1].split(",")):
             yield *found.span(8 + k), part.strip()
 
@@ -202,13 +205,15 @@ class AbbFile:
             if isnan(value):
                 continue
             if not abs(value) < BEYOND:
-                raise self._change_error(row, f"no robot has the coordinate {value:.0f}")
+                raise self._change_error(
+                    row, make_message("no robot has the coordinate {value:.0f}", value=value)
+                )
             yield *found.span(first + k + 1), write_number(found[first + k + 1], value, decimals)
 
     def _change_error(self, row: int, why: str) -> ProgramFileError:
         return self.source.error_at(
             int(self.starts[row]),
-            f"{self.positions.names[row]} cannot be changed: {why}.",
+            make_message("{names} cannot be changed: {why}.", names=self.positions.names[row], why=why),
             remedy="Leave it out, or teach it on the robot.",
         )
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import NO_COORDINATES, RapidPositions
 from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
@@ -171,7 +172,7 @@ class RapidModule:
         for place, name, scope in self.assigned:
             if self.uses.rows_of(name, scope):
                 text = _COPY_TEXT if place in self.copies else _ASSIGNED_TEXT
-                self.found.add_remark(place, "computed", text.format(name))
+                self.found.add_remark(place, "computed", make_message(text, name))
         self.frames.drop_ambiguous()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
@@ -215,12 +216,14 @@ class RapidModule:
     def _take_array(self, kind: str, name: str, sizes: str, declared: re.Match[str]) -> int:
         if not declared[4] or kind not in TARGETS:
             if kind in TARGETS:
-                self.found.add_remark(declared.start(2), "computed", _FILLED_TEXT.format(name))
+                self.found.add_remark(declared.start(2), "computed", make_message(_FILLED_TEXT, name))
             return declared.end()
         counts = [size.strip() if _SIZES.fullmatch(size) else None for size in sizes.split(",")]
         if any(count is not None and len(count) > _MOST_DIGITS for count in counts):
             raise self.found.source.error_at(
-                declared.start(3), f"{name} has more elements than any array.", remedy="Correct its size."
+                declared.start(3),
+                make_message("{name} has more elements than any array.", name=name),
+                remedy="Correct its size.",
             )
         dimensions = [None if count is None else int(count) for count in counts]
         return self._take_elements(kind, name, dimensions, declared.end())
@@ -243,13 +246,15 @@ class RapidModule:
             place = self._take_element(kind, f"{name}{{{','.join(map(str, index))}}}", place)
             while text[place : place + 1] == "]" and index:
                 if index[-1] != (sizes[len(index) - 1] or index[-1]):
-                    raise source.error_at(place, f"{name} does not have the elements that it declares.")
+                    raise source.error_at(
+                        place, make_message("{name} does not have the elements that it declares.", name=name)
+                    )
                 index.pop()
                 place = after_blanks(text, place + 1)
             if not index:
                 return place
             if text[place : place + 1] != ",":
-                raise source.error_at(place, f"here should be ',' or ']' of {name}.")
+                raise source.error_at(place, make_message("here should be ',' or ']' of {name}.", name=name))
             index[-1] += 1
             place = after_blanks(text, place + 1)
 
@@ -284,7 +289,7 @@ class RapidModule:
 
     def _take_computed(self, name: str, place: int) -> int:
         """Take a target whose value only the controller knows, or another target has."""
-        self.found.add_remark(place, "computed", _COMPUTED_TEXT.format(name))
+        self.found.add_remark(place, "computed", make_message(_COMPUTED_TEXT, name))
         self.uses.declare_without_row(name)
         self._note_copy(self.found.source.text, place, name)
         return place

@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
@@ -201,7 +202,7 @@ class TargetUses:
         if settled.why:
             self.barred[row] = settled.why
         if settled.different:
-            found.add_remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
+            found.add_remark(found.starts[row], "indirect", make_message(_DIFFERENT, found.names[row]))
         if settled.seen_from_flange:
             found.drop_coordinates(row, _SEEN_FROM_FLANGE)
             return

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, cross_product, frames_of_placements
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 
@@ -110,7 +111,11 @@ def _six_joints(model: RobotModel, joints: Array) -> Array:
         or not np.isfinite(joints).all()
     ):
         raise CalibrationError(
-            f"{model.name}: the configuration of a FANUC is known for six finite joints, not {joints.shape[1]}."
+            make_message(
+                "{model_name}: the configuration of a FANUC is known for six finite joints, not {shape}.",
+                model_name=model.name,
+                shape=joints.shape[1],
+            )
         )
     return joints
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, is_rigid
 from cellcal.drivers.fanuc.program_files.ls_grammar import (
     CARTESIAN,
@@ -88,7 +89,9 @@ class _RecordTexts:
             self.place.data, at, end
         )
         if found is None or self.positions.kinds[row] != CARTESIAN_KIND:
-            raise self.row_error(row, f"is {self.positions.kinds[row]}, and takes no pose.")
+            raise self.row_error(
+                row, make_message("is {kinds}, and takes no pose.", kinds=self.positions.kinds[row])
+            )
         return found
 
     def match_joints(self, row: int) -> re.Match[bytes]:
@@ -96,13 +99,15 @@ class _RecordTexts:
         at, end = int(self.offsets[row]), self.body[1]
         found = JOINTS.match(self.place.data, at, end) or UNTAUGHT_JOINTS.match(self.place.data, at, end)
         if found is None or self.positions.kinds[row] != JOINTS_KIND:
-            raise self.row_error(row, f"is {self.positions.kinds[row]}, and takes no joints.")
+            raise self.row_error(
+                row, make_message("is {kinds}, and takes no joints.", kinds=self.positions.kinds[row])
+            )
         return found
 
     def any_form(self, row: int) -> re.Match[bytes]:
         """Return the text of a position in whatever form: groups 1 to 4 are GP, UF, UT and CONFIG."""
         if self.positions.kinds[row] == REMOTE:
-            raise self.row_error(row, f"is {REMOTE}, and takes no pose.")
+            raise self.row_error(row, make_message("is {kinds}, and takes no pose.", kinds=REMOTE))
         at, end = int(self.offsets[row]), self.body[1]
         for pattern in (CARTESIAN, JOINTS, UNTAUGHT_CARTESIAN, UNTAUGHT_JOINTS):
             if found := pattern.match(self.place.data, at, end):
@@ -113,7 +118,12 @@ class _RecordTexts:
         where = self.positions
         return ProgramFileError(
             self.place.file,
-            f"{where.names[row]} of group {where.groups[row]} {message}",
+            make_message(
+                "{names} of group {groups} {message}",
+                names=where.names[row],
+                groups=where.groups[row],
+                message=message,
+            ),
             line=int(where.lines[row]),
             column=1,
             remedy=remedy,
@@ -122,7 +132,11 @@ class _RecordTexts:
     def write_number(self, row: int, old: bytes, value: float) -> bytes:
         """Return a new number in the file's style."""
         if not abs(value) < LARGEST:
-            raise self.row_error(row, f"cannot hold the number {value:g}.", "Check the frame and the shift.")
+            raise self.row_error(
+                row,
+                make_message("cannot hold the number {value:g}.", value=value),
+                "Check the frame and the shift.",
+            )
         return self.style.write_value(old, value)
 
 
@@ -139,7 +153,10 @@ def _checked_rows(place: ListingFile, positions: Positions, change: PositionChan
 
 def _pose_edits(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
     if frame_tip.shape != (len(rows), 4, 4):
-        raise ProgramFileError(blocks.place.file, f"poses must be 4 x 4 matrices, not {frame_tip.shape}.")
+        raise ProgramFileError(
+            blocks.place.file,
+            make_message("poses must be 4 x 4 matrices, not {shape}.", shape=frame_tip.shape),
+        )
     is_given = ~np.isnan(frame_tip).all(axis=(1, 2))
     rows, frame_tip = rows[is_given], frame_tip[is_given]
     if not len(rows):
@@ -167,7 +184,10 @@ def _check_rigid(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array
 
 def _joint_edits(blocks: _RecordTexts, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
     if joints.ndim != 2:
-        raise ProgramFileError(blocks.place.file, f"joints must be rows of numbers, not {joints.shape}.")
+        raise ProgramFileError(
+            blocks.place.file,
+            make_message("joints must be rows of numbers, not {shape}.", shape=joints.shape),
+        )
     for row, values in zip(rows.tolist(), joints, strict=True):
         if np.isnan(values).all():
             continue
@@ -179,7 +199,12 @@ def _joint_edits(blocks: _RecordTexts, rows: NDArray[np.int64], joints: Array) -
             or not np.isfinite(requested).all()
             or np.isfinite(values[len(fields) :]).any()
         ):
-            raise blocks.row_error(row, f"has {len(fields)} joints and wants as many finite numbers.")
+            raise blocks.row_error(
+                row,
+                make_message(
+                    "has {field_count} joints and wants as many finite numbers.", field_count=len(fields)
+                ),
+            )
         for found, value in zip(fields, requested.tolist(), strict=True):
             new = value * _PER_UNIT[found[4]]
             if abs(new - float(found[3])) > 0.5 * 10.0 ** -count_decimals(found[3]) * (1 - 1e-9):
@@ -196,7 +221,9 @@ def _configuration_edits(
         start, end = blocks.any_form(row).span(4)
         if start < 0 or not text or CONFIGURATION.fullmatch(text) is None:
             raise blocks.row_error(
-                row, f"cannot take the configuration {text!r}.", "Write it as 'N U T, 0, 0, 0'."
+                row,
+                make_message("cannot take the configuration {text!r}.", text=text),
+                "Write it as 'N U T, 0, 0, 0'.",
             )
         yield start, end, text.encode()
 
@@ -206,6 +233,10 @@ def _user_frames(blocks: _RecordTexts, rows: NDArray[np.int64], user_frames: Seq
         if text == blocks.positions.user_frames[row]:
             continue
         if re.fullmatch(r"[0-9]{1,3}", text) is None:
-            raise blocks.row_error(row, f"cannot take the user frame {text!r}.", "A user frame is a number.")
+            raise blocks.row_error(
+                row,
+                make_message("cannot take the user frame {text!r}.", text=text),
+                "A user frame is a number.",
+            )
         start, end = blocks.any_form(row).span(2)
         yield start, end, text.encode()

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import PurePath
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
@@ -101,7 +102,9 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
         for found in _SET[which].findall(statements)
     }
     return {
-        _register_key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
+        _register_key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): make_message(
+            _SET_BY, name
+        )
         for which, number in frame_reasons
     }
 

@@ -7,6 +7,8 @@ Sources: FANUC B-83284EN section 8.4.5; public programs of real controllers (the
 
 import re
 
+from cellcal.calibration.documents.message import make_message
+
 _GAP = rb"[ \t\r\n]*+"
 NUMBER = rb"[+-]?+(?:\d{1,12}+(?:\.\d{0,9}+)?+|\.\d{1,9}+)"
 _STARS = rb"\*{1,20}+"
@@ -39,7 +41,10 @@ def _extended_pattern(number: bytes) -> bytes:
 def _cartesian_pieces(number: bytes, prefix: str = "") -> tuple[tuple[str, bytes], ...]:
     axes = [(prefix + name, b"mm") for name in "XYZ"] + [(prefix + name, b"deg") for name in "WPR"]
     fields = [
-        (f"{name} = number {unit.decode()}", _value_pattern(name.encode(), number, unit))
+        (
+            make_message("{name} = number {unit}", name=name, unit=unit.decode()),
+            _value_pattern(name.encode(), number, unit),
+        )
         for name, unit in axes
     ]
     return (*_FRAME_PIECES, *fields, ("E1 = number", _extended_pattern(number)))

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from math import nan
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import (
     ComputedRegisters,
     RegisterContents,
@@ -60,7 +61,7 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     found.amounts |= found.conditions
     for motion in found.by_register:
         if registers.camera & set(motion.shifting or found.conditions):
-            why = _CAMERA.format("Offset", motion.line)
+            why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
     shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
     barred = dict(positions.barred)
@@ -150,7 +151,7 @@ def _take_targets(found: _MotionFindings, motion: MotionStatement) -> None:
             found.places.add(number)
     if motion.any_target and why:
         word = motion.relative or motion.led or motion.standing_tool or motion.camera
-        found.any_increment = found.any_increment or _ANY_INCREMENT.format(motion.line, word)
+        found.any_increment = found.any_increment or make_message(_ANY_INCREMENT, motion.line, word)
     found.amounts.update(motion.shifting)
     if motion.offset or motion.tool_offset or (why and motion.register_targets):
         found.by_register.append(motion)
@@ -169,7 +170,7 @@ def _why_no_place(motion: MotionStatement) -> str:
         (motion.camera, _CAMERA),
     ):
         if word:
-            return text.format(word, motion.line)
+            return make_message(text, word, motion.line)
     return ""
 
 

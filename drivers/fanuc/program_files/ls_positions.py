@@ -7,6 +7,7 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, count_decimals
@@ -178,7 +179,11 @@ def _refuse_twice(place: ListingFile, columns: _RecordColumns) -> None:
         row = int(np.setdiff1d(np.arange(len(keys)), first)[0])
         raise place.error_at(
             columns.offsets[row],
-            f"P[{columns.numbers[row]}] stands here a second time, in group {columns.groups[row]}.",
+            make_message(
+                "P[{numbers}] stands here a second time, in group {groups}.",
+                numbers=columns.numbers[row],
+                groups=columns.groups[row],
+            ),
             "Remove one of the two.",
         )
 

@@ -13,6 +13,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_batch import (
     FixedRead,
     RecordRewrite,
@@ -251,7 +252,9 @@ def _find_sections(place: ListingFile) -> dict[str, int]:
         word = section[1].decode()
         if rank < last or (word in found and word != "APPL"):
             raise place.error_at(
-                section.start(), f"/{word} stands at a place where it does not belong.", _SAVE_AGAIN
+                section.start(),
+                make_message("/{word} stands at a place where it does not belong.", word=word),
+                _SAVE_AGAIN,
             )
         last = rank
         found[word] = section.start()
@@ -263,7 +266,7 @@ def _find_sections(place: ListingFile) -> dict[str, int]:
         if word not in found:
             raise ProgramFileError(
                 place.file,
-                f"the line /{word} is missing: this is no complete program listing.",
+                make_message("the line /{word} is missing: this is no complete program listing.", word=word),
                 remedy=_SAVE_AGAIN,
             )
     if place.data[: found["PROG"]].strip() or not _PROGRAM.match(place.data, found["PROG"]):
@@ -279,7 +282,9 @@ def _offset_after(place: ListingFile, section: re.Match[bytes], word: bytes) -> 
     """Return the offset after the word, which must stand alone on its line."""
     at = section.start() + section[0].index(word) + len(word)
     if place.data[at : section.end()].strip():
-        raise place.error_at(at, f"there is something behind {word.decode()}.", _SAVE_AGAIN)
+        raise place.error_at(
+            at, make_message("there is something behind {word}.", word=word.decode()), _SAVE_AGAIN
+        )
     return at
 
 

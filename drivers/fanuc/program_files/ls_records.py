@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_grammar import (
     CARTESIAN,
     CLOSE,
@@ -154,7 +155,9 @@ def _read_axes(place: ListingFile, at: int, text: bytes) -> tuple[AxisText, ...]
         numbers = [axis.number for axis in axes if axis.letter == letter]
         if numbers != list(range(1, len(numbers) + 1)):
             raise place.error_at(
-                at, f"the axes {letter.decode()} are not numbered 1, 2, 3 and so on.", "Save it again."
+                at,
+                make_message("the axes {letter} are not numbered 1, 2, 3 and so on.", letter=letter.decode()),
+                "Save it again.",
             )
     return axes
 
@@ -163,7 +166,9 @@ def _check_configuration(place: ListingFile, record: PositionRecord) -> None:
     text = record.configuration.decode("cp437")
     if CONFIGURATION.fullmatch(text) is None:
         at = place.data.index(record.configuration, record.offset)
-        raise place.error_at(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
+        raise place.error_at(
+            at, make_message("{text!r} is not a configuration such as 'N U T, 0, 0, 0'.", text=text)
+        )
 
 
 def _not_understood(place: ListingFile, at: int, end: int, next_is: str = "") -> ProgramFileError:
@@ -174,6 +179,8 @@ def _not_understood(place: ListingFile, at: int, end: int, next_is: str = "") ->
     text = place.data[stop : min(stop + 24, end)].decode("cp437").split("\n")[0].strip() or "the end"
     return place.error_at(
         stop,
-        f"this is not understood: {text!r}; expected is {expected}.",
+        make_message(
+            "this is not understood: {text!r}; expected is {expected}.", text=text, expected=expected
+        ),
         "Save the program again on the controller; a listing must not be shortened or edited in /POS.",
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.programs.positions import Positions, Remark
 
@@ -105,7 +106,7 @@ def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple
     breaks = np.flatnonzero(np.frombuffer(statements, dtype=np.uint8) == ord("\n"))
     first_line = data.count(b"\n", 0, start) + 1
     remarks = [
-        Remark(first_line + line, code, text.format(what=what))
+        Remark(first_line + line, code, make_message(text, what=what))
         for code, text, searches in _PATTERNS
         for line, what in _find_occurrences(searches, statements, breaks, once=code == "foreign")
     ]
@@ -160,7 +161,7 @@ def _find_occurrences(
 def _of_remote(positions: Positions) -> Iterator[Remark]:
     if REMOTE in positions.kinds:
         line = int(positions.lines[positions.kinds.index(REMOTE)])
-        yield Remark(line, "relative", _OF_REMOTE_TOOL.format(count=positions.kinds.count(REMOTE)))
+        yield Remark(line, "relative", make_message(_OF_REMOTE_TOOL, count=positions.kinds.count(REMOTE)))
 
 
 def _unused_and_missing_remarks(
@@ -172,10 +173,20 @@ def _unused_and_missing_remarks(
     places = {int(use[1]): use.start() for use in reversed([*_USED.finditer(statements)])} if missing else {}
     for number in sorted(missing):
         line = first_line + statements.count(b"\n", 0, places[number])
-        yield Remark(line, "missing", f"P[{number}] is used here, but not recorded under /POS.")
+        yield Remark(
+            line,
+            "missing",
+            make_message("P[{number}] is used here, but not recorded under /POS.", number=number),
+        )
     spare = sorted(recorded - used)
     if spare and "indirect" not in codes:
         shown = ", ".join(f"P[{number}]" for number in spare[:20]) + (" and more" if len(spare) > 20 else "")
         yield Remark(
-            0, "unused", f"{len(spare)} positions are recorded, but no statement uses them: {shown}."
+            0,
+            "unused",
+            make_message(
+                "{spare_count} positions are recorded, but no statement uses them: {shown}.",
+                spare_count=len(spare),
+                shown=shown,
+            ),
         )

@@ -6,6 +6,7 @@ Where they differ for certain, the controller stops at the motion; the listing d
 import re
 from dataclasses import replace
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
@@ -33,7 +34,7 @@ def with_selections(positions: Positions, data: bytes) -> Positions:
             if positions.groups[row] == 1:
                 barred.setdefault(row, _OTHER_GROUP)
     for row, group in _groups_missing(positions, mask[1] if mask is not None else b"").items():
-        barred.setdefault(row, _MISSING_GROUP.format(group))
+        barred.setdefault(row, make_message(_MISSING_GROUP, group))
     if _SELECTION.search(data) and _may_differ(positions, data):
         _bar_others(positions, data, barred)
     return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
@@ -92,7 +93,7 @@ def _other_selection(positions: Positions, row: int, selected: dict[str, int | N
     for what, name in (("user frame", positions.user_frames[row]), ("tool", positions.tools[row])):
         number = selected[what]
         if number is not None and name is not None and name.isdigit() and int(name) != number:
-            return _OTHER_FRAME.format(line, what, number, int(name))
+            return make_message(_OTHER_FRAME, line, what, number, int(name))
     return ""
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
@@ -106,7 +107,7 @@ def _find_files(folder: Path) -> dict[str, Path]:
     except OSError as error:
         raise ProgramFileError(
             str(folder),
-            f"the folder cannot be read: {error.strerror}.",
+            make_message("the folder cannot be read: {strerror}.", strerror=error.strerror),
             remedy="Give the folder that holds the controller's .VA files, unpacked.",
         ) from error
     found: dict[str, Path] = {}
@@ -114,14 +115,18 @@ def _find_files(folder: Path) -> dict[str, Path]:
         if entry.name.upper() in found:
             raise ProgramFileError(
                 str(folder),
-                f"{found[entry.name.upper()].name} and {entry.name} are the same file to a controller.",
+                make_message(
+                    "{found_name} and {entry_name} are the same file to a controller.",
+                    found_name=found[entry.name.upper()].name,
+                    entry_name=entry.name,
+                ),
                 remedy="Leave one backup in the folder.",
             )
         found[entry.name.upper()] = entry
     if not found:
         raise ProgramFileError(
             str(folder),
-            f"none of {', '.join(BACKUP_FILES)} is there.",
+            make_message("none of {backup_files} is there.", backup_files=", ".join(BACKUP_FILES)),
             remedy="Save the system variables as ASCII (.VA), or read MD: by FTP; .SV files cannot be read.",
         )
     return found
@@ -132,7 +137,9 @@ def _bytes_of(path: Path) -> bytes:
         return read_plain_bytes(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ProgramFileError(
-            path.name, f"it cannot be read: {error.strerror}.", remedy="Copy the backup again."
+            path.name,
+            make_message("it cannot be read: {strerror}.", strerror=error.strerror),
+            remedy="Copy the backup again.",
         ) from error
 
 
@@ -140,11 +147,17 @@ def _numbered_positions(file: VaFile, name: str) -> dict[tuple[int, int], VaPosi
     """Return the positions of a two-dimensional array by (group, number)."""
     found, variable = {}, file.read_variable(name)
     if not variable.positions:
-        raise damaged_file_error(file.name, variable.line, f"{name} holds no positions.")
+        raise damaged_file_error(
+            file.name, variable.line, make_message("{name} holds no positions.", name=name)
+        )
     for path, position in variable.positions.items():
         index = path[len(name) + 1 : -1].split(",")
         if len(index) != 2:
-            raise damaged_file_error(file.name, position.line, f"{name} is not numbered by group and number.")
+            raise damaged_file_error(
+                file.name,
+                position.line,
+                make_message("{name} is not numbered by group and number.", name=name),
+            )
         found[int(index[0]), int(index[1])] = position
     return found
 

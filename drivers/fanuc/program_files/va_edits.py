@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES, MASTERING, REGISTERS, FanucBackup
@@ -69,7 +70,12 @@ def frame_edits(
             if position is None or not (position.is_initialised and position.is_cartesian):
                 raise ProgramFileError(
                     FRAMES,
-                    f"{name}[{key[0]},{key[1]}] is not in the backup, or was never set.",
+                    make_message(
+                        "{name}[{key},{key_2}] is not in the backup, or was never set.",
+                        name=name,
+                        key=key[0],
+                        key_2=key[1],
+                    ),
                     remedy="Set it on the pendant once (Direct Entry), and save the backup again.",
                 )
             edits += _pose_edits(name, position, pose)
@@ -109,7 +115,12 @@ def _stored_register(backup: FanucBackup, group: int, number: int, *, cartesian:
     if position is None or not position.is_initialised or position.is_cartesian != cartesian:
         raise ProgramFileError(
             REGISTERS,
-            f"PR[{number}] of group {group} is not in the backup as a {'pose' if cartesian else 'posture'}.",
+            make_message(
+                "PR[{number}] of group {group} is not in the backup as a {detail}.",
+                number=number,
+                group=group,
+                detail="pose" if cartesian else "posture",
+            ),
             remedy="Record it on the pendant, and save the backup again.",
         )
     return position
@@ -128,14 +139,26 @@ def count_edits(backup: FanucBackup, group: int, counts_at_zero: Sequence[int]) 
         axes = 0 if group_mastering is None else len(group_mastering.spots)
         raise ProgramFileError(
             MASTERING,
-            f"group {group} has {axes} axes in the backup; {len(counts_at_zero)} counts are given.",
-            remedy=f"Take the backup of this robot, with {MASTERING} and {DRIVES}.",
+            make_message(
+                "group {group} has {axes} axes in the backup; {counts_at_zero_count} counts are given.",
+                group=group,
+                axes=axes,
+                counts_at_zero_count=len(counts_at_zero),
+            ),
+            remedy=make_message(
+                "Take the backup of this robot, with {mastering} and {drives}.",
+                mastering=MASTERING,
+                drives=DRIVES,
+            ),
         )
     edits = []
     for axis, (spot, count) in enumerate(zip(group_mastering.spots, counts_at_zero, strict=True), 1):
         if not -(2**31) <= count < 2**31:
             raise ProgramFileError(
-                MASTERING, f"{count} counts are beyond 32 bits.", line=spot.line, remedy="Check the counts."
+                MASTERING,
+                make_message("{count} counts are beyond 32 bits.", count=count),
+                line=spot.line,
+                remedy="Check the counts.",
             )
         if int(count) != int(spot.text):
             variable = f"$DMR_GRP[{group}].$MASTER_COUN[{axis}]"
@@ -194,7 +217,13 @@ def _field_text(position: VaPosition, field: str, value: float) -> str:
     if not abs(value) <= _LARGEST_MM:
         raise ProgramFileError(
             position.file,
-            f"{position.path}.{field} cannot be {value:.3f}: the field holds {_LARGEST_MM:.0f} at most.",
+            make_message(
+                "{path}.{field} cannot be {value:.3f}: the field holds {largest_mm:.0f} at most.",
+                path=position.path,
+                field=field,
+                value=value,
+                largest_mm=_LARGEST_MM,
+            ),
             line=spot.line,
             remedy="Check the pose; its lengths are metres.",
         )

@@ -9,6 +9,7 @@ from itertools import takewhile
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.fanuc.program_files.va_spots import (
@@ -143,7 +144,11 @@ def _read_group(data: VaVariable, group: int, axes: int, drives: GroupDrives | N
         found = tuple(data.find_value(f"{head}{name}[{axis}]") for axis in numbers)
         if not all(spot.is_initialised for spot in found):
             raise damaged_file_error(
-                file, found[0].line, f"{head}{name} is not initialised on an axis that has a motor."
+                file,
+                found[0].line,
+                make_message(
+                    "{head}{name} is not initialised on an axis that has a motor.", head=head, name=name
+                ),
             )
         return found
 
@@ -173,7 +178,11 @@ def _read_drives(data: VaVariable, group: int) -> tuple[int, GroupDrives | None,
     scales = [read_number(f"ENCSCALES[{axis}]") for axis in range(1, 10)]
     axes = len(list(takewhile(lambda scale: scale != 0, scales)))
     if any(scales[axes:]):
-        raise damaged_file_error(file, data.line, f"{head}ENCSCALES has a gap: axis {axes + 1} has no scale.")
+        raise damaged_file_error(
+            file,
+            data.line,
+            make_message("{head}ENCSCALES has a gap: axis {axes} has no scale.", head=head, axes=axes + 1),
+        )
     if axes == 0:
         return 0, None, ""
     signs = tuple(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.va_spots import (
@@ -136,11 +137,17 @@ class PositionLines:
         joints = [f"J{i}" for i in range(1, len(names) + 1)]
         if (self.numbers or self.group is not None) and names not in (list(CARTESIAN), joints):
             raise damaged_file_error(
-                self.file, self.line, f"{path} is not whole: it holds {', '.join(names) or 'no number'}."
+                self.file,
+                self.line,
+                make_message(
+                    "{path} is not whole: it holds {names}.", path=path, names=", ".join(names) or "no number"
+                ),
             )
         if not (self.empty or self.numbers):
             raise damaged_file_error(
-                self.file, self.line, f"{path} holds no position and does not say Uninitialized."
+                self.file,
+                self.line,
+                make_message("{path} holds no position and does not say Uninitialized.", path=path),
             )
         return VaPosition(
             self.file, path, self.line, self.comment, self.group, self.configuration, self.numbers, self.units

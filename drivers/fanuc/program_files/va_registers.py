@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.drivers.fanuc.program_files.va_backup import REGISTERS, FanucBackup, with_registers
 from cellcal.drivers.fanuc.program_files.va_edits import VariableEdit, changed_files, register_edits
@@ -85,7 +86,11 @@ class RegisterPlaces:
             if text != self.positions.configurations[row]:
                 raise ProgramFileError(
                     REGISTERS,
-                    f"PR[{self.places[row].number}] would need the configuration {text}.",
+                    make_message(
+                        "PR[{places_number}] would need the configuration {text}.",
+                        places_number=self.places[row].number,
+                        text=text,
+                    ),
                     line=int(self.positions.lines[row]),
                     remedy="Teach this register on the pendant.",
                 )

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from math import isfinite
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 UNINITIALISED = "Uninitialized"
@@ -40,7 +41,11 @@ def parse_integer(file: str, spot: ValueSpot) -> int:
         It is none.
     """
     if not _INTEGER.match(spot.text) or not -(2**31) <= int(spot.text) < 2**31:
-        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits.")
+        raise damaged_file_error(
+            file,
+            spot.line,
+            make_message("{spot_text!r} is no whole number of 32 bits.", spot_text=spot.text[:40]),
+        )
     return int(spot.text)
 
 
@@ -53,7 +58,9 @@ def parse_real(file: str, spot: ValueSpot) -> float:
         It is none.
     """
     if not _REAL.match(spot.text) or not isfinite(float(spot.text)):
-        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is no number.")
+        raise damaged_file_error(
+            file, spot.line, make_message("{spot_text!r} is no number.", spot_text=spot.text[:40])
+        )
     return float(spot.text)
 
 
@@ -66,5 +73,9 @@ def parse_boolean(file: str, spot: ValueSpot) -> bool:
         It is neither.
     """
     if spot.text not in ("TRUE", "FALSE"):
-        raise damaged_file_error(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE.")
+        raise damaged_file_error(
+            file,
+            spot.line,
+            make_message("{spot_text!r} is neither TRUE nor FALSE.", spot_text=spot.text[:40]),
+        )
     return spot.text == "TRUE"

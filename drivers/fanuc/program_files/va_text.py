@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.fanuc.program_files.va_positions import PositionLines, VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import ValueSpot, damaged_file_error
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -55,7 +56,7 @@ class VaVariable:
         if found is None:
             raise ProgramFileError(
                 self.file,
-                f"{path} is not there.",
+                make_message("{path} is not there.", path=path),
                 line=self.line,
                 remedy="Save all variables of the controller again.",
             )
@@ -89,7 +90,11 @@ class VaFile:
         if len(data) > MAX_FILE_BYTES:
             raise ProgramFileError(
                 name,
-                f"{len(data) / 2**20:.0f} MB is more than a controller writes ({MAX_FILE_BYTES >> 20} MB).",
+                make_message(
+                    "{data_count:.0f} MB is more than a controller writes ({max_file_bytes} MB).",
+                    data_count=len(data) / 2**20,
+                    max_file_bytes=MAX_FILE_BYTES >> 20,
+                ),
                 remedy="Give the folder of the backup itself.",
             )
         file = cls(name, data)
@@ -115,10 +120,16 @@ class VaFile:
         """
         places = [i for i, (heading_name, _, _) in enumerate(self._variable_headings) if heading_name == name]
         if not places:
-            raise ProgramFileError(self.name, f"{name} is not in this file.", remedy="Save it again, whole.")
+            raise ProgramFileError(
+                self.name,
+                make_message("{name} is not in this file.", name=name),
+                remedy="Save it again, whole.",
+            )
         if len(places) > 1:
             line = self._line_of(self._variable_headings[places[1]][1])
-            raise damaged_file_error(self.name, line, f"{name} is there a second time.")
+            raise damaged_file_error(
+                self.name, line, make_message("{path} is there a second time.", path=name)
+            )
         _, start, kind = self._variable_headings[places[0]]
         end = (
             self._variable_headings[places[0] + 1][1]
@@ -170,11 +181,17 @@ class VaFile:
         odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._decoded_text)
         if odd is not None:
             raise damaged_file_error(
-                self.name, self._line_of(odd.start()), f"byte {ord(odd[0]):#04x} is no text."
+                self.name,
+                self._line_of(odd.start()),
+                make_message("byte {ord:#04x} is no text.", ord=ord(odd[0])),
             )
         for number, line in enumerate(self._decoded_text.split("\n"), 1):
             if len(line) > MAX_LINE_BYTES:
-                raise damaged_file_error(self.name, number, f"the line has {len(line)} characters.")
+                raise damaged_file_error(
+                    self.name,
+                    number,
+                    make_message("the line has {line_count} characters.", line_count=len(line)),
+                )
         if not self._variable_headings:
             raise ProgramFileError(
                 self.name,
@@ -222,19 +239,29 @@ class _VariableReader:
             self._take_element(element, offset, line)
         elif self.open is None or not self.open[1].take_line(offset, text, line):
             raise damaged_file_error(
-                self.file, line, f"this line of {self.name} is not understood: {text.strip()[:60]!r}."
+                self.file,
+                line,
+                make_message(
+                    "this line of {name} is not understood: {text!r}.", name=self.name, text=text.strip()[:60]
+                ),
             )
 
     def _take_field(self, found: re.Match[str], offset: int, line: int) -> None:
         path, rest = found[1], found[2]
         if not path.startswith((f"{self.name}.", f"{self.name}[")):
-            raise damaged_file_error(self.file, line, f"{path[:60]} stands among the fields of {self.name}.")
+            raise damaged_file_error(
+                self.file,
+                line,
+                make_message("{path} stands among the fields of {name}.", path=path[:60], name=self.name),
+            )
         scalar = _SCALAR.match(rest)
         self.array = None
         if scalar is None:
             self._declare_array(path, rest.strip(), line)
             if self.array is None:
-                raise damaged_file_error(self.file, line, f"the field {path[:60]} is not understood.")
+                raise damaged_file_error(
+                    self.file, line, make_message("the field {path} is not understood.", path=path[:60])
+                )
         elif scalar[1] in _POSITIONS and not scalar[2].strip():
             self.open = path, PositionLines(self.file, line)
         else:
@@ -245,7 +272,11 @@ class _VariableReader:
         found = _ARRAY.match(kind)
         if found is None and kind.startswith("ARRAY"):
             raise damaged_file_error(
-                self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}."
+                self.file,
+                line,
+                make_message(
+                    "the heading of {path} is not understood: {kind!r}.", path=path[:60], kind=kind[:60]
+                ),
             )
         if found is None:
             return
@@ -258,18 +289,28 @@ class _VariableReader:
         index = tuple(int(n) for n in found[1].split(","))
         fits = len(index) == len(array.shape)
         if not fits or any(not 1 <= i <= n for i, n in zip(index, array.shape, strict=True)):
-            raise damaged_file_error(self.file, line, f"element [{found[1]}] is outside of {array.path}.")
+            raise damaged_file_error(
+                self.file,
+                line,
+                make_message("element [{found}] is outside of {path}.", found=found[1], path=array.path),
+            )
         path = f"{array.path}[{','.join(map(str, index))}]"
         if array.kind in _POSITIONS:
             self.open = path, PositionLines(self.file, line)
             if found[2] and not self.open[1].take_head(found[2]):
-                raise damaged_file_error(self.file, line, f"{path} is not understood: {found[2][:60]!r}.")
+                raise damaged_file_error(
+                    self.file,
+                    line,
+                    make_message("{path} is not understood: {found!r}.", path=path, found=found[2][:60]),
+                )
         else:
             self._store_value(path, ValueSpot(found[2], offset + found.start(2), line))
 
     def _store_value(self, path: str, spot: ValueSpot) -> None:
         if path in self.values or path in self.positions:
-            raise damaged_file_error(self.file, spot.line, f"{path} is there a second time.")
+            raise damaged_file_error(
+                self.file, spot.line, make_message("{path} is there a second time.", path=path)
+            )
         self.values[path] = spot
 
     def _close_position(self) -> None:
@@ -277,7 +318,9 @@ class _VariableReader:
             return
         path, lines = self.open
         if path in self.positions or path in self.values:
-            raise damaged_file_error(self.file, lines.line, f"{path} is there a second time.")
+            raise damaged_file_error(
+                self.file, lines.line, make_message("{path} is there a second time.", path=path)
+            )
         self.positions[path] = lines.to_position(path)
         self.open = None
 
@@ -290,5 +333,9 @@ class _VariableReader:
             whole, got = prod(array.shape), counts.get(array.path, 0)
             if got not in (0, whole) or (got == 0 and not array.kind.endswith("_T")):
                 raise damaged_file_error(
-                    self.file, min(array.line + got, last), f"{array.path} has {got} of {whole} elements."
+                    self.file,
+                    min(array.line + got, last),
+                    make_message(
+                        "{path} has {got} of {whole} elements.", path=array.path, got=got, whole=whole
+                    ),
                 )

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.literals import (
@@ -91,7 +92,7 @@ class KrlPositions:
     ) -> None:
         """Take a position."""
         if not literal.is_whole:
-            self.add_remark(literal.start, "computed", _PARTIAL.format(name))
+            self.add_remark(literal.start, "computed", make_message(_PARTIAL, name))
             self.bar_row(len(self.names), "it leaves coordinates to what the robot has at that moment")
             self._start_row(name, UNTAUGHT, literal.start, literal.configuration_text)
             return
@@ -261,7 +262,7 @@ class KrlPositions:
         self.external[-6:] = array("d", values)
         if not self.external_seen and any(value for value in values if value == value):  # noqa: PLR0124  # not NaN
             self.external_seen = True
-            self.add_remark(literal.start, "foreign", _EXTERNAL.format(name))
+            self.add_remark(literal.start, "foreign", make_message(_EXTERNAL, name))
 
 
 def poses_of_rows(values: Array) -> Array:
@@ -272,7 +273,9 @@ def poses_of_rows(values: Array) -> Array:
 def change_error(source: ProgramText, place: int, name: str, why: str) -> ProgramFileError:
     """Return the error of a position that takes no change."""
     return source.error_at(
-        place, f"{name} cannot be changed: {why}.", remedy="Leave it out, or teach it on the robot."
+        place,
+        make_message("{names} cannot be changed: {why}.", names=name, why=why),
+        remedy="Leave it out, or teach it on the robot.",
     )
 
 

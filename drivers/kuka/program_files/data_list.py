@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.lines import (
@@ -112,7 +113,7 @@ class DataList:
             if name_of_data(name) in self.frame_data:
                 self.found.add_position(name, literal)
             else:
-                self.found.add_remark(literal.start, "computed", _FRAME_TEXT.format(name))
+                self.found.add_remark(literal.start, "computed", make_message(_FRAME_TEXT, name))
                 if not self.of_controller:
                     self.found.add_unread(name, literal.start, FRAME_ALONE)
         for row, name in enumerate(self.found.names):
@@ -126,7 +127,7 @@ class DataList:
 
     def _external_tool(self, row: int, name: str) -> None:
         self.found.drop_coordinates(row, "it is moved with an external tool (IPO_FRAME #TCP)")
-        self.found.add_remark(self.found.starts[row], "foreign", _TCP_TEXT.format(name))
+        self.found.add_remark(self.found.starts[row], "foreign", make_message(_TCP_TEXT, name))
 
     def _take_declared(self, kind: str, place: int, line: KrlLine) -> None:
         text = self.found.source.text
@@ -156,7 +157,10 @@ class DataList:
         if literal is None:
             raise self.found.source.error_at(name.value, "a data list cannot compute a position.")
         if literal.axes != (kind in AXIS_TYPES):
-            raise self.found.source.error_at(name.value, f"{name.full_name} is declared as {kind}.")
+            raise self.found.source.error_at(
+                name.value,
+                make_message("{full_name} is declared as {kind}.", full_name=name.full_name, kind=kind),
+            )
         self._take_literal(kind, name, literal)
         return self._offset_after(literal, line)
 
@@ -181,7 +185,11 @@ class DataList:
         ):
             if not kind and not is_frame_table and self._is_nested(name.value, line):
                 self.found.add_remark(
-                    line.start, "computed", f"{name.full_name} holds a position inside; it is not read."
+                    line.start,
+                    "computed",
+                    make_message(
+                        "{full_name} holds a position inside; it is not read.", full_name=name.full_name
+                    ),
                 )
                 add_hidden_positions(self.found, line, name.value)
                 return
@@ -216,7 +224,9 @@ class DataList:
         code = without_strings(written)
         if _FDAT.fullmatch(code) is None:
             raise source.error_at(
-                place, f"{name.full_name} is not understood.", remedy="It says tool and base of a point."
+                place,
+                make_message("{full_name} is not understood.", full_name=name.full_name),
+                remedy="It says tool and base of a point.",
             )
         frame_numbers = {which.upper(): number for which, number in _NUMBER_OF.findall(code)}
         if any(len(number) > _MOST_DIGITS for number in frame_numbers.values()):
@@ -228,7 +238,9 @@ class DataList:
         mode = ipo_frame[1].upper() if ipo_frame else "BASE"
         if mode not in ("BASE", "TCP"):
             raise source.error_at(
-                place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP."
+                place,
+                make_message("IPO_FRAME #{mode} is not known.", mode=mode),
+                remedy="There are #BASE and #TCP.",
             )
         data = FrameData(_number_text(numbers.get("TOOL")), _number_text(numbers.get("BASE")), mode == "TCP")
         self.known_data[written] = data

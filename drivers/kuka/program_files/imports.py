@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.programs.cross_file_uses import Imports
 
@@ -23,7 +24,7 @@ def remark_imports(found: KrlPositions) -> Imports:
     """Return the same of a file that is read, and remark where each position stands."""
     imports = list(_IMPORT.finditer(found.source.text))
     for one in imports:
-        found.add_remark(one.start("own"), "indirect", _TEXT.format(one["own"], one["list"]))
+        found.add_remark(one.start("own"), "indirect", make_message(_TEXT, one["own"], one["list"]))
     return _by_name(imports)
 
 

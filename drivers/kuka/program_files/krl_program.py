@@ -3,6 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.kuka.program_files import patterns
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.data_list import (
@@ -259,7 +260,7 @@ class KrlProgram:
         self.points.routines[-1].calls |= names
         for name in sorted(names):
             if name.startswith(patterns.SENSOR):
-                self.found.add_remark(line.start, "vision", patterns.FOUND.format(name))
+                self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))
 
     def _take_branch(self, word: str, place: int) -> None:
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
@@ -307,7 +308,7 @@ class KrlProgram:
         routine = self.points.routines[-1]
         use = routine.tool if which == "TOOL" else routine.base
         use.take_value(place, self._frame_value(which, frame, line), self.branches)
-        self.found.add_remark(line.start, "computed", patterns.FRAME_SET_TEXT.format(which))
+        self.found.add_remark(line.start, "computed", make_message(patterns.FRAME_SET_TEXT, which))
 
     def _frame_value(self, which: str, frame: re.Match[str], line: KrlLine) -> str:
         """Return the number of a tool or base, ``$`` for one written out here, or that it is not known."""
@@ -344,7 +345,7 @@ class KrlProgram:
                 self._take_overwrite(name, value, line)
                 self.shifts.note_value(name.full_name, value, line.start, self.types.get(upper, ""))
             if upper in self.types or patterns.POINT_VALUE.search(value):
-                self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+                self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
             else:
                 remark_hidden_positions(self.found, line, line.start)
 
@@ -359,7 +360,7 @@ class KrlProgram:
         if literal is not None and (literal.axes or not is_frame):
             self._add_position(name.full_name, literal, is_constant=False)
         elif literal is not None:
-            self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+            self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
             self.frames_set.append((name, literal))
         elif not alone and ":" not in value.partition("}")[2]:
             remark_hidden_positions(self.found, line, line.start)
@@ -392,7 +393,7 @@ class KrlProgram:
     def _take_component(self, code: str, line: KrlLine) -> None:
         self.shifts.note_component(code, line.start, self._move_here(line.start))
         self.found.add_remark(
-            line.start, "computed", patterns.ASSIGNED.format(code.partition("=")[0].strip())
+            line.start, "computed", make_message(patterns.ASSIGNED, code.partition("=")[0].strip())
         )
         name = find_item(self.found.source.text, line.start, line.end)
         if name is not None and name.name.upper() in patterns.TABLES:
@@ -405,7 +406,7 @@ class KrlProgram:
         number = str(int(index)) if index.isdigit() and len(index) < patterns.MOST_DIGITS else "*"
         self.points.set_tables.add(f"{patterns.TABLES[name.name.upper()]} {number}")
         if name.value is not None:  # a component's is told already
-            self.found.add_remark(line.start, "computed", patterns.ASSIGNED.format(name.full_name))
+            self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
 
 
 def read_program(source: ProgramText) -> KrlProgram:

@@ -3,6 +3,8 @@
 import re
 from typing import NamedTuple
 
+from cellcal.calibration.documents.message import make_message
+
 POSE_FIELDS = ("X", "Y", "Z", "A", "B", "C")
 AXIS_FIELDS = ("A1", "A2", "A3", "A4", "A5", "A6")
 STATE_FIELDS = ("S", "T")
@@ -116,7 +118,9 @@ def field_spans(text: str, start: int, end: int) -> dict[str, tuple[int, int]]:
         if value is None:
             raise _value_error(text, name, end)
         if name[1].upper() in spans:
-            raise KrlLiteralError(name.start(1), f"{name[1]} stands twice in this position.")
+            raise KrlLiteralError(
+                name.start(1), make_message("{name} stands twice in this position.", name=name[1])
+            )
         spans[name[1].upper()] = value.span(1)
         place, closing = value.end(), value[2]
     spans["}"] = (place - 1, place)
@@ -146,9 +150,10 @@ def state_text(like: str, value: int) -> str:
 
 def _value_error(text: str, name: re.Match[str], end: int) -> KrlLiteralError:
     if _EXPRESSION.match(text, name.end(), end):
-        return KrlLiteralError(name.end(), f"{name[1]} is computed.", computed=True)
+        return KrlLiteralError(name.end(), make_message("{name} is computed.", name=name[1]), computed=True)
     return KrlLiteralError(
-        name.end(), f"the value of {name[1]} is not understood, or the position does not end."
+        name.end(),
+        make_message("the value of {name} is not understood, or the position does not end.", name=name[1]),
     )
 
 
@@ -160,12 +165,12 @@ def _literal_of(text: str, start: int, end: int) -> KrlLiteral:
     axes = kind in AXIS_TYPES or (not kind and any(name in spans for name in AXIS_FIELDS))
     allowed = _FIELDS_OF_TYPE.get(kind or ("E6AXIS" if axes else "E6POS"))
     if allowed is None:
-        raise KrlLiteralError(start, f"{kind} is no type of position.")
+        raise KrlLiteralError(start, make_message("{kind} is no type of position.", kind=kind))
     for name, (place, _) in spans.items():
         if name not in allowed:
-            raise KrlLiteralError(place, f"{name} is no field of this position.")
+            raise KrlLiteralError(place, make_message("{name} is no field of this position.", name=name))
         if name not in STATE_FIELDS and text[place] == "'":
-            raise KrlLiteralError(place, f"{name} must be a number.")
+            raise KrlLiteralError(place, make_message("{name} must be a number.", name=name))
 
     def field_texts(names: tuple[str, ...]) -> tuple[str | None, ...]:
         return tuple(text[slice(*spans[name])] if name in spans else None for name in names)

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions, change_error
@@ -183,7 +184,7 @@ class KukaFile:
         if base is not None:
             raise self._change_error(row, "its base stands in its FDAT, which is not rewritten")
         if (pose and kind != CARTESIAN) or (joints and kind != JOINTS):
-            raise self._change_error(row, f"it holds {kind} coordinates")
+            raise self._change_error(row, make_message("it holds {kind} coordinates", kind=kind))
 
     def _pose_edits(
         self, row: int, spans: Spans, requested: RequestedChange, k: int, angles: list[float]
@@ -213,13 +214,18 @@ class KukaFile:
         for name, value in zip(names, values, strict=True):
             start, end = spans[name]
             if not abs(value) < BEYOND:
-                raise self._change_error(row, f"no robot has the coordinate {name} {value:.0f}")
+                raise self._change_error(
+                    row,
+                    make_message("no robot has the coordinate {name} {value:.0f}", name=name, value=value),
+                )
             yield start, end, write_number(self.source.text[start:end], value, decimals)
 
     def _state_edits(self, row: int, spans: Spans, text: str) -> Iterator[Edit]:
         parts = parts_of(text)
         if parts is None or any((name in parts) != (name in spans) for name in STATE_FIELDS):
-            raise self._change_error(row, f"{text!r} does not take the place of its S and T")
+            raise self._change_error(
+                row, make_message("{text!r} does not take the place of its S and T", text=text)
+            )
         for name, value in parts.items():
             yield *spans[name], value
 

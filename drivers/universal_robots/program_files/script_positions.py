@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
@@ -234,7 +235,9 @@ class PositionFinder:
         for function in sorted({name for _, name in self.found.computed}):
             offsets = [offset for offset, name in self.found.computed if name == function]
             yield from self._grouped_remarks(
-                "computed", offsets, f"{function} goes where the program computes"
+                "computed",
+                offsets,
+                make_message("{function} goes where the program computes", function=function),
             )
         unknown = [
             offset
@@ -254,14 +257,18 @@ class PositionFinder:
 
     def _of_functions(self, code: str, functions: Iterable[str], text: str) -> Iterator[Remark]:
         for function in functions:
-            yield from self._grouped_remarks(code, self.found.calls.get(function, []), f"{function}: {text}")
+            yield from self._grouped_remarks(
+                code,
+                self.found.calls.get(function, []),
+                make_message("{path}: {refused_message}", path=function, refused_message=text),
+            )
 
     def _grouped_remarks(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
         if offsets:
             lines = sorted({self.line_of(offset) for offset in offsets})
             more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
             where = ", ".join(map(str, lines[:_SHOWN])) + more
-            yield Remark(lines[0], code, f"{text} (line {where}).")
+            yield Remark(lines[0], code, make_message("{text} (line {where}).", text=text, where=where))
 
     def _is_constant(self, name: str) -> bool:
         return len(self.literals_by_name.get(name, ())) == 1 and name not in self.found.assigned

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose, is_rigid
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import (
@@ -132,18 +133,22 @@ class ScriptProgram:
         place = self.places[row]
         if place.unread:
             raise ProgramFileError(
-                self.file, f"{place.name} cannot be changed: {place.unread}.",
+                self.file, make_message("{names} cannot be changed: {why}.", names=place.name, why=place.unread),
                 line=int(self.positions.lines[row]), remedy="Leave it out, or teach it on the robot.",
             )  # fmt: skip
         has_pose, has_joints = place.pose is not None, place.joints is not None
         if (pose and not has_pose) or (joints and not has_joints):
-            what = f"{place.name} holds a pose only, and was given more."
+            what = make_message("{place_name} holds a pose only, and was given more.", place_name=place.name)
             cure = "Give a pose only."
             if pose and not has_pose:
-                what = f"{place.name} holds joints only, and was given more."
+                what = make_message(
+                    "{place_name} holds joints only, and was given more.", place_name=place.name
+                )
                 cure = "Give joints only."
         elif pose != joints and has_pose and has_joints:
-            what = f"{place.name} holds a pose and its joints, and was given one of them."
+            what = make_message(
+                "{place_name} holds a pose and its joints, and was given one of them.", place_name=place.name
+            )
             cure = _BOTH
         else:
             return
@@ -193,7 +198,7 @@ class _ScriptEdits:
             line = text.count("\n", 0, literal.start) + 1
             raise ProgramFileError(
                 self.program.file,
-                f"{wrong}.",
+                make_message("{entry_text}.", entry_text=wrong),
                 line=line,
                 remedy="Nothing was changed; check what computed it.",
             ) from wrong

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, OpenCall, Role, role_in
 
@@ -140,7 +141,9 @@ class ScriptText:
         if self.depth:
             word, where = self.depth[-1]
             raise self.error_at(
-                where, f"this {word} has no end.", "The file is cut short or damaged; fetch it again."
+                where,
+                make_message("this {word} has no end.", word=word),
+                "The file is cut short or damaged; fetch it again.",
             )
         return found
 
@@ -149,7 +152,9 @@ class ScriptText:
         if data.translate(None, _FINE) or data.count(b"\r") != data.count(b"\r\n"):
             bad = _BAD.search(self.text)
             where, what = (bad.start(), bad[0]) if bad else (0, "")
-            raise self.error_at(where, f"there is a control character {what!r}.", _ENCODING)
+            raise self.error_at(
+                where, make_message("there is a control character {what!r}.", what=what), _ENCODING
+            )
 
     def iterate_tokens(self, at: int) -> Iterator[Token]:
         """Yield the tokens from an offset on, blanks and comments left out; at the end an empty line."""
@@ -172,8 +177,8 @@ class ScriptText:
         if shown == '"':
             return "a text has no closing quotation mark."
         if shown[:1].isdigit() or shown[:1] == ".":
-            return f"{shown!r} is no number."
-        return f"{shown!r} is no part of a statement."
+            return make_message("{spot_text!r} is no number.", spot_text=shown)
+        return make_message("{shown!r} is no part of a statement.", shown=shown)
 
     def count_block(self, word: str, offset: int) -> None:
         """Count a block's beginning or end."""
@@ -335,7 +340,9 @@ class _StatementReader:
             self.found.calls.setdefault(function, []).append(token.start)
         if len(self.stack) == _DEEPEST:
             cure = "The line is damaged; fetch the file again."
-            raise self.source.error_at(token.start, f"more than {_DEEPEST} brackets are open.", cure)
+            raise self.source.error_at(
+                token.start, make_message("more than {deepest} brackets are open.", deepest=_DEEPEST), cure
+            )
         indexed = before is not None and before.end == token.start and before.kind in ("name", "close")
         index = token.text == "[" and indexed and not function
         self.stack.append(OpenCall(token.text, function, token.start, index=index))
@@ -343,7 +350,9 @@ class _StatementReader:
     def _close_bracket(self, token: Token) -> None:
         if not self.stack or _PAIRS[self.stack[-1].opens] != token.text:
             cure = "A bracket is missing, or one too many; correct this line."
-            raise self.source.error_at(token.start, f"{token.text!r} closes nothing.", cure)
+            raise self.source.error_at(
+                token.start, make_message("{token_text!r} closes nothing.", token_text=token.text), cure
+            )
         call = self.stack.pop()
         outer = role_in(self.stack)[0]
         posed = call.opens == "[" and not call.index
@@ -361,6 +370,8 @@ class _StatementReader:
         if self.stack:
             opened = self.stack[-1]
             cure = "The statement is cut short; correct it, or fetch the file again."
-            raise self.source.error_at(opened.offset, f"{opened.opens!r} is not closed.", cure)
+            raise self.source.error_at(
+                opened.offset, make_message("{opens!r} is not closed.", opens=opened.opens), cure
+            )
         if self.assigns and not self.value:
             self.found.assigned[self.assigns] = self.found.assigned.get(self.assigns, 0) + 1

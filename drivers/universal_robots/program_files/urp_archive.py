@@ -5,6 +5,7 @@ Source: RFC 1952. A file that is XML already stays without gzip.
 
 import zlib
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 MOST_XML_BYTES = 32 << 20
@@ -33,7 +34,9 @@ def unpack_file(file: str, data: bytes) -> tuple[bytes, bytes]:
     try:
         xml = inflate.decompress(data, most + 1)
     except zlib.error as wrong:
-        raise ProgramFileError(file, f"the gzip data are damaged ({wrong}).", remedy=_FETCH) from wrong
+        raise ProgramFileError(
+            file, make_message("the gzip data are damaged ({error}).", error=wrong), remedy=_FETCH
+        ) from wrong
     _check_size(file, xml, len(data))
     if len(xml) > most or (not inflate.eof and inflate.unconsumed_tail):
         raise _too_large_error(file, len(data))
@@ -77,6 +80,9 @@ def _check_size(file: str, xml: bytes, size: int) -> bytes:
 def _too_large_error(file: str, size: int) -> ProgramFileError:
     return ProgramFileError(
         file,
-        f"{size} bytes unpack to more than a program can be; unpacking was stopped.",
-        remedy=f"A program has at most {MOST_XML_BYTES >> 20} MiB of XML; fetch it from the robot again.",
+        make_message("{size} bytes unpack to more than a program can be; unpacking was stopped.", size=size),
+        remedy=make_message(
+            "A program has at most {most_xml_bytes} MiB of XML; fetch it from the robot again.",
+            most_xml_bytes=MOST_XML_BYTES >> 20,
+        ),
     )

@@ -12,6 +12,7 @@ from typing import Self
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark
@@ -87,7 +88,7 @@ def read_installation(name: str, data: bytes) -> InstallationFile:
     if "Installation" not in xml.elements[0].tag:
         raise xml.error_at(
             xml.elements[0].offset,
-            f"this is a {xml.elements[0].tag}, no installation.",
+            make_message("this is a {tag}, no installation.", tag=xml.elements[0].tag),
             "Give an .installation file.",
         )
     flange_tip: dict[str, Pose] = {}
@@ -135,4 +136,8 @@ def _installation_remarks(xml: XmlText, doubtful: list[int]) -> Iterator[Remark]
     for element in doubtful:
         line = xml.line_of(xml.elements[element].offset)
         tag = xml.elements[element].tag
-        yield Remark(line, "foreign", f"{tag} has a name and not one pose of six numbers: it was not read.")
+        yield Remark(
+            line,
+            "foreign",
+            make_message("{tag} has a name and not one pose of six numbers: it was not read.", tag=tag),
+        )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import DhTable
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose, inverse_transform, is_rigid
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark, with_unread
@@ -56,7 +57,7 @@ class UrpProgram:
         if xml.elements[0].tag != "URProgram":
             raise xml.error_at(
                 xml.elements[0].offset,
-                f"this is a {xml.elements[0].tag}, no URProgram.",
+                make_message("this is a {tag}, no URProgram.", tag=xml.elements[0].tag),
                 "Give a program of PolyScope 3 or 5.",
             )
         reader = WaypointReader(xml)
@@ -196,14 +197,20 @@ class UrpProgram:
         for chain, which in self._by_chain(rows):
             if chain is None and not stays[which].all():
                 raise self._refused_error(
-                    f"{self._row_names(rows[which][~stays[which]])}: the kinematics of the arm are not known.",
+                    make_message(
+                        "{row_names}: the kinematics of the arm are not known.",
+                        row_names=self._row_names(rows[which][~stays[which]]),
+                    ),
                     "Give joints, or open and save the program on its robot first.",
                 )
             if chain is not None:
                 joints[which], reached = joints_for(chain.to_model(), flange[which], now[which])
                 if not reached.all():
                     raise self._refused_error(
-                        f"{self._row_names(rows[which][~reached])}: out of reach of the arm.",
+                        make_message(
+                            "{row_names}: out of reach of the arm.",
+                            row_names=self._row_names(rows[which][~reached]),
+                        ),
                         "Leave these waypoints out, or move the work piece nearer.",
                     )
         joints[stays] = now[stays]
@@ -218,8 +225,12 @@ class UrpProgram:
         if wrong.any():
             worst = float(np.nanmax(np.where(has_kinematics, far, 0.0))) * 1e3
             raise self._refused_error(
-                f"{self._row_names(rows[wrong])}: pose and joints do not agree under the waypoint's own kinematics "
-                f"({worst:.4f} mm).",
+                make_message(
+                    "{row_names}: pose and joints do not agree under the waypoint's own kinematics "
+                    "({worst:.4f} mm).",
+                    row_names=self._row_names(rows[wrong]),
+                    worst=worst,
+                ),
                 "Give joints only, or first give the program the kinematics of the robot it is for.",
             )
 
@@ -288,7 +299,9 @@ class XmlEdits:
         if np.isnan(matrix).any():
             raise self.xml.error_at(
                 six.start,
-                f"{waypoint.name} stores a pose, and was given joints only.",
+                make_message(
+                    "{waypoint_name} stores a pose, and was given joints only.", waypoint_name=waypoint.name
+                ),
                 "Give both: the kinematics are unknown.",
             )
         self._replace_numbers(six, six_of(matrix[None], np.array([six.values]))[0])

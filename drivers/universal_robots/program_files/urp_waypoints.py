@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, LONGEST_M
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS
@@ -174,7 +175,7 @@ class WaypointReader:
         if offsets:
             lines = [self.xml.line_of(offset) for offset in offsets]
             shown = ", ".join(map(str, lines[:6])) + (f" and {len(lines) - 6} more" if len(lines) > 6 else "")
-            yield Remark(lines[0], code, f"{text} (line {shown}).")
+            yield Remark(lines[0], code, make_message("{text} (line {where}).", text=text, where=shown))
 
     def _holds_joints(self, position: int) -> bool:
         return (
@@ -246,8 +247,10 @@ class WaypointReader:
             return None
         text = self.xml.text[span[0] : span[1]]
         if not SIX_NUMBERS.fullmatch(text):
-            raise self.xml.error_at(span[0], f"{name} has not six numbers.")
+            raise self.xml.error_at(span[0], make_message("{name} has not six numbers.", name=name))
         values = tuple(float(number) for number in text.split(","))
         if not all(abs(value) <= largest for value in values):
-            raise self.xml.error_at(span[0], f"a number of {name} is beyond what an arm can have.")
+            raise self.xml.error_at(
+                span[0], make_message("a number of {name} is beyond what an arm can have.", name=name)
+            )
         return SixNumbers(*span, values)

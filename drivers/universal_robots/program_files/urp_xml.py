@@ -13,6 +13,7 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.drivers.programs.errors import ProgramFileError
 
@@ -139,7 +140,11 @@ def _parse_tree(file: str, xml: bytes) -> TreeElement:
     encoding = _ENCODING.match(xml[:200].decode("latin-1").lstrip("\xef\xbb\xbf"))
     if encoding and encoding[1].upper() not in ("UTF-8", "US-ASCII", "ASCII"):
         raise ProgramFileError(
-            file, f"the XML is in {encoding[1]}.", line=1, column=1, remedy="PolyScope writes UTF-8."
+            file,
+            make_message("the XML is in {encoding}.", encoding=encoding[1]),
+            line=1,
+            column=1,
+            remedy="PolyScope writes UTF-8.",
         )
     try:
         return parse_xml(xml)
@@ -148,11 +153,15 @@ def _parse_tree(file: str, xml: bytes) -> TreeElement:
         if isinstance(cause, ParseError):
             line, column = cause.position
             raise ProgramFileError(
-                file, f"the XML is damaged ({cause}).", line=line, column=column + 1, remedy=_CURE
+                file,
+                make_message("the XML is damaged ({cause}).", cause=cause),
+                line=line,
+                column=column + 1,
+                remedy=_CURE,
             ) from wrong
         raise ProgramFileError(
             file,
-            f"the XML has parts that no program needs ({wrong.why}).",
+            make_message("the XML has parts that no program needs ({why}).", why=wrong.why),
             remedy="Do not open files of unknown origin.",
         ) from wrong
 

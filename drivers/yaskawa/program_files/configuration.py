@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.arm_shape import arm_shape, sign_options
 
@@ -58,7 +59,7 @@ class JobConfigurations:
 
     def refuses_change(self, old: str, new: str) -> str:
         """Return why a position cannot take another RCONF."""
-        return _SHARED.format(new, old)
+        return make_message(_SHARED, new, old)
 
 
 def _border_flags(

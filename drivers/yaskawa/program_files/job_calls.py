@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from pathlib import PurePath
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.cross_file_uses import FileDeclarations
 
 _JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
@@ -61,7 +62,7 @@ def shift_from_others(file: str, job: str, marks: Mapping[str, str]) -> str:
             if called in leaving:
                 leaving.add(caller)
                 shifted.setdefault(caller, called)
-    return _SHIFTED.format(shifted[job]) if job in shifted else ""
+    return make_message(_SHIFTED, shifted[job]) if job in shifted else ""
 
 
 def frames_from_others(file: str, job: str, marks: Mapping[str, str]) -> dict[tuple[str, str], str]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -78,7 +79,13 @@ def _refuse_axes(name: str, rows: list[JobRow], ratios: Array | None) -> None:
         if count not in (6, 7) if mode == "RECTAN" else count > 8 or (mode == "PULSE" and "." in row.text):
             raise ProgramFileError(
                 name,
-                f"{row.kind}{row.number} holds {count} numbers that are no ///{mode} position.",
+                make_message(
+                    "{row_kind}{row_number} holds {count} numbers that are no ///{mode} position.",
+                    row_kind=row.kind,
+                    row_number=row.number,
+                    count=count,
+                    mode=mode,
+                ),
                 line=row.line,
                 column=1,
                 remedy="Save the job on the controller again.",
@@ -86,7 +93,13 @@ def _refuse_axes(name: str, rows: list[JobRow], ratios: Array | None) -> None:
         if mode == "PULSE" and count > axes:
             raise ProgramFileError(
                 name,
-                f"{row.kind}{row.number} holds {count} axes, and pulses per radian are given for {axes}.",
+                make_message(
+                    "{row_kind}{row_number} holds {count} axes, and pulses per radian are given for {axes}.",
+                    row_kind=row.kind,
+                    row_number=row.number,
+                    count=count,
+                    axes=axes,
+                ),
                 line=row.line,
                 remedy="Give the ratio of every axis of the robot.",
             )

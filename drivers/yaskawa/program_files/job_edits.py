@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.orientation import values_from
@@ -63,7 +64,12 @@ def _refuse_shapes(program: ChangeableProgram, change: PositionChange, rows: NDA
     ):
         if values is not None and np.shape(values) != shape:
             raise ProgramFileError(
-                program.file, f"the change brings {np.shape(values)} coordinates in place of {shape}."
+                program.file,
+                make_message(
+                    "the change brings {shape} coordinates in place of {shape_2}.",
+                    shape=np.shape(values),
+                    shape_2=shape,
+                ),
             )
 
 
@@ -77,14 +83,23 @@ def _refuse_texts(program: ChangeableProgram, rows: NDArray[np.int64], change: P
             continue
         if len(texts) != len(rows):
             raise ProgramFileError(
-                program.file, f"the change brings {len(texts)} texts for {len(rows)} positions."
+                program.file,
+                make_message(
+                    "the change brings {text_count} texts for {count} positions.",
+                    text_count=len(texts),
+                    count=len(rows),
+                ),
             )
         for row, text in zip(rows.tolist(), texts, strict=True):
             if text != (old[row] or ""):
                 raise ProgramFileError(
                     program.file,
-                    f"{positions.names[row]} would need another {what} ({text}); a job says it once "
-                    f"for many positions.",
+                    make_message(
+                        "{names} would need another {what} ({text}); a job says it once for many positions.",
+                        names=positions.names[row],
+                        what=what,
+                        text=text,
+                    ),
                     line=int(positions.lines[row]),
                     remedy="Teach this position on the controller.",
                 )
@@ -102,14 +117,19 @@ def _given_entries(
         if kinds[row] != kind:
             raise ProgramFileError(
                 program.file,
-                f"{program.positions.names[row]} holds {kinds[row]} and cannot take {kind} coordinates.",
+                make_message(
+                    "{names} holds {kinds} and cannot take {kind} coordinates.",
+                    names=program.positions.names[row],
+                    kinds=kinds[row],
+                    kind=kind,
+                ),
                 line=program.rows[row].line,
                 remedy=RATIOS_NEEDED if kinds[row] == PULSES else "Leave this position out of the change.",
             )
         if broken:
             raise ProgramFileError(
                 program.file,
-                f"{program.positions.names[row]}: a coordinate is not finite.",
+                make_message("{names}: a coordinate is not finite.", names=program.positions.names[row]),
                 line=program.rows[row].line,
                 remedy="Leave this position out of the change.",
             )
@@ -128,7 +148,10 @@ def _pose_edits(program: ChangeableProgram, rows: NDArray[np.int64], poses: Arra
         angles = np.degrees(values_from("yaskawa_rpy", new[:, :3, :3]))
     except CalibrationError as refused:
         raise ProgramFileError(
-            program.file, f"the change brings a pose that is none: {refused.message}."
+            program.file,
+            make_message(
+                "the change brings a pose that is none: {refused_message}.", refused_message=refused.message
+            ),
         ) from None
     job_rows = [program.rows[row] for row in places.tolist()]
     written = table_of(job_rows, 6)
@@ -152,7 +175,12 @@ def _joint_edits(program: ChangeableProgram, rows: NDArray[np.int64], joints: Ar
         if wrong:
             raise ProgramFileError(
                 program.file,
-                f"{row.kind}{row.number} needs {row.text.count(',') + 1} finite angles.",
+                make_message(
+                    "{row_kind}{row_number} needs {count} finite angles.",
+                    row_kind=row.kind,
+                    row_number=row.number,
+                    count=row.text.count(",") + 1,
+                ),
                 line=row.line,
                 remedy="Give an angle for each axis that the position holds.",
             )
@@ -186,7 +214,12 @@ def _refuse_large(program: ChangeableProgram, rows: list[JobRow], values: Array)
     for i in np.flatnonzero((np.abs(values) > limits[:, None]).any(axis=1))[:1].tolist():
         raise ProgramFileError(
             program.file,
-            f"{rows[i].kind}{rows[i].number} cannot take {np.nanmax(np.abs(values[i])):.3f}.",
+            make_message(
+                "{rows_kind}{rows_number} cannot take {nanmax:.3f}.",
+                rows_kind=rows[i].kind,
+                rows_number=rows[i].number,
+                nanmax=np.nanmax(np.abs(values[i])),
+            ),
             line=rows[i].line,
             remedy="Check the change: lengths are metres, angles radians.",
         )

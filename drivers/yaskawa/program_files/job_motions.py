@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
 from cellcal.drivers.yaskawa.program_files.job_columns import SHIFT
@@ -201,9 +202,9 @@ def _take_motion(
 ) -> None:
     line, word, rest = instruction
     own = rest[: second.start()] if (second := _SECOND.search(rest)) else rest
-    why = "" if word in _PLAIN else _why_no_place(word).format(word, line)
+    why = "" if word in _PLAIN else make_message(_why_no_place(word), word, line)
     if why and _CHOSEN.search(own):
-        found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
+        found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
     for taken in _TAKEN.finditer(own):
         key = _row_key(taken)
         if why:
@@ -231,8 +232,8 @@ def _why_no_place(word: str) -> str:
 def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) -> None:
     line, word, rest = instruction
     if word in _AMOUNTS and _CHOSEN.search(rest):
-        found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
+        found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
     elif word in ("MFRAME", "SETTOOL", "SETUF", "SETUFRM"):
         made = _MADE.search(rest)
         kind = "TL" if word == "SETTOOL" else "UF"
-        found.made.append((kind, made[2] if made else "?", _SET_HERE.format(word, line)))
+        found.made.append((kind, made[2] if made else "?", make_message(_SET_HERE, word, line)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -67,7 +68,7 @@ class JobProgram:
             if kind in (CARTESIAN, JOINTS) and shifting[self.jobs[row]]
         ]
         made = {
-            row: _MADE_BY.format(maker)
+            row: make_message(_MADE_BY, maker)
             for row, job_row in enumerate(self.rows)
             if (maker := _maker_of(job_row, making[self.jobs[row]]))
         }
@@ -183,8 +184,11 @@ def _kind_remarks(positions: Positions) -> list[Remark]:
         Remark(
             int(positions.lines[i]),
             "position_register",
-            f"{positions.names[i]} is a variable that no move of this job goes to, or that it also computes with: "
-            "it stays as written.",
+            make_message(
+                "{names} is a variable that no move of this job goes to, or that it also computes with: "
+                "it stays as written.",
+                names=positions.names[i],
+            ),
         )
         for i in shifts
     ]

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.yaskawa.program_files.job_text import YaskawaJob
 
@@ -97,32 +98,64 @@ def _header_remarks(job: YaskawaJob) -> Iterable[Remark]:
                 line, "relative", "This is a relative job: its points stand in a frame, not in pulses."
             )
         elif word == "FRAME":
-            yield Remark(line, "relative", f"The points of this relative job belong to the frame {rest}.")
+            yield Remark(
+                line,
+                "relative",
+                make_message("The points of this relative job belong to the frame {rest}.", rest=rest),
+            )
         elif re.match(r"GROUP[2-9]", word):
-            yield Remark(line, "foreign", f"A second control group ({rest}) moves with this job.")
+            yield Remark(
+                line,
+                "foreign",
+                make_message("A second control group ({rest}) moves with this job.", rest=rest),
+            )
 
 
 def _instruction_remarks(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Remark]:
     if _INDIRECT.search(rest):
-        yield Remark(line, "indirect", f"{word} takes a position by a number that is known at run time only.")
+        yield Remark(
+            line,
+            "indirect",
+            make_message("{word} takes a position by a number that is known at run time only.", word=word),
+        )
     if word in _SHIFTS:
         code = "relative" if word in ("IMOV", *_CONVEYED) else "offset"
-        yield Remark(line, code, _SHIFTS[word].format(f"{word} {rest.strip()}"))
+        yield Remark(line, code, make_message(_SHIFTS[word], f"{word} {rest.strip()}"))
     elif word in _SETS_FRAMES or (word in _COMPUTES and uses_variable):
         yield Remark(
-            line, "computed", f"{word} {rest.strip()} computes a position, frame or tool at run time."
+            line,
+            "computed",
+            make_message(
+                "{word} {rest} computes a position, frame or tool at run time.", word=word, rest=rest.strip()
+            ),
         )
     elif word in _MOVES and uses_variable:
         yield Remark(
             line,
             "position_register",
-            f"{word} goes to a position variable: the controller's value counts, which other jobs may change.",
+            make_message(
+                "{word} goes to a position variable: the controller's value counts, which other jobs may "
+                "change.",
+                word=word,
+            ),
         )
     elif word in _LOOKS:
-        yield Remark(line, "vision", f"{word} {rest.strip()} corrects positions by what a sensor finds.")
+        yield Remark(
+            line,
+            "vision",
+            make_message(
+                "{word} {rest} corrects positions by what a sensor finds.", word=word, rest=rest.strip()
+            ),
+        )
     if word in _MOVES and _TOGETHER.search(rest):
-        yield Remark(line, "foreign", f"{word} moves together with another control group.")
+        yield Remark(
+            line, "foreign", make_message("{word} moves together with another control group.", word=word)
+        )
     if word in _OTHERS:
         yield Remark(
-            line, "foreign", f"{word} {rest.strip()}: the positions of that job are in its own file."
+            line,
+            "foreign",
+            make_message(
+                "{word} {rest}: the positions of that job are in its own file.", word=word, rest=rest.strip()
+            ),
         )

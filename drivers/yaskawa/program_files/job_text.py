@@ -28,6 +28,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from dataclasses import dataclass, field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 ROBOT_ROWS = ("C", "P")
@@ -93,12 +94,18 @@ def jobs_of(name: str, text: str) -> list[YaskawaJob]:
         A line is not understood, with its place; a count does not fit; there is no job.
     """
     if len(text) > MAX_BYTES:
-        raise ProgramFileError(name, f"{len(text) >> 20} MB is no job.", remedy="Give the job itself.")
+        raise ProgramFileError(
+            name,
+            make_message("{text_count} MB is no job.", text_count=len(text) >> 20),
+            remedy="Give the job itself.",
+        )
     reader = _JobReader(name, text)
     widths = list(map(len, text.split("\n")))
     if max(widths) > MAX_LINE:
         line = next(i for i, width in enumerate(widths, 1) if width > MAX_LINE)
-        raise reader.error_at(line, MAX_LINE, f"the line has {widths[line - 1]} characters.")
+        raise reader.error_at(
+            line, MAX_LINE, make_message("the line has {line_count} characters.", line_count=widths[line - 1])
+        )
     reader.read_jobs()
     return reader.jobs
 
@@ -123,7 +130,7 @@ class _JobReader:
             found = _LINE.match(self.text, at)
             if found is None:
                 rest = self.text[at : at + 40].partition("\n")[0]
-                raise self.error_at(line, 1, f"{rest!r} is not understood.")
+                raise self.error_at(line, 1, make_message("{full_name!r} is not understood.", full_name=rest))
             if found[1] is not None:
                 self._take_row(line, found)
             elif found[4] is not None:
@@ -150,7 +157,9 @@ class _JobReader:
             where = line + job.instructions.count("\n", 0, found.start())
             word = _WORD.match(found[0])
             if word is None or len(word[1]) < 3:
-                raise self.error_at(where, 1, f"{found[0][:40]!r} is not understood.")
+                raise self.error_at(
+                    where, 1, make_message("{full_name!r} is not understood.", full_name=found[0][:40])
+                )
             job.header.append((where, word[2], word[3] or ""))
         if _last_instruction(job.instructions) != "END":
             raise self.error_at(job.line, 1, "the job ends without END; it is cut short.")
@@ -166,28 +175,45 @@ class _JobReader:
             there = kinds.count(kind)
             if stated_count != there:
                 raise self.error_at(
-                    job.line, 1, f"///NPOS says {stated_count} {kind} positions, {there} are there."
+                    job.line,
+                    1,
+                    make_message(
+                        "///NPOS says {stated_count} {kind} positions, {there} are there.",
+                        stated_count=stated_count,
+                        kind=kind,
+                        there=there,
+                    ),
                 )
 
     def _take_word(self, line: int, content: str) -> None:
         found = _WORD.match(content)
         if found is None:
-            raise self.error_at(line, 1, f"{content[:40]!r} is not understood.")
+            raise self.error_at(
+                line, 1, make_message("{full_name!r} is not understood.", full_name=content[:40])
+            )
         depth, word, rest = len(found[1]), found[2], found[3] or ""
         if depth == 1:
             self._take_job(line, word, rest)
         elif not self.jobs:
-            raise self.error_at(line, 1, f"{content[:40]!r} stands before /JOB.")
+            raise self.error_at(
+                line, 1, make_message("{content!r} stands before /JOB.", content=content[:40])
+            )
         elif depth == 2:
             self._take_part(line, word, rest)
         elif self.part == "POS":
             self._take_state(line, found.start(3) + 1, word, rest)
         else:
-            raise self.error_at(line, 1, f"{content[:40]!r} stands neither under //POS nor under //INST.")
+            raise self.error_at(
+                line,
+                1,
+                make_message(
+                    "{content!r} stands neither under //POS nor under //INST.", content=content[:40]
+                ),
+            )
 
     def _take_job(self, line: int, word: str, rest: str) -> None:
         if word != "JOB" or rest or self.part or (self.jobs and not self.jobs[-1].first_line):
-            raise self.error_at(line, 1, f"/{word} is not understood here.")
+            raise self.error_at(line, 1, make_message("/{word} is not understood here.", word=word))
         self.jobs.append(YaskawaJob(line))
         self.row_state = RowState()
 
@@ -204,7 +230,7 @@ class _JobReader:
         ) and not (rest or job.first_line):
             self.part = word
         else:
-            raise self.error_at(line, 1, f"//{word} is not understood here.")
+            raise self.error_at(line, 1, make_message("//{word} is not understood here.", word=word))
 
     def _take_state(self, line: int, column: int, word: str, rest: str) -> None:
         job, row_state = self.jobs[-1], self.row_state
@@ -216,12 +242,18 @@ class _JobReader:
                 or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
             ):
                 raise self.error_at(
-                    line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once."
+                    line,
+                    max(column, 1),
+                    make_message("///NPOS {rest} does not give six counts once.", rest=rest[:40]),
                 )
             job.counts = tuple(int(n.strip(" \t")) for n in counts)
         elif word in ("TOOL", "USER"):
             if not _WHOLE.match(rest):
-                raise self.error_at(line, max(column, 1), f"///{word} {rest[:40]} names no number.")
+                raise self.error_at(
+                    line,
+                    max(column, 1),
+                    make_message("///{word} {rest} names no number.", word=word, rest=rest[:40]),
+                )
             tool, user = (rest, row_state.user) if word == "TOOL" else (row_state.tool, rest)
             self.row_state = RowState(tool, user, row_state.postype, row_state.mode, row_state.configuration)
         elif word == "POSTYPE" and rest in _POSTYPES:
@@ -235,12 +267,22 @@ class _JobReader:
         elif word == "RCONF" and rest and all(_WHOLE.match(n.strip(" \t")) for n in rest.split(",")):
             self.row_state = RowState(row_state.tool, row_state.user, row_state.postype, row_state.mode, rest)
         else:
-            raise self.error_at(line, 1, f"///{word} {rest[:40]} is not understood among positions.")
+            raise self.error_at(
+                line,
+                1,
+                make_message(
+                    "///{word} {rest} is not understood among positions.", word=word, rest=rest[:40]
+                ),
+            )
 
     def _take_row(self, line: int, found: re.Match[str]) -> None:
         row_state = self.row_state
         if self.part != "POS":
-            raise self.error_at(line, 1, f"{found[1]}{found[2]} stands outside of //POS.")
+            raise self.error_at(
+                line,
+                1,
+                make_message("{found}{found_2} stands outside of //POS.", found=found[1], found_2=found[2]),
+            )
         pulses = (
             row_state.mode == "PULSE"
             if row_state.postype == "PULSE"
@@ -248,12 +290,18 @@ class _JobReader:
         )
         if not row_state.mode or not row_state.postype or not pulses:
             stated = f"///POSTYPE {row_state.postype or 'missing'}, ///{row_state.mode or '(PULSE, RECTAN) missing'}"
-            raise self.error_at(line, 1, f"what this position holds is not said: {stated}.")
+            raise self.error_at(
+                line, 1, make_message("what this position holds is not said: {stated}.", stated=stated)
+            )
         if row_state.postype == "USER" and row_state.user is None:
             raise self.error_at(line, 1, "the position is in a user frame, and ///USER does not say which.")
         job, key = self.jobs[-1], (found[1], int(found[2]))
         if key in job.row_keys:
-            raise self.error_at(line, 1, f"{found[1]}{found[2]} is there a second time.")
+            raise self.error_at(
+                line,
+                1,
+                make_message("{found}{found_2} is there a second time.", found=found[1], found_2=found[2]),
+            )
         job.row_keys.add(key)
         job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))
 

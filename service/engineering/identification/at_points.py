@@ -11,6 +11,7 @@ from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
@@ -77,7 +78,9 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
     try:
         rotations = rotation_from(options.convention or "abb_quaternion", turns)
     except CalibrationError as broken:
-        raise MeasurementError(f"{options.path}: {broken}") from broken
+        raise MeasurementError(
+            make_message("{path}: {refused_message}", path=options.path, refused_message=broken)
+        ) from broken
     return AtPoints(np.zeros((len(rows), axes)), homogeneous_matrix(rotations, places), words)
 
 

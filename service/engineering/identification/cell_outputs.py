@@ -11,6 +11,7 @@ from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import parameter_values
@@ -143,7 +144,8 @@ def cell_tips(options: AtOptions, report: IdentifiedCellReport) -> dict[str, Tip
     strange = sorted(set(named) - set(targets))
     if strange:
         raise MeasurementError(
-            f"{options.path}: the cell has no target {strange[0]!r}.", remedy=f"It has {', '.join(targets)}."
+            f"{options.path}: the cell has no target {strange[0]!r}.",
+            remedy=make_message("It has {names}.", names=", ".join(targets)),
         )
     found = {}
     for target in dict.fromkeys(named):
@@ -181,7 +183,7 @@ def _predict_tips(report: IdentifiedCellReport, target: str, joints: Array, meas
         target_positions(found.robust.fit, target, joints),
         (total, error.expanded_m(covariances, own, beyond), expanded_in_space(covariances, freedom)),
         (np.flatnonzero(beyond), np.flatnonzero(beyond)),
-        f"base of {report.measurements.cell.robot_of(target).name}",
+        make_message("base of {robot_name}", robot_name=report.measurements.cell.robot_of(target).name),
         statement_of(
             f"{error.rows} held-out rows of the robot's series",
             report.measurements.read,

@@ -7,6 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
@@ -155,7 +156,9 @@ def write_tips(tips: TipsAt, path: Path) -> None:
         The file is there already.
     """
     if path.exists():
-        raise MeasurementError(f"{path} is there already.", remedy="Name a file that does not exist.")
+        raise MeasurementError(
+            make_message("{path} is there already.", path=path), remedy="Name a file that does not exist."
+        )
     factors = np.full(tips.joints_rad.shape[1], np.degrees(1.0)) if tips.shown is None else tips.shown[0]
     names = list(tips.shown[1] if tips.shown else (f"q{i + 1}_deg" for i in range(len(factors))))
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]

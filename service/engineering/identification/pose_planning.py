@@ -11,6 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import read_urdf
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
@@ -187,7 +188,9 @@ def write_plan(path: Path, report: PlanReport) -> None:
     try:
         file = path.open("x", newline="", encoding="utf-8")
     except FileExistsError as taken:
-        raise PlanError(f"{path} is there already.", remedy="Choose another name.") from taken
+        raise PlanError(
+            make_message("{path} is there already.", path=path), remedy="Choose another name."
+        ) from taken
     with file:
         write_rows(file, [[*report.shown[1], "rank", "way_checked"]])
         for rank, free in zip(report.order, report.ways_free, strict=True):

@@ -24,6 +24,7 @@ from cellcal.calibration.cells.contact_observations import (
     SphereContacts,
 )
 from cellcal.calibration.cells.frame_priors import FramePrior
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import (
     LengthObservations,
@@ -265,7 +266,8 @@ class _CellTable:
         for name in names:
             if name not in self._table.names:
                 raise MeasurementError(
-                    f"{self._path} has no column {name!r}.", remedy=f"It has {', '.join(self._table.names)}."
+                    f"{self._path} has no column {name!r}.",
+                    remedy=make_message("It has {names}.", names=", ".join(self._table.names)),
                 )
 
     def _build_observations(  # noqa: PLR0911  # one for each kind

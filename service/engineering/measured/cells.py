@@ -9,6 +9,7 @@ import numpy as np
 
 from cellcal.calibration.cells.cell import DeviceScalar
 from cellcal.calibration.cells.frame_priors import FramePrior
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_from_quaternion
 from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.service.engineering.measured.layouts import layout_data, refuse_unknown
@@ -104,7 +105,8 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         if unit not in _UNITS.get(meaning, ()):
             valid_units = "; ".join(f"{key} in {', '.join(names)}" for key, names in _UNITS.items())
             raise MeasurementError(
-                f"{path}: {meaning} cannot be in {unit!r}.", remedy=f"Units: {valid_units}."
+                f"{path}: {meaning} cannot be in {unit!r}.",
+                remedy=make_message("Units: {valid_units}.", valid_units=valid_units),
             )
     if not columns.get("joints"):
         raise MeasurementError(f"{path} names no joints.", remedy='Write `[columns]`, `joints = ["q1", …]`.')
@@ -153,7 +155,14 @@ class _LayoutTable:
     def make_error(self, what: str, remedy: str = "") -> MeasurementError:
         """Return an error that names the entry."""
         return MeasurementError(
-            f"{self.path}: {self.kind} {self.data.get('name', '')!r}: {what}.", remedy=remedy
+            make_message(
+                "{path}: {kind} {data!r}: {what}.",
+                path=self.path,
+                kind=self.kind,
+                data=self.data.get("name", ""),
+                what=what,
+            ),
+            remedy=remedy,
         )
 
     def text_value(self, key: str, *, needed: bool = False) -> str:

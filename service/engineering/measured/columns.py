@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.table_heads import are_numbered
@@ -124,7 +125,7 @@ def detect_layout(
         measured = ()
     if not measured and not length:
         raise MeasurementError(
-            f"no measurement found among the columns {', '.join(names)}.",
+            make_message("no measurement found among the columns {names}.", names=", ".join(names)),
             remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
         )
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
@@ -160,7 +161,8 @@ def _typed_columns(
     for meaning in columns:
         if meaning not in meanings:
             raise MeasurementError(
-                f"--columns knows no {meaning!r}.", remedy=f"It knows {', '.join(sorted(meanings))}."
+                make_message("--columns knows no {meaning!r}.", meaning=meaning),
+                remedy=make_message("It knows {meanings}.", meanings=", ".join(sorted(meanings))),
             )
     return {meaning: parse_columns(names, texts) for meaning, texts in columns.items()}
 
@@ -171,9 +173,17 @@ def _of_kind(joints: Sequence[str], slides: Sequence[bool], *, slide: bool) -> t
     wrong = [name for name in found if unit_of(name) in (ANGLE_UNITS if slide else LENGTH_UNITS)]
     if wrong:
         raise MeasurementError(
-            f"{wrong[0]} is in {unit_of(wrong[0])}, and the robot's joint there slides."
+            make_message(
+                "{wrong} is in {unit_of}, and the robot's joint there slides.",
+                wrong=wrong[0],
+                unit_of=unit_of(wrong[0]),
+            )
             if slide
-            else f"{wrong[0]} is in {unit_of(wrong[0])}, and the robot's joint there turns.",
+            else make_message(
+                "{wrong} is in {unit_of}, and the robot's joint there turns.",
+                wrong=wrong[0],
+                unit_of=unit_of(wrong[0]),
+            ),
             remedy="If the heading is right, the joint is described wrong: a joint that slides is prismatic, in "
             "metres (URDF) or millimetres (model file).",
         )
@@ -185,7 +195,11 @@ def _common_unit(names: Sequence[str]) -> str:
     units = {unit_of(name) for name in names} - {""}
     if len(units) > 1:
         raise MeasurementError(
-            f"the columns {', '.join(names)} are in different units: {', '.join(sorted(units))}.",
+            make_message(
+                "the columns {names} are in different units: {units}.",
+                names=", ".join(names),
+                units=", ".join(sorted(units)),
+            ),
             remedy="Write them in one unit, and say so in their headings.",
         )
     return units.pop() if units else ""
@@ -214,7 +228,11 @@ def _find_joints(
     ]
     if not full:
         raise MeasurementError(
-            f"no {len(joint_names)} joint columns found among {', '.join(names)}.",
+            make_message(
+                "no {joint_name_count} joint columns found among {names}.",
+                joint_name_count=len(joint_names),
+                names=", ".join(names),
+            ),
             remedy=_joints_remedy(names, plain, len(joint_names)),
         )
     _, numbered = min(full, key=lambda item: _preference_rank(item[0]))

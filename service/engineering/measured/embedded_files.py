@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 
 _MOST_NAME = 120
@@ -37,8 +38,10 @@ def file_of(value: Any, what: str) -> Iterator[Path]:
             yield path
     else:
         raise CellError(
-            f"{what} names no file: {json.dumps(value, default=str)[:80]}.",
-            remedy=f"Write {what}=FILE, or choose the file on the page.",
+            make_message(
+                "{what} names no file: {value}.", what=what, value=json.dumps(value, default=str)[:80]
+            ),
+            remedy=make_message("Write {what}=FILE, or choose the file on the page.", what=what),
             code="usage",
         )
 
@@ -53,7 +56,11 @@ def plain_name(name: Any, what: str) -> str:
     """
     plain = name.replace("\\", "/").rpartition("/")[2] if isinstance(name, str) else ""
     if not plain or plain.startswith(".") or len(plain) > _MOST_NAME or not plain.isprintable():
-        raise CellError(f"the file of {what} has no name.", remedy="Choose a file with a name.", code="usage")
+        raise CellError(
+            make_message("the file of {what} has no name.", what=what),
+            remedy="Choose a file with a name.",
+            code="usage",
+        )
     return plain
 
 
@@ -69,5 +76,7 @@ def content_of(text: Any, what: str) -> bytes:
         return base64.b64decode(text, validate=True)
     except (TypeError, ValueError, binascii.Error) as broken:
         raise CellError(
-            f"the file of {what} did not arrive whole: {broken}", remedy="Choose it again.", code="usage"
+            make_message("the file of {what} did not arrive whole: {broken}", what=what, broken=broken),
+            remedy="Choose it again.",
+            code="usage",
         ) from broken

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
@@ -115,7 +116,8 @@ def refuse_unknown(path: Path, found: Mapping[str, Any], valid_keys: tuple[str, 
     unknown = [key for key in found if key not in valid_keys]
     if unknown:
         raise MeasurementError(
-            f"{path}: a layout knows no {unknown[0]!r}.", remedy=f"It knows {', '.join(valid_keys)}."
+            f"{path}: a layout knows no {unknown[0]!r}.",
+            remedy=make_message("It knows {meanings}.", meanings=", ".join(valid_keys)),
         )
 
 

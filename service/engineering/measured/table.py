@@ -15,6 +15,7 @@ import numpy as np
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import split_row
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.documents.zip_archives import open_zip
 from cellcal.calibration.errors import CellError
@@ -90,7 +91,10 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
     try:
         return _read_text(path)
     except DocumentError as error:
-        raise MeasurementError(f"{path}: {error.why}", remedy=error.remedy) from error
+        raise MeasurementError(
+            make_message("{path}: {refused_message}", path=path, refused_message=error.why),
+            remedy=error.remedy,
+        ) from error
 
 
 def _read_text(path: Path) -> MeasurementTable:
@@ -164,7 +168,7 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
     if not widths:
         raise MeasurementError(
-            f"{path} holds no table of numbers.",
+            make_message("{path} holds no table of numbers.", path=path),
             remedy="A file of measurements has one row a posture: joints, and what the device read.",
         )
     usual = widths.most_common(1)[0][0]
@@ -176,7 +180,8 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
     if twice := doubled_name(names):
         raise MeasurementError(
-            f"{path}: the column name {twice!r} occurs twice.", remedy="Rename one of them."
+            make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),
+            remedy="Rename one of them.",
         )
     numbers, texts, lines = array("d"), dict[tuple[int, int], str](), array("q")
     for line, row in enumerate(chain(head[first:], rows), start=first + 1):
@@ -207,11 +212,14 @@ def _read_excel(path: Path, sheet: str | None) -> MeasurementTable:
         try:
             book = load_workbook(open_zip(read_plain_bytes(path)), read_only=True, data_only=True)
         except Exception as error:  # the library raises what its parts happen to raise
-            raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
+            raise MeasurementError(
+                make_message("{path} is no Excel file.", path=path), remedy="Save it as CSV."
+            ) from error
     try:
         if sheet is not None and sheet not in book.sheetnames:
             raise MeasurementError(
-                f"{path} has no sheet {sheet!r}.", remedy=f"Sheets: {', '.join(book.sheetnames)}."
+                make_message("{path} has no sheet {sheet!r}.", path=path, sheet=sheet),
+                remedy=make_message("Sheets: {sheetnames}.", sheetnames=", ".join(book.sheetnames)),
             )
         for name in [sheet] if sheet is not None else book.sheetnames:
             cells = _excel_rows(path, book[name])
@@ -219,7 +227,9 @@ def _read_excel(path: Path, sheet: str | None) -> MeasurementTable:
                 return _build_table(path, cells, f"Excel sheet {name!r}")
     finally:
         book.close()
-    raise MeasurementError(f"{path} holds no table of numbers.", remedy="Name the sheet with `--sheet`.")
+    raise MeasurementError(
+        make_message("{path} holds no table of numbers.", path=path), remedy="Name the sheet with `--sheet`."
+    )
 
 
 def _excel_rows(path: Path, sheet: Any) -> list[list[float | str]]:
@@ -232,9 +242,18 @@ def _excel_rows(path: Path, sheet: Any) -> list[list[float | str]]:
             if count > _MOST_EXCEL_CELLS:  # a sheet may say that it is of any size
                 break
     except Exception as error:  # the library raises what its parts happen to raise
-        raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
+        raise MeasurementError(
+            make_message("{path} is no Excel file.", path=path), remedy="Save it as CSV."
+        ) from error
     if count > _MOST_EXCEL_CELLS:
-        raise MeasurementError(f"{path} has more than {_MOST_EXCEL_CELLS} cells.", remedy="Save it as CSV.")
+        raise MeasurementError(
+            make_message(
+                "{path} has more than {most_excel_cells} cells.",
+                path=path,
+                most_excel_cells=_MOST_EXCEL_CELLS,
+            ),
+            remedy="Save it as CSV.",
+        )
     return rows
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
@@ -73,8 +74,13 @@ def tags_of_setting(value: Any, what: str) -> TagPath:
     valid_keys = {"file", "columns", "units", "convention", "sheet"}
     if "file" not in setting or setting.keys() - valid_keys:
         raise MeasurementError(
-            f"{what} names no file of tags: {json.dumps(value, default=str)[:80]}.",
-            remedy=f'Write {what}=tags.csv, or {what}={{"file": "tags.csv", "units": {{"position": "mm"}}}}.',
+            make_message(
+                "{what} names no file of tags: {value}.", what=what, value=json.dumps(value, default=str)[:80]
+            ),
+            remedy=make_message(
+                'Write {what}=tags.csv, or {what}={{"file": "tags.csv", "units": {{"position": "mm"}}}}.',
+                what=what,
+            ),
         )
     with file_of(setting.pop("file"), what) as path:
         return read_tags(path, TagOptions(**setting)).path
@@ -204,7 +210,13 @@ def _refuse_gaps(path: Path, table: MeasurementTable, numbers: Mapping[str, Arra
             row = int(gaps[0])
             cell = table.texts.get((row, table.names.index(column)), "")
             raise MeasurementError(
-                f"{path.name}, line {table.lines[row]}: column {column!r} holds {cell!r}, which is no number.",
+                make_message(
+                    "{path_name}, line {lines}: column {column!r} holds {cell!r}, which is no number.",
+                    path_name=path.name,
+                    lines=table.lines[row],
+                    column=column,
+                    cell=cell,
+                ),
                 remedy="Remove that tag from the file, or name the right columns.",
             )
 
@@ -232,7 +244,10 @@ def _unit_factor(
     def to_factor(values: Array) -> float:
         unit = units.get(meaning, "")
         if unit and unit not in table:
-            raise MeasurementError(f"{meaning} cannot be in {unit!r}.", remedy=f"Units: {', '.join(table)}.")
+            raise MeasurementError(
+                make_message("{meaning} cannot be in {unit!r}.", meaning=meaning, unit=unit),
+                remedy=make_message("Units: {valid_units}.", valid_units=", ".join(table)),
+            )
         if not unit:
             small, large = ("m", "mm") if "mm" in table else ("rad", "deg")
             unit = large if float(np.abs(values).max()) > most else small
@@ -258,7 +273,10 @@ def _read_attitudes(
         return ()
     if convention not in CONVENTIONS or len(CONVENTIONS[convention].fields) != len(layout.turn):
         raise MeasurementError(
-            f"{', '.join(layout.turn)} cannot be {convention!r}.", remedy=f"Known: {', '.join(CONVENTIONS)}."
+            make_message(
+                "{turn} cannot be {convention!r}.", turn=", ".join(layout.turn), convention=convention
+            ),
+            remedy=make_message("Known: {conventions}.", conventions=", ".join(CONVENTIONS)),
         )
     if four:
         turns = np.column_stack([numbers[c] for c in layout.turn])
@@ -288,5 +306,6 @@ def read_description(path: Path) -> str:
         return read_plain_text(path)
     except (OSError, DocumentError) as broken:
         raise CalibrationError(
-            f"the description {path} cannot be read: {broken}", remedy="Name a URDF file with xacro expanded."
+            make_message("the description {path} cannot be read: {broken}", path=path, broken=broken),
+            remedy="Name a URDF file with xacro expanded.",
         ) from broken

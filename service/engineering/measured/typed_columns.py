@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.service.engineering.measured.table import MeasurementError
 
 _ZERO = re.compile(r"^(?P<name>.+?)(?P<zero>[+-]\d+(?:\.\d+)?)$")
@@ -46,7 +47,7 @@ def _parse_column(names: Sequence[str], text: str) -> TypedColumn:
     found = _parse_text(names, text)
     if found is None or abs(found.zero_deg) > _MOST_DEG:
         raise MeasurementError(
-            f"there is no column {text!r}.",
+            make_message("there is no column {text!r}.", text=text),
             remedy=f"Columns are: {', '.join(names)}; or write their numbers, counted from 1.",
         )
     return found

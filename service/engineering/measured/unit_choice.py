@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
@@ -63,7 +64,7 @@ class UnitChoice:
         unit = self.stated[meaning]
         if unit not in table:
             raise MeasurementError(
-                f"{meaning} cannot be in {unit!r}.",
+                make_message("{meaning} cannot be in {unit!r}.", meaning=meaning, unit=unit),
                 remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
             )
         self.used[meaning] = unit

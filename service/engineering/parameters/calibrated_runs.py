@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
@@ -32,14 +33,18 @@ def save_calibration(
         arm = RunStore(journal).calibrated_arm(serial)
     if arm is None:
         raise ParameterSetError(
-            f"no calibration of robot {serial} was kept.",
+            make_message("no calibration of robot {serial} was kept.", serial=serial),
             remedy="Run `cellcal run robot_calibration` first.",
             code="usage",
         )
     draft = draft_of(arm, SetOrigin(serial, who, made_at))
     if serial in sets.robot_serials() and sets.load_set(serial).source == draft.source:
         raise ParameterSetError(
-            f"the newest calibration of robot {serial} is version {sets.load_set(serial).version} already.",
+            make_message(
+                "the newest calibration of robot {serial} is version {version} already.",
+                serial=serial,
+                version=sets.load_set(serial).version,
+            ),
             code="usage",
         )
     return sets.save_draft(draft)
@@ -54,7 +59,9 @@ def draft_of(arm: CalibratedArm, who: SetOrigin) -> ParameterSet:
         nominal_sha256=nominal_sha256(nominal),
         made_at=who.made_at,
         made_by=who.made_by,
-        source=f"robot_calibration with {arm.device}, sha256 {arm.sha256}",
+        source=make_message(
+            "robot_calibration with {device}, sha256 {sha256}", device=arm.device, sha256=arm.sha256
+        ),
         values=_with_correlations(values_of_identification(arm.parameters), arm.correlations),
         note="for the mastering that the robot had then" if arm.counts_at_zero else "",
     )

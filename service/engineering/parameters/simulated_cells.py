@@ -12,6 +12,7 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import read_urdf
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.tag_placement import PlacedTags
@@ -62,7 +63,7 @@ def refuse_paths(kind: type, settings: Mapping[str, object]) -> None:
         file = value.get("file", value) if isinstance(value, dict) else value
         if file and not is_embedded(file):
             raise CellError(
-                f"{name} names a file of the service's computer.",
+                make_message("{name} names a file of the service's computer.", name=name),
                 remedy="Choose the file on the page, or start the run there with `cellcal run`.",
                 code="usage",
             )

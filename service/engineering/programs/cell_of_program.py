@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import shown_name
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -117,7 +118,7 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> ProgramPoints:
     groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse_points(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     for flags, why in (
-        (other_arms, OTHER_JOINTS.format(axes)),
+        (other_arms, make_message(OTHER_JOINTS, axes)),
         ([has_external_values(p) for p in all_of], EXTERNAL),
         ([beside_external_values(p, axes) for p in all_of], BESIDE_EXTERNAL),
     ):
@@ -246,7 +247,12 @@ def missing_reason(what: str, name: str | None, project: Project) -> str:
     """Return why a point of unknown tool or frame is left unchanged."""
     if name is None:
         key = "tool" if what == "tool" else "frame"
-        return f"the program does not say which {what}, and {project.path.name} has no [unsaid] {key}"
+        return make_message(
+            "the program does not say which {what}, and {path_name} has no [unsaid] {key}",
+            what=what,
+            path_name=project.path.name,
+            key=key,
+        )
     return f"no {what} {name} in {project.path.name}"
 
 
@@ -262,13 +268,21 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
     if not runs_programs_of(model, program.brand):
         raise ProgramFileError(
             name,
-            f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
+            make_message(
+                "this is a program of {brand}, the robot of {path_name} is a {model_name}.",
+                brand=program.brand,
+                path_name=project.path.name,
+                model_name=model.name,
+            ),
             remedy="Name the project of the robot that this program is for.",
         )
     if lacks_coupling(model, program.brand):
         raise ProgramFileError(
             name,
-            f"a FANUC counts J3 against the horizon, and {shown_name(model.name)} does not couple J3 with J2.",
+            make_message(
+                "a FANUC counts J3 against the horizon, and {shown_name} does not couple J3 with J2.",
+                shown_name=shown_name(model.name),
+            ),
             remedy="Name a robot of `cellcal models`, or a model file with interaction = [[3, 2, 1.0]].",
         )
     _refuse_other_kinematics(program, project)
@@ -281,13 +295,21 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
     if sizes.min() > _FARTHEST * reach and sizes.min() > _FARTHEST * (reach + _farthest_frame(project)):
         raise ProgramFileError(
             name,
-            f"its nearest point is {sizes.min():.0f} m from its frame, the arm reaches {reach:.1f} m.",
+            make_message(
+                "its nearest point is {sizes:.0f} m from its frame, the arm reaches {reach:.1f} m.",
+                sizes=sizes.min(),
+                reach=reach,
+            ),
             remedy="Numbers look a thousand times too large: millimetres written where metres belong?",
         )
     if len(places) >= _FEWEST and sizes.max() < _NEAREST_M:
         raise ProgramFileError(
             name,
-            f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
+            make_message(
+                "all its {place_count} points are within {sizes:.1f} mm of their frame's origin.",
+                place_count=len(places),
+                sizes=sizes.max() * 1000.0,
+            ),
             remedy="Numbers look a thousand times too small: metres written where millimetres belong?",
         )
 
@@ -310,8 +332,12 @@ def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
             cure = "Name the controller's calibration.conf as factory under [robot]."
         raise ProgramFileError(
             program.name,
-            f"it holds the kinematics of an arm that is up to {most * 1e3:.1f} mm away from what the controller of "
-            f"{project.path.name} computes.",
+            make_message(
+                "it holds the kinematics of an arm that is up to {most:.1f} mm away from what the "
+                "controller of {path_name} computes.",
+                most=most * 1000.0,
+                path_name=project.path.name,
+            ),
             remedy=cure,
         )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.points.joint_bases import bases_together
@@ -63,7 +64,10 @@ class CloneRoute:
         try:
             both = bases_together([clone.alignment, master.alignment])
         except CalibrationError as refused:
-            raise ProjectError(f"{clone.path}: {refused.message}", remedy=refused.remedy) from refused
+            raise ProjectError(
+                make_message("{path}: {refused_message}", path=clone.path, refused_message=refused.message),
+                remedy=refused.remedy,
+            ) from refused
         if not both.is_consistent():
             raise ProjectError(
                 f"{master.serial} and {clone.serial} found {clone.alignment.fixture} in two shapes "

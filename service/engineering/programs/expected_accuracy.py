@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.fixture_postures import fixture_postures
 from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
@@ -47,16 +48,26 @@ class Expectation:
         for project in ends:
             if project.identified is None:
                 remarks.append(
-                    f"no accuracy can be foretold: {project.path.name} names no parameters of {project.serial}"
+                    make_message(
+                        "no accuracy can be foretold: {path_name} names no parameters of {serial}",
+                        path_name=project.path.name,
+                        serial=project.serial,
+                    )
                 )
             elif project.identified.covariance is None:
                 remarks.append(
-                    f"no accuracy can be foretold: the parameters of {project.serial} keep no correlations"
+                    make_message(
+                        "no accuracy can be foretold: the parameters of {serial} keep no correlations",
+                        serial=project.serial,
+                    )
                 )
             elif project.identified.held_out_rms_m is None:
                 remarks.append(
-                    f"the expected error counts what the parameters of {project.serial} leave open, not what no "
-                    "parameter describes: give held_out_rms_mm"
+                    make_message(
+                        "the expected error counts what the parameters of {serial} leave open, not what no "
+                        "parameter describes: give held_out_rms_mm",
+                        serial=project.serial,
+                    )
                 )
         object.__setattr__(self, "unknown", tuple(remarks))
 

@@ -15,6 +15,7 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import SUFFIXES, brand_of
@@ -133,7 +134,9 @@ def read_bytes(path: Path) -> bytes:
         ) from error
     except OSError as error:
         raise ProgramFileError(
-            str(path), f"it cannot be read: {error.strerror}.", remedy="Give a file that may be read."
+            str(path),
+            make_message("it cannot be read: {strerror}.", strerror=error.strerror),
+            remedy="Give a file that may be read.",
         ) from error
     if not data:
         raise ProgramFileError(
@@ -167,7 +170,7 @@ class OutputFolder:
             if not self._replace:
                 raise ProgramFileError(
                     str(source.path),
-                    f"{path} is there already.",
+                    make_message("{path} is there already.", path=path),
                     remedy="Write to another folder, or say --replace.",
                 )
         return path
@@ -210,7 +213,7 @@ class OutputFolder:
         except OSError as error:
             raise ProgramFileError(
                 str(source.path),
-                f"{path} cannot be written: {error.strerror}.",
+                make_message("{path} cannot be written: {strerror}.", path=path, strerror=error.strerror),
                 remedy="Give --out a folder that may be written, with room on its disk.",
             ) from error
         return path
@@ -295,7 +298,7 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
         raise ProgramFileError(
             str(folder),
             "there is no robot program in this folder.",
-            remedy=f"Programs end in {', '.join(sorted(suffixes))}.",
+            remedy=make_message("Programs end in {suffixes}.", suffixes=", ".join(sorted(suffixes))),
         )
     return found
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
 from cellcal.calibration.orientation import CONVENTIONS, values_from
@@ -140,7 +141,9 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
     moved: Array = base_change @ project.frame_named(frame)
     if make is not None and frame == make.base:
         return moved, ""
-    return moved, f"user frame {frame} at {_as_typed(make, moved)}"
+    return moved, make_message(
+        "user frame {frame} at {as_typed}", frame=frame, as_typed=_as_typed(make, moved)
+    )
 
 
 def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
@@ -154,7 +157,10 @@ def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
     alternative = redefined_frame(project, frame, base_change)[1]
     if not alternative:
         return ""
-    return f"Instead of running the moved programs, the old ones could run with {alternative}. Never do both."
+    return make_message(
+        "Instead of running the moved programs, the old ones could run with {alternative}. Never do both.",
+        alternative=alternative,
+    )
 
 
 def _as_typed(make: RobotMake | None, pose: Array) -> str:

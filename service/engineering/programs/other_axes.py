@@ -7,6 +7,7 @@ others of their program: half of a program that goes along is worse than none.
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import Positions, ProgramFile
 
@@ -31,7 +32,7 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
     if other.any() and (other == robots).all():
         raise ProgramFileError(
             program.name,
-            f"its positions hold another number of joints than the robot's {axes}.",
+            make_message("its positions hold another number of joints than the robot's {axes}.", axes=axes),
             remedy="Name the project of the robot that this program is for.",
         )
     return other

@@ -6,6 +6,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
@@ -73,7 +74,9 @@ class TransferChecks:
         excess = beyond[np.arange(len(rows)), worst]
         over = excess > _ROUNDED_RAD
         reasons = {
-            int(i): f"joint {joint + 1} would pass its limit by {np.degrees(by):.1f} deg"
+            int(i): make_message(
+                "joint {joint} would pass its limit by {by:.1f} deg", joint=joint + 1, by=np.degrees(by)
+            )
             if joint < model.axis_count
             else _past_sum(model, int(joint) - model.axis_count, float(by))
             for i, joint, by in zip(rows[over], worst[over], excess[over], strict=True)
@@ -99,7 +102,9 @@ class TransferChecks:
             old = [points.texts[int(rows[i])] for i in other]
             new = self.rule.write_configurations(self.project.controller, joints[other], old)
             reasons = {
-                int(rows[i]): f"the wrist would flip or the arm change its posture: {a} would become {b}"
+                int(rows[i]): make_message(
+                    "the wrist would flip or the arm change its posture: {a} would become {b}", a=a, b=b
+                )
                 for i, a, b in zip(other, old, new, strict=True)
             }
             points.refuse_points(rows[other], reasons.__getitem__)
@@ -141,8 +146,13 @@ class TransferChecks:
 
 def _describe_contact(contact: ShapeContact) -> str:
     if contact.clearance_m <= 0:
-        return f"collides: {contact.first} and {contact.second}"
-    return f"comes too close: {contact.clearance_m * 1e3:.0f} mm between {contact.first} and {contact.second}"
+        return make_message("collides: {first} and {second}", first=contact.first, second=contact.second)
+    return make_message(
+        "comes too close: {clearance_mm:.0f} mm between {first} and {second}",
+        clearance_mm=contact.clearance_m * 1000.0,
+        first=contact.first,
+        second=contact.second,
+    )
 
 
 class _RowReason:
@@ -151,7 +161,7 @@ class _RowReason:
         self._words, self._factor = words, factor
 
     def __call__(self, row: int) -> str:
-        return self._words.format(self._by_row[row] * self._factor)
+        return make_message(self._words, self._by_row[row] * self._factor)
 
 
 def _row_reason(rows: Rows, values: Array, words: str, factor: float = 1.0) -> _RowReason:
@@ -160,4 +170,8 @@ def _row_reason(rows: Rows, values: Array, words: str, factor: float = 1.0) -> _
 
 def _past_sum(model: RobotModel, limit: int, by_rad: float) -> str:
     joints = model.combined_limits[limit].name
-    return f"joints {joints} together would pass their limit by {np.degrees(by_rad):.1f} deg"
+    return make_message(
+        "joints {joints} together would pass their limit by {by_deg:.1f} deg",
+        joints=joints,
+        by_deg=np.degrees(by_rad),
+    )

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import Flags
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.program_registry import change_programs
@@ -193,8 +194,11 @@ def _refuse_written(points: ProgramPoints, rows: Rows, apart_m: Array) -> None:
     program = points.programs[int(points.of[worst])]
     raise ProgramFileError(
         program.name,
-        f"the numbers written for {program.positions.names[int(points.row[worst])]} are "
-        f"{apart_m.max() * 1e3:.4f} mm from the point.",
+        make_message(
+            "the numbers written for {names} are {apart_mm:.4f} mm from the point.",
+            names=program.positions.names[int(points.row[worst])],
+            apart_mm=apart_m.max() * 1000.0,
+        ),
         remedy="Do not use this file; report it with the program.",
     )
 
@@ -205,7 +209,14 @@ def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project
     if beyond >= _FEWEST_FOREIGN and beyond > _MOST_FOREIGN * len(reasons):
         raise ProgramFileError(
             program.name,
-            f"{beyond} of its {len(reasons)} positions do not belong to the {project.nominal.name} of "
-            f"{project.path.name}: {next(r for r in reasons if r)}.",
+            make_message(
+                "{beyond} of its {reason_count} positions do not belong to the {nominal_name} of "
+                "{path_name}: {next}.",
+                beyond=beyond,
+                reason_count=len(reasons),
+                nominal_name=project.nominal.name,
+                path_name=project.path.name,
+                next=next(r for r in reasons if r),
+            ),
             remedy="See that robot, user frame and tool of the project are those this program was taught with.",
         )

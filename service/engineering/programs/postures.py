@@ -10,6 +10,7 @@ from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
@@ -64,7 +65,7 @@ class PostureSearch:
         found, why = self._choose_branches(candidates, fits, taught)
         for i in np.flatnonzero(~fits.any(axis=0)).tolist():
             named = reached[:, i].any()
-            why[i] = OTHER_CONFIGURATION.format(text=texts[i]) if named else UNREACHABLE
+            why[i] = make_message(OTHER_CONFIGURATION, text=texts[i]) if named else UNREACHABLE
         self._polish_postures(found, base_flange, why)
         self._add_turns(found, texts, why)
         return found, why
@@ -158,7 +159,7 @@ class PostureSearch:
             found[unmatched[agrees]] = turned[agrees]
             unmatched = unmatched[~agrees]
         for i in unmatched.tolist():
-            found[i], why[i] = np.nan, OTHER_TURNS.format(text=texts[i])
+            found[i], why[i] = np.nan, make_message(OTHER_TURNS, text=texts[i])
 
     def _turns_agree(self, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
         """Tell which joints have the turn numbers of their texts.

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.programs.transfer import (
     TransferFrames,
@@ -228,8 +229,9 @@ class ProgramTransfer:
         distances_m = dict(zip(rows.tolist(), apart.tolist(), strict=True))
         points.refuse_points(
             rows[wrong],
-            lambda i: (
-                f"its joints and its pose are {distances_m[i] * 1e3:.1f} mm apart: another robot's, or another tool"
+            lambda i: make_message(
+                "its joints and its pose are {distances_mm:.1f} mm apart: another robot's, or another tool",
+                distances_mm=distances_m[i] * 1000.0,
             ),
         )
 

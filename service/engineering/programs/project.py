@@ -15,6 +15,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
@@ -111,8 +112,8 @@ class Project:
         if make is None or name != make.base:
             names = ", ".join(self.frames) or "none"
             raise ProjectError(
-                f"{self.name} has no user frame {name}.",
-                remedy=f"It has {names}; a project's are [frames.NAME].",
+                make_message("{name} has no user frame {name_2}.", name=self.name, name_2=name),
+                remedy=make_message("It has {names}; a project's are [frames.NAME].", names=names),
             )
         return np.eye(4)
 
@@ -268,7 +269,10 @@ def _read_alignment(table: Mapping[str, Any], folder: Path, serial: str, where: 
     except (OSError, DocumentError) as broken:
         raise ProjectError(f"{path} cannot be read: {broken}") from broken
     except CellError as refused:
-        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+        raise ProjectError(
+            make_message("{path}: {refused_message}", path=path, refused_message=refused.message),
+            remedy=refused.remedy,
+        ) from refused
     mine = [a for a in found if a.robot_serial == serial and name in (None, a.fixture)]
     if len(mine) != 1:
         there = ", ".join(f"{a.fixture} from robot {a.robot_serial}" for a in found) or "nothing"

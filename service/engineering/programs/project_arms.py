@@ -12,6 +12,7 @@ from cellcal.calibration.arm.model_references import model_of_text
 from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
@@ -54,7 +55,10 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
     try:
         return model_of_text(name, read_model_text(name, _read_text(path)))
     except CalibrationError as refused:
-        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+        raise ProjectError(
+            make_message("{path}: {refused_message}", path=path, refused_message=refused.message),
+            remedy=refused.remedy,
+        ) from refused
     except (DocumentError, TypeError, ValueError) as broken:
         raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
 
@@ -76,7 +80,10 @@ def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
         if "kinematics:" in text:
             return model_of_ros(read_ros_kinematics(text), nominal)
     except CellError as refused:
-        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+        raise ProjectError(
+            make_message("{path}: {refused_message}", path=path, refused_message=refused.message),
+            remedy=refused.remedy,
+        ) from refused
     raise ProjectError(
         f"{path} is no factory calibration.",
         remedy="Name a calibration.conf, the file of ur_calibration, or an exported parameter set.",
@@ -108,7 +115,10 @@ def identified_arm(
         state = starting_state(nominal, StartingPoint(values), (), np.eye(4), ())
         layout, covariance = _parameter_spread(found, state)
     except CellError as refused:
-        raise ProjectError(f"{where}: {refused.message}", remedy=refused.remedy) from refused
+        raise ProjectError(
+            make_message("{path}: {refused_message}", path=where, refused_message=refused.message),
+            remedy=refused.remedy,
+        ) from refused
     held_out = None if rms is None else rms / 1e3
     return IdentifiedArm(state, found.sha256, found.version, layout, covariance, held_out)
 

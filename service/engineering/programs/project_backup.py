@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -50,7 +51,15 @@ def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel
     try:
         backup = read_backup(place)
     except ProgramFileError as refused:
-        raise ProjectError(f"{where}: {place}: {refused.message}", remedy=refused.remedy) from refused
+        raise ProjectError(
+            make_message(
+                "{where}: {place}: {refused_message}",
+                where=where,
+                place=place,
+                refused_message=refused.message,
+            ),
+            remedy=refused.remedy,
+        ) from refused
     if FRAMES in backup.missing_files:
         raise ProjectError(
             f"{where}: {place} holds no {FRAMES}, in which a controller keeps its frames and tools.",

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
@@ -96,7 +97,14 @@ def pose_of(table: Table, where: str) -> Array:
         try:
             rotation = rotation_from(named[0], np.deg2rad(values) if key.endswith("_deg") else values)
         except CalibrationError as refused:
-            raise ProjectError(f"{where}: {key}: {refused.message}") from refused
+            raise ProjectError(
+                make_message(
+                    "{where}: {place}: {refused_message}",
+                    where=where,
+                    place=key,
+                    refused_message=refused.message,
+                )
+            ) from refused
     return homogeneous_matrix(rotation, read_numbers(table, "position_mm", 3, where) / 1e3)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.fanuc.program_files.ls_registers import (
     UNSURE,
@@ -67,7 +68,7 @@ class ProgramRegisters:
         chosen = ""
         for program in programs:
             line = indirect_line(program.to_bytes()) if program.brand == "fanuc" else 0
-            chosen = chosen or (_CHOSEN.format(program.name, line) if line else "")
+            chosen = chosen or (make_message(_CHOSEN, program.name, line) if line else "")
             for use in registers_used(program.to_bytes()) if program.brand == "fanuc" else ():
                 uses.setdefault(use.number, []).append((program.name, use))
         self.all = tuple(
@@ -158,7 +159,7 @@ def _without_other_configurations(
             and stored.configuration != text
         ):
             status[row] = LEFT
-            reason[row] = _OTHER_CONFIGURATION.format(stored.configuration, backup.folder, text)
+            reason[row] = make_message(_OTHER_CONFIGURATION, stored.configuration, backup.folder, text)
     return replace(result, status=tuple(status), reason=tuple(reason))
 
 
@@ -168,7 +169,12 @@ def _joint_rows(joints: Array, rows: Sequence[int]) -> Array:
 
 def _describe_values(position: VaPosition) -> str:
     words = [
-        f"{name} {spot.text.strip()} {position.units.get(name, 'mm' if name in 'XYZ' else 'deg')}"
+        make_message(
+            "{name} {spot_text} {units}",
+            name=name,
+            spot_text=spot.text.strip(),
+            units=position.units.get(name, "mm" if name in "XYZ" else "deg"),
+        )
         for name, spot in position.numbers.items()
         if spot.is_initialised
     ]

@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Protocol, TypeAlias
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import ProgramFile
@@ -188,7 +189,10 @@ def _check_reports(outputs: ReportOutputs, place: OutputFolder) -> None:
         except ProgramFileError as error:
             raise FilesError(error.message, remedy="Give the report another name.") from error
         if path.is_dir() or (path.exists() and not outputs.replace):
-            raise FilesError(f"{path} is there already.", remedy="Give another name, or say --replace.")
+            raise FilesError(
+                make_message("{path} is there already.", path=path),
+                remedy="Give another name, or say --replace.",
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
 
 

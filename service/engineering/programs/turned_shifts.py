@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
@@ -178,10 +179,11 @@ def _chord_length(angle_rad: float) -> float:
 def _finding_text(
     form: str, shift: ProgramShift, point: str, angle: float, distance_m: float, turn: float
 ) -> str:
-    return form.format(
+    return make_message(
+        form,
         what=shift.what,
         point=point,
         angle=f"{math.degrees(angle):.2f}",
-        distance=f"{distance_m * 1e3:.2f}",
+        distance=f"{distance_m * 1000.0:.2f}",
         turn=f"{math.degrees(turn):.2f}",
     )

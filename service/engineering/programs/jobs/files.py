@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
@@ -55,7 +56,10 @@ def write_programs(files: Sequence[UploadedFile], folder: Path) -> list[RefusedF
         size += len(data)
         if size > MOST_FILE_BYTES:
             raise UploadError(
-                f"the files are larger than {MOST_FILE_BYTES >> 20} MB together.",
+                make_message(
+                    "the files are larger than {most_file_bytes} MB together.",
+                    most_file_bytes=MOST_FILE_BYTES >> 20,
+                ),
                 remedy="Make them in several goes, or with `cellcal program` at the service's computer.",
             )
         (folder / name).write_bytes(data)
@@ -82,7 +86,10 @@ def write_project(files: Sequence[UploadedFile], folder: Path) -> Path:
             projects.append((path, table))
     if len(projects) != 1:
         raise UploadError(
-            f"there are {len(projects)} project files among those that came along.",
+            make_message(
+                "there are {project_count} project files among those that came along.",
+                project_count=len(projects),
+            ),
             remedy="Choose one project (TOML, with format and [robot]) and the files that it names.",
         )
     path, table = projects[0]
@@ -110,7 +117,8 @@ def _unpack_file(file: UploadedFile, taken: set[str]) -> tuple[str, bytes]:
     name = plain_name(file.name, "programs")
     if name.casefold() in taken:
         raise UploadError(
-            f"{name}: another file of that name came along.", remedy="Bring each file once, or in another go."
+            make_message("{name}: another file of that name came along.", name=name),
+            remedy="Bring each file once, or in another go.",
         )
     taken.add(name.casefold())
     return name, content_of(file.content_base64, name)
@@ -125,12 +133,23 @@ def _refuse_elsewhere(path: Path, table: dict[str, Any]) -> None:
             continue
         if (section, key) in _FOLDERS:
             raise UploadError(
-                f"{path.name}: {key} under [{section}] is a folder of the service's computer.",
+                make_message(
+                    "{path_name}: {key} under [{section}] is a folder of the service's computer.",
+                    path_name=path.name,
+                    key=key,
+                    section=section,
+                ),
                 remedy="Name one file that comes along, or keep the project beside the cell file.",
             )
         if not isinstance(value, str) or Path(value).name != value or not (path.parent / value).is_file():
             raise UploadError(
-                f"{path.name}: {key} under [{section}] names {str(value)[:80]!r}, which did not come along.",
+                make_message(
+                    "{path_name}: {key} under [{section}] names {value!r}, which did not come along.",
+                    path_name=path.name,
+                    key=key,
+                    section=section,
+                    value=str(value)[:80],
+                ),
                 remedy="Choose it together with the project; it must be named without a folder.",
             )
 

@@ -4,6 +4,8 @@ import signal
 import sys
 from dataclasses import dataclass
 
+from cellcal.calibration.documents.message import make_message
+
 if sys.platform != "win32":
     import resource
 
@@ -37,13 +39,18 @@ class Limits:
     @property
     def too_large(self) -> str:
         """What is said where the memory is not enough."""
-        return f"making these programs takes more than {self.memory_bytes >> 20} MB of memory."
+        return make_message(
+            "making these programs takes more than {memory_bytes} MB of memory.",
+            memory_bytes=self.memory_bytes >> 20,
+        )
 
     def words_of_end(self, code: int) -> tuple[str, str]:
         """Return how a process ended that did not say so itself, and what to do."""
         if code == -signal.SIGXCPU:
             return (
-                f"making these programs takes more than {self.cpu_s} s of computing.",
+                make_message(
+                    "making these programs takes more than {cpu_s} s of computing.", cpu_s=self.cpu_s
+                ),
                 "Make fewer programs at once.",
             )
         if code == -signal.SIGKILL:

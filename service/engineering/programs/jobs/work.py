@@ -15,6 +15,7 @@ from typing import Any
 
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import brand_named
@@ -68,14 +69,16 @@ class ProgramTask:
             and not cell.identified
         ):
             raise FilesError(
-                f"no parameters of {cell.serial} were saved in this cell.",
+                make_message("no parameters of {serial} were saved in this cell.", serial=cell.serial),
                 remedy="Calibrate the robot, then save what was found: `cellcal parameters keep`.",
             )
         titles = {
-            "compensate": f"Compensated for {target.name}",
-            "download": f"Taught in {cell.name}, for the nominal robot",
-            "move": f"Moved in {cell.name}",
-            "clone": f"{cell.name} cloned to {target.name}",
+            "compensate": make_message("Compensated for {cell_name}", cell_name=target.name),
+            "download": make_message("Taught in {cell_name}, for the nominal robot", cell_name=cell.name),
+            "move": make_message("Moved in {cell_name}", cell_name=cell.name),
+            "clone": make_message(
+                "{source_name} cloned to {cell_name}", source_name=cell.name, cell_name=target.name
+            ),
         }
         return cls(cell, target, titles[request["do"]], request)
 
@@ -156,7 +159,11 @@ def _copy_own(cell: Project) -> None:
     named = [Path(name) for name in named_by(cell)]
     if sum(path.stat().st_size for path in named) > MOST_FILE_BYTES:
         raise FilesError(
-            f"the programs of {cell.name} are larger than {MOST_FILE_BYTES >> 20} MB together.",
+            make_message(
+                "the programs of {cell_name} are larger than {most_file_bytes} MB together.",
+                cell_name=cell.name,
+                most_file_bytes=MOST_FILE_BYTES >> 20,
+            ),
             remedy="Make them with `cellcal program` at the service's computer.",
         )
     for path in named:
