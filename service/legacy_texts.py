@@ -1,7 +1,7 @@
-"""Messages of records without templates: journals before version 1.0 and signed certificates hold English texts alone.
+"""Messages of records without templates: earlier journals and signed certificates hold English texts alone.
 
-This is the one place that takes English sentences apart. Each sentence is compared with the templates of the catalogue;
-what stands in their holes becomes the arguments. Everything that is recorded today has its templates beside it.
+This is the one place that takes English sentences apart. Each sentence is compared with the templates of the
+catalogue; what stands in their holes becomes the arguments. What is recorded today has its templates beside it.
 """
 
 import re

@@ -2,6 +2,8 @@
 
 import re
 
+from cellcal.calibration.documents.message import Message, find_message, remember_message
+
 _PART = r"[^\s/:;,'\"()]+"  # of a path
 _ABSOLUTE = rf"\.{{0,2}}(?:/{_PART}(?: {_PART})*)+"
 _OF_A_JOB = rf"(?:sources|cell|clone|programs)(?:/{_PART})*"
@@ -10,4 +12,10 @@ _FOLDER = re.compile(rf"(?<![\w./])(?:{_ABSOLUTE}|{_OF_A_JOB})/(?=[^\s/])")
 
 def without_paths(text: str) -> str:
     """Return a sentence in which every file is named by its last part only: no screen learns where files are."""
-    return _FOLDER.sub("", text)
+    made = find_message(text)
+    if made is None:
+        return _FOLDER.sub("", text)
+    arguments = {name: without_paths(argument) for name, argument in made.arguments.items()}
+    redacted = Message.from_template(made.template, arguments)
+    remember_message(redacted)
+    return redacted

@@ -1,13 +1,13 @@
 """Texts in the reader's language: a message by its template, a plain text as it is.
 
 A catalogue is one JSON object for each language: English template -> translated template, both with braces doubled
-that are no holes. A template is a sentence; its holes have names, in any order in the translation. What has no entry, or no catalogue because the pages are not
-built, stays English. The rules are those of web/src/lib/translate.svelte.ts.
+that are no holes. A template is a sentence; its holes have names, in any order in the translation. What has no entry,
+or no catalogue because the pages are not built, stays English. The rules are those of web/src/lib/say.svelte.ts.
 
 An English text is never taken apart to find its arguments: `legacy_texts` does so for what was recorded without them.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Literal, TypeAlias, get_args
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import (
     Message,
+    MessageSource,
     escape_braces,
     fill_template,
     find_message,
@@ -26,7 +27,6 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
 BUILT = Path(__file__).parent / "web" / "dist" / "locales"  # beside the pages
-MessageSource: TypeAlias = Callable[[str], Message | None]
 _KINDS = ("procedures", "refusals")
 _COMMA = ("de", "es")
 _UNITS = ("", "%", "mm", "m", "deg", "rad")  # what may stand behind the number of an argument

@@ -5,14 +5,14 @@ what shows it to a reader looks up its template in a catalogue and fills in the 
 
     make_message("no answer from {device} within {limit_s:.1f} s", device="probe", limit_s=2)
 
-is ``"no answer from probe within 2.0 s"``; its template is ``"no answer from {device} within {limit_s} s"``. The
-format of a number belongs to the argument: the template in a catalogue has none.
+is ``"no answer from probe within 2.0 s"``, of the template ``"no answer from {device} within {limit_s} s"``: the
+format of a number belongs to the argument, and the template in a catalogue has none.
 
 A text that passes through JSON or a validating model is a plain ``str`` afterwards. `find_message` returns the message
 that was made of it in this process: a template and its arguments are identified by the English text that they give.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from string import Formatter
 from types import MappingProxyType
@@ -63,6 +63,7 @@ class Message(str):
 
 
 Argument: TypeAlias = str | Message
+MessageSource: TypeAlias = Callable[[str], Message | None]  # the message that has a text
 
 
 class _RecentMessages:

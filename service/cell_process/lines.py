@@ -13,6 +13,7 @@ import numpy as np
 import orjson
 
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import LONGEST_LINE
 
@@ -83,7 +84,8 @@ class LineWriter:
 
 
 def _dumped(message: Any) -> bytes:
-    return orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n"
+    options = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS  # a name in a result may be a message
+    return orjson.dumps(with_messages(message), option=options) + b"\n"
 
 
 def _shortened(value: Any, longest_text: int, longest_list: int, depth: int = 0) -> Any:

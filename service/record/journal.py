@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 from uuid import NAMESPACE_URL, uuid5
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import MESSAGES
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.canonical_json import canonical_json
@@ -232,7 +234,7 @@ class Journal:
         idem = str(uuid5(NAMESPACE_URL, f"{run_id}/{event.key}")) if event.key else None
         existing = self._find_stored(idem) if idem else None
         if existing is not None:
-            if (existing.kind, existing.body) != (event.kind, body):
+            if existing.kind != event.kind or not _is_same_fact(existing.body, body):
                 raise StoreError(
                     make_message(
                         "the key {event_key!r} of this run already holds another fact", event_key=event.key
@@ -319,6 +321,14 @@ def _row_values(event: JournalEvent) -> tuple[Any, ...]:
         *(event.seq, event.run_id, event.idx, event.kind, event.idem, event.body),
         *(event.wall_utc, event.mono_ns, event.boot_id, event.actor, event.prev, event.hash),
     )
+
+
+def _is_same_fact(stored: str, body: str) -> bool:
+    """Whether two bodies say the same; templates and arguments beside the English texts do not count."""
+    if stored == body:
+        return True
+    first, second = ({**parse_json(each), MESSAGES: None} for each in (stored, body))
+    return first == second
 
 
 def _checked_body(event: NewEvent) -> str:

@@ -8,6 +8,7 @@ from pydantic import TypeAdapter
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
@@ -211,6 +212,8 @@ def _is_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool
 
 def _fold_run(events: list[JournalEvent]) -> RunView:
     bodies = [(event.kind, parse_json(event.body)) for event in events]
+    for _, body in bodies:
+        remember_table(body)
     header = bodies[0][1]
     ended: Mapping[str, Any] = {}
     for kind, body in bodies:

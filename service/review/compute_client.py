@@ -15,6 +15,7 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR
 
@@ -82,6 +83,7 @@ class ComputeClient:
                 )
         finally:
             self._waiting -= 1
+        remember_table(reply)
         if reply["ok"]:
             return reply["answer"]
         raise ComputeError(reply["message"], remedy=reply["remedy"], code=reply["code"])

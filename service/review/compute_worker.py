@@ -9,6 +9,7 @@ import orjson
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.path_redaction import without_paths
@@ -53,7 +54,7 @@ def answer_questions(make: Callable[[CellConfig], Mapping[str, Callable[..., Any
     log_in_lines()
     handlers = make(read_cell_file(sys.argv[1]))
     for line in sys.stdin.buffer:
-        sys.stdout.buffer.write(orjson.dumps(answer_to(handlers, line)) + b"\n")
+        sys.stdout.buffer.write(orjson.dumps(with_messages(answer_to(handlers, line))) + b"\n")
         sys.stdout.buffer.flush()
 
 

@@ -13,6 +13,7 @@ from uuid import uuid4
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import MESSAGES, with_messages
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
@@ -79,7 +80,7 @@ class JournalLedger:
             body = {**body, "instruments": sorted(self._read)}
         if kind in _OUTCOMES:
             self._read.clear()
-        self._journal.append(self._run_id, kind, body, key=key, actor=self._actor)
+        self._journal.append(self._run_id, kind, with_messages(dict(body)), key=key, actor=self._actor)
 
 
 async def run_procedure(
@@ -128,6 +129,7 @@ async def run_procedure(
             "motion_level": cell.level.value,
             "controller_mode": await _mode_of(cell),
             **software_versions(),
+            MESSAGES: {},  # this run is recorded with templates and arguments
         }
         journal.append(run_id, EventKind.STARTED, header, key="started", actor=how.actor)
         _note_missing_end(journal, run_id, how)
@@ -282,7 +284,10 @@ class _RunExecution:
             "code": outcome.code,
             "judgement": outcome.judgement,
         }
-        facts = [*self._results_to_store(spec, outcome.result, passed), NewEvent(EventKind.ENDED, body)]
+        facts = [
+            *self._results_to_store(spec, outcome.result, passed),
+            NewEvent(EventKind.ENDED, with_messages(body)),
+        ]
         try:
             self._journal.append_all(self._run_id, facts, actor=self._how.actor)
         except StoreError as error:

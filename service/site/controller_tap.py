@@ -8,6 +8,7 @@ from typing import BinaryIO, cast
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message_table import remember_table
 from cellcal.drivers.supervision import start_thread
 from cellcal.service.session_documents import LiveDocument, SessionDocument
 
@@ -42,6 +43,7 @@ class ControllerTap:
         """Take in one line."""
         try:
             message = parse_json(line)
+            remember_table(message)
             kind, content = message["told"], message["content"]
         except (DocumentError, KeyError, TypeError):
             return

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import orjson
 
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
 from cellcal.service.session_documents import EventContent
@@ -31,7 +32,7 @@ class ForwardingProcess:
 
     def on_event(self, kind: str, content: EventContent) -> None:
         """Pass on what the desk said."""
-        line = orjson.dumps({"told": kind, "content": content}) + b"\n"
+        line = orjson.dumps(with_messages({"told": kind, "content": content})) + b"\n"
         if kind != "live":
             self._session = line
         self._write_line(line)

@@ -25,6 +25,7 @@ from cellcal.service.web.context import AppContext, ServiceSettings
 from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
 from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import add_pages, page_paths
+from cellcal.service.web.response_models import MessageJsonResponse
 from cellcal.service.web.task_troubles import troubles_of
 from cellcal.service.web.websocket_hub import OpenScreens
 
@@ -66,7 +67,14 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         async with _run_background(context, event_sinks):
             yield
 
-    app = FastAPI(title="cellcal", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
+    app = FastAPI(
+        title="cellcal",
+        lifespan=run_lifespan,
+        docs_url=None,
+        redoc_url=None,
+        responses=REFUSALS,
+        default_response_class=MessageJsonResponse,
+    )
     app.state.context, app.state.meter = context, event_sinks.meter
     app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)

@@ -14,6 +14,7 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
 from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
@@ -256,7 +257,9 @@ class CellProcessClient:
                 self._lines_heard += 1
                 self._unanswered.note_message()
                 with log_failures(_LINES):
-                    self._handle_message(parse_json(line))
+                    message = parse_json(line)
+                    remember_table(message)
+                    self._handle_message(message)
 
     def _drop_session(self) -> None:
         """Let everybody know that the desk is gone."""

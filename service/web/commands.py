@@ -4,7 +4,6 @@ import asyncio
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
 
 from cellcal.calibration.errors import CellError
@@ -14,6 +13,7 @@ from cellcal.service.people.authorization import StaleViewError
 from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from cellcal.service.web.dependencies import Who, app_context, token_of
 from cellcal.service.web.error_responses import OrderRefusalResponse
+from cellcal.service.web.response_models import MessageJsonResponse
 from cellcal.service.web.session_control import authorize_order, control_changes
 
 if TYPE_CHECKING:
@@ -113,9 +113,9 @@ async def approve_second(approval: SecondApproval, request: Request, who: Who) -
     return await _forward_order(context, pressed, name)
 
 
-def _stale_response(context: "AppContext", behind: StaleViewError) -> JSONResponse:
+def _stale_response(context: "AppContext", behind: StaleViewError) -> MessageJsonResponse:
     error_fields = {"code": behind.code, "message": behind.message, "remedy": behind.remedy}
-    return JSONResponse({"session": context.link.session, **error_fields}, status_code=behind.status)
+    return MessageJsonResponse({"session": context.link.session, **error_fields}, status_code=behind.status)
 
 
 async def _forward_order(context: "AppContext", pressed: PressedOrder, name: str) -> Any:
@@ -131,4 +131,4 @@ async def _forward_order(context: "AppContext", pressed: PressedOrder, name: str
     if reply["ok"]:
         return reply
     texts = {part: without_paths(reply[part]) for part in ("message", "remedy") if part in reply}
-    return JSONResponse({"session": context.link.session, **reply, **texts}, status_code=409)
+    return MessageJsonResponse({"session": context.link.session, **reply, **texts}, status_code=409)

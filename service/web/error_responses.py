@@ -4,13 +4,13 @@ from typing import Any
 
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.path_redaction import without_paths
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.web.cell_client import CellProcessGoneError
+from cellcal.service.web.response_models import MessageJsonResponse
 
 
 class RefusalResponse(BaseModel):
@@ -34,7 +34,7 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
 }
 
 
-def respond_to_error(_: Request, error: Exception) -> JSONResponse:
+def respond_to_error(_: Request, error: Exception) -> MessageJsonResponse:
     """Say what happened and what to do."""
     assert isinstance(error, CellError)
     body = {
@@ -44,11 +44,11 @@ def respond_to_error(_: Request, error: Exception) -> JSONResponse:
     }
     if isinstance(error, PeopleError):
         wait = {} if error.retry_after_s is None else {"retry-after": str(error.retry_after_s)}
-        return JSONResponse(body, status_code=error.status, headers=wait)
-    return JSONResponse(body, status_code=503 if isinstance(error, CellProcessGoneError) else 422)
+        return MessageJsonResponse(body, status_code=error.status, headers=wait)
+    return MessageJsonResponse(body, status_code=503 if isinstance(error, CellProcessGoneError) else 422)
 
 
-def not_understood(_: Request, error: Exception) -> JSONResponse:
+def not_understood(_: Request, error: Exception) -> MessageJsonResponse:
     """Say which field is wrong, without sending back what was sent: it may be huge, or no JSON at all."""
     assert isinstance(error, RequestValidationError)
     faults = "; ".join(f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()[:5])
@@ -57,4 +57,4 @@ def not_understood(_: Request, error: Exception) -> JSONResponse:
         "message": f"The request is not understood: {faults}",
         "remedy": "See /openapi.json.",
     }
-    return JSONResponse(body, status_code=422)
+    return MessageJsonResponse(body, status_code=422)

@@ -20,6 +20,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
 from cellcal.service.people.authentication import Authenticator
@@ -32,7 +33,7 @@ from cellcal.service.web.error_responses import REFUSALS, not_understood, respon
 from cellcal.service.web.fleet_models import FleetSeen
 from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import DIST, BuiltFiles
-from cellcal.service.web.response_models import SignedDocument, response_options
+from cellcal.service.web.response_models import MessageJsonResponse, SignedDocument, response_options
 from cellcal.service.web.sign_in import open_console
 from cellcal.service.web.websocket_hub import let_go
 
@@ -83,7 +84,7 @@ class FleetContext:
     def _row_to_json(self, view: CellRow) -> bytes:
         """Return a cell's row; one that cannot be shown is never left as it was before."""
         try:
-            return orjson.dumps(view)
+            return orjson.dumps(with_messages(view))
         except TypeError as error:
             self.bus.fleet.name_flaw(view["cell"], f"what it says cannot be shown: {error}")
             plain = dict.fromkeys(view) | {"cell": view["cell"], "name": view["cell"], "link": "silent"}
@@ -176,7 +177,12 @@ def create_fleet_app(
         await asyncio.gather(looking, return_exceptions=True)
 
     app = FastAPI(
-        title="cellcal monitor", lifespan=run_lifespan, docs_url=None, redoc_url=None, responses=REFUSALS
+        title="cellcal monitor",
+        lifespan=run_lifespan,
+        docs_url=None,
+        redoc_url=None,
+        responses=REFUSALS,
+        default_response_class=MessageJsonResponse,
     )
     app.state.context = context
     app.add_exception_handler(CellError, respond_to_error)

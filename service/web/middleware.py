@@ -21,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import app_context, token_of
@@ -220,7 +221,7 @@ class _ResponseSender:
 
     async def send_refusal(self, status: int, body: Mapping[str, object]) -> None:
         """Answer with a short JSON object, never with what was sent."""
-        payload = json.dumps(body).encode()
+        payload = json.dumps(with_messages(body)).encode()
         headers = [(b"content-type", b"application/json"), (b"content-length", str(len(payload)).encode())]
         await self.send_message({"type": "http.response.start", "status": status, "headers": headers})
         await self.send_message({"type": "http.response.body", "body": payload})

@@ -8,7 +8,9 @@ from typing import Annotated, Any, Literal
 
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
-from pydantic_core import to_json
+from pydantic_core import to_json, to_jsonable_python
+
+from cellcal.calibration.documents.message_table import with_messages
 
 Free = Annotated[dict[str, Any], Field(description="what is in it, the procedure says")]
 FreeValue = Annotated[Any, Field(description="what it is, the procedure says")]
@@ -20,12 +22,20 @@ class ResponseShape(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class FiniteJsonResponse(JSONResponse):
-    """JSON of anything; a number that is not finite is null, as JSON has none."""
+class MessageJsonResponse(JSONResponse):
+    """JSON with the template and arguments of the texts in it, under the key ``messages``."""
 
     def render(self, content: Any) -> bytes:
         """Return the bytes."""
-        return to_json(content, inf_nan_mode="null")
+        return super().render(with_messages(content))
+
+
+class FiniteJsonResponse(JSONResponse):
+    """The same of anything; a number that is not finite is null, as JSON has none."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the bytes."""
+        return to_json(with_messages(to_jsonable_python(content, inf_nan_mode="null")))
 
 
 def response_options(shape: Any, description: str) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from typing import Protocol
 import orjson
 from fastapi import WebSocketDisconnect
 
+from cellcal.calibration.documents.message_table import with_messages
+
 SLOW_S = 1.0
 TICK_S = 1.0  # a screen hears something at least this often, so that silence means a lost link
 
@@ -54,7 +56,7 @@ class OpenScreen:
 
 def encode_message(kind: str, content: object) -> str:
     """Return a message as it goes over the wire."""
-    return orjson.dumps({"kind": kind, "content": content}).decode()
+    return orjson.dumps(with_messages({"kind": kind, "content": content})).decode()
 
 
 class OpenScreens:

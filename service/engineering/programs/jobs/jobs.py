@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message_table import remember_table, take_table
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig
@@ -99,7 +100,7 @@ class TransferJob:
         """Return what was made, None while nothing is."""
         if self.state != "done":
             return None
-        return JobPreview.model_validate_json(read_plain_bytes(self.folder / PREVIEW))
+        return JobPreview.model_validate(take_table(parse_json(read_plain_bytes(self.folder / PREVIEW))))
 
     def read_points(self, program: int | None, page: int) -> PointsPage:
         """Return a page of points: all worst first, or of one program.
@@ -110,7 +111,7 @@ class TransferJob:
             It is not made, or has no such page.
         """
         file = self.folder / f"points-{ALL if program is None else program}-{page}.json"
-        return PointsPage.model_validate_json(self._read_result(file))
+        return PointsPage.model_validate(take_table(parse_json(self._read_result(file))))
 
     def read_archive(self) -> bytes:
         """Return the new programs with their reports.
@@ -248,6 +249,7 @@ class Jobs:
 
 
 def _apply_message(work: TransferJob, message: dict[str, Any]) -> None:
+    remember_table(message)
     if "end" in message:
         work.state = message["end"]
         if work.state == "failed":

@@ -9,9 +9,11 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-from pydantic_core import to_json
+from pydantic_core import to_json, to_jsonable_python
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.message import Message, MessageSource, find_message
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.engineering.programs.jobs.files import ALL, ARCHIVE, OUT, PREVIEW
 from cellcal.service.engineering.programs.jobs.shapes import (
@@ -63,20 +65,31 @@ def write_preview(made: JobResult, folder: Path) -> None:
         e.file: [_point_preview(e, each) for each in by_file[e.file]["points"]] for e in made.report.entries
     }
     every = [point for entry in made.report.entries for point in points[entry.file]]
-    write_pages([every[row] for row in made.report.worst_first_rows().tolist()], folder, ALL)
+    find = _messages_of(made).get
+    write_pages([every[row] for row in made.report.worst_first_rows().tolist()], folder, ALL, find)
     for number, entry in enumerate(order):
-        write_pages(points[entry.file], folder, str(number))
-    (folder / PREVIEW).write_bytes(to_json(_build_preview(made, order, verdicts)))
+        write_pages(points[entry.file], folder, str(number), find)
+    preview = to_jsonable_python(_build_preview(made, order, verdicts))
+    (folder / PREVIEW).write_bytes(to_json(with_messages(preview)))
     write_archive(folder, made.request["archive"])
 
 
-def write_pages(points: Sequence[PointPreview], folder: Path, name: str) -> None:
+def _messages_of(made: JobResult) -> dict[str, Message]:
+    """Return the messages among the reasons and warnings of every program, by their text."""
+    texts = (text for entry in made.report.entries for text in (*entry.reasons, *entry.warnings))
+    return {text[:]: text for text in texts if isinstance(text, Message)}
+
+
+def write_pages(
+    points: Sequence[PointPreview], folder: Path, name: str, find: MessageSource = find_message
+) -> None:
     """Write points in pages of one size; there is always a first."""
     pages = max(1, -(-len(points) // PAGE))
     for page in range(1, pages + 1):
         some = list(points[(page - 1) * PAGE : page * PAGE])
         points_page = PointsPage(total=len(points), pages=pages, points=some)
-        (folder / f"points-{name}-{page}.json").write_bytes(to_json(points_page))
+        document = with_messages(to_jsonable_python(points_page), find)
+        (folder / f"points-{name}-{page}.json").write_bytes(to_json(document))
 
 
 def write_archive(folder: Path, inside: str) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import brand_named
@@ -209,7 +210,7 @@ def _small_groups(programs: Sequence[ProgramFile]) -> Iterator[list[ProgramFile]
 
 def write_message(**words: Any) -> None:
     """Write one line to the service."""
-    sys.stdout.write(json.dumps(words) + "\n")
+    sys.stdout.write(json.dumps(with_messages(words)) + "\n")
     sys.stdout.flush()
 
 
