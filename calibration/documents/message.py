@@ -8,8 +8,9 @@ what shows it to a reader looks up its template in a catalogue and fills in the 
 is ``"no answer from probe within 2.0 s"``, of the template ``"no answer from {device} within {limit_s} s"``: the
 format of a number belongs to the argument, and the template in a catalogue has none.
 
-A text that passes through JSON or a validating model is a plain ``str`` afterwards. `find_message` returns the message
-that was made of it in this process: a template and its arguments are identified by the English text that they give.
+A text that passes through JSON or a validating model is a plain ``str`` afterwards. `find_message` returns the
+message that was made of it in this process: a template and its arguments are identified by the English text that
+they give.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -1,13 +1,13 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.catalogue import definition_named
@@ -36,7 +36,7 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: Mapping
     try:
         return _in_the_cell(spec, config.motion_of(robot).surroundings)
     except ValueError as error:  # a corner of the workspace from here, the other one from the cell file
-        raise _settings_error(procedure, str(error)) from error
+        raise _settings_error(procedure, [str(error)]) from error
 
 
 def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, object]:
@@ -49,6 +49,15 @@ def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, 
     if takes.get("method") == Method and wired != tracked:
         chosen["method"] = "wire" if wired else "tracker"
     return chosen | dict(config.usual.get(robot, {}).get(procedure, {}))
+
+
+_BOUNDS = {  # as pydantic names them
+    "less_than": "less than",
+    "less_than_equal": "less than or equal to",
+    "greater_than": "greater than",
+    "greater_than_equal": "greater than or equal to",
+}
+_LIMITS = {"less_than": "lt", "less_than_equal": "le", "greater_than": "gt", "greater_than_equal": "ge"}
 
 
 def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
@@ -65,15 +74,19 @@ def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_fault_text(e)}" for e in error.errors())
+        faults = [
+            _setting_fault(".".join(map(str, each["loc"])), _fault_text(each)) for each in error.errors()
+        ]
         raise _settings_error(procedure, faults) from error
     became = asdict(spec)
     endless = [key for key, value in became.items() if not is_finite(value)]
     if endless:
-        raise _settings_error(procedure, f"{', '.join(endless)}: not a finite number")
+        raise _settings_error(procedure, [_setting_fault(", ".join(endless), "not a finite number")])
     yes_or_no = [key for key, value in settings.items() if bool_became_number(value, became[key])]
     if yes_or_no:
-        raise _settings_error(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
+        raise _settings_error(
+            procedure, [_setting_fault(", ".join(yes_or_no), "true and false are no numbers")]
+        )
     return spec
 
 
@@ -105,18 +118,29 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
     return replace(spec, **changed) if changed else spec
 
 
-def _settings_error(procedure: str, faults: str) -> CellError:
+def _settings_error(procedure: str, faults: Iterable[str]) -> CellError:
     remedy = make_message(
         "Correct --set; `cellcal procedures {procedure}` shows what each setting takes.", procedure=procedure
     )
     return CellError(
-        make_message("{procedure} cannot be run so: {faults}.", procedure=procedure, faults=faults),
+        make_message(
+            "{procedure} cannot be run so: {faults}.",
+            procedure=procedure,
+            faults=join_messages("; ", faults),
+        ),
         remedy=remedy,
         code="usage",
     )
 
 
+def _setting_fault(setting: str, fault: str) -> str:
+    return make_message("{setting}: {fault}", setting=setting, fault=fault)
+
+
 def _fault_text(fault: ErrorDetails) -> str:
     if fault["type"] == "value_error":  # our own words, without the word that pydantic puts before them
         return str(fault["ctx"]["error"])
+    if fault["type"] in _BOUNDS:
+        words, limit = _BOUNDS[fault["type"]], fault["ctx"][_LIMITS[fault["type"]]]
+        return make_message("Input should be {bound} {limit:g}", bound=words, limit=limit)
     return "must be given" if fault["type"] == "missing" else fault["msg"]

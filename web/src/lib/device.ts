@@ -1,5 +1,6 @@
 // This browser's own key: made when it is enrolled, never readable, kept in IndexedDB; its signature opens a session.
 
+import { learn } from "./messages";
 import type { Standing } from "./people.svelte";
 
 const STORE = "device";
@@ -28,7 +29,7 @@ export async function post(path: string, content: unknown, waitMs = WAIT_MS): Pr
       body: JSON.stringify(content),
       signal: AbortSignal.timeout(waitMs),
     });
-    const told = (await answer.json()) as Record<string, string>;
+    const told = learn(await answer.json()) as Record<string, string>;
     const { code = "", message = answer.statusText, remedy = "" } = told;
     return { ok: answer.ok, code, message, remedy, waitS: Number(answer.headers.get("retry-after") ?? 0), told };
   } catch {

@@ -1,6 +1,7 @@
 // What the service finds wrong with settings, setting by setting, in the units of the form and in the page's language.
 
 import { language, type Key } from "./i18n.svelte";
+import { english, messageOf, type Argument } from "./messages";
 import { sayings } from "./say.svelte";
 import { unitOf } from "./units";
 import { nameOf, written } from "./values";
@@ -10,9 +11,9 @@ export interface Fault {
   words: string;
 }
 
-const ALL = /^\S+ cannot be run so: (.*)\.$/s;
-const ONE = /^([\w.]+): (.*)$/s;
-const BOUND = /^Input should be (less than or equal to|greater than or equal to|less than|greater than) (-?[\d.e+-]+)$/;
+const ALL = "{procedure} cannot be run so: {faults}.";
+const ONE = "{setting}: {fault}";
+const BOUND = "Input should be {bound} {limit}";
 const BOUNDS: Record<string, Key> = {
   "less than or equal to": "fault_most",
   "greater than or equal to": "fault_least",
@@ -22,15 +23,23 @@ const BOUNDS: Record<string, Key> = {
 
 /** The settings that are wrong; empty where the service says something else. */
 export function faultsOf(message: string): Fault[] {
-  const all = ALL.exec(message)?.[1]?.split("; ") ?? [];
-  const found = all.map((each) => ONE.exec(each));
-  if (found.includes(null)) return [];
-  return found.map((each) => ({ setting: nameOf(each![1]!), words: inWords(each![1]!, each![2]!) }));
+  const found = messageOf(message);
+  const faults = found?.template === ALL ? found.arguments.faults : undefined;
+  if (faults === undefined || typeof faults === "string") return [];
+  const each = faults.template === ONE ? [faults] : Object.values(faults.arguments);
+  const all = each.map(faultOf);
+  return all.includes(null) ? [] : (all as Fault[]);
 }
 
-function inWords(path: string, words: string): string {
-  if (words === "must be given") return language.t("fault_needed");
-  const bound = BOUND.exec(words);
-  if (!bound) return sayings.say(words);
-  return language.t(BOUNDS[bound[1]!]!, { limit: written(Number(bound[2]), unitOf(path)) });
+function faultOf(one: Argument): Fault | null {
+  if (typeof one === "string" || one.template !== ONE) return null;
+  const { setting = "", fault = "" } = one.arguments;
+  return { setting: nameOf(english(setting)), words: inWords(english(setting), fault) };
+}
+
+function inWords(path: string, fault: Argument): string {
+  const { bound = "", limit = "" } = typeof fault !== "string" && fault.template === BOUND ? fault.arguments : {};
+  const key = BOUNDS[english(bound)];
+  if (key) return language.t(key, { limit: written(Number(english(limit)), unitOf(path)) });
+  return english(fault) === "must be given" ? language.t("fault_needed") : sayings.say(english(fault));
 }

@@ -3,6 +3,7 @@
 // A monitor that says nothing for 3 s is taken for lost: a closed connection may not be reported for minutes.
 
 import { SvelteMap } from "svelte/reactivity";
+import { learn } from "./messages";
 
 const SILENT_MS = 3000;
 const LOOK_MS = 250;
@@ -75,7 +76,7 @@ class FleetLine {
     this.heard = this.signedIn = true;
     this.site = told.site;
     this.router = told.router;
-    for (const row of told.rows) this.rows.set(row.cell, row);
+    for (const row of learn(told.rows)) this.rows.set(row.cell, row);
     if (!same(this.ages, told.ages)) this.ages = told.ages;
     if (!same(this.notBelieved, told.not_believed)) this.notBelieved = told.not_believed;
   }

@@ -1,6 +1,7 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
 import { language } from "./i18n.svelte";
+import { learn } from "./messages";
 import { sayings } from "./say.svelte";
 
 export interface ReviewPoint {
@@ -155,8 +156,8 @@ export async function asked<T>(address: string, body?: unknown): Promise<T> {
       ? undefined
       : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
   const answer = await fetch(address, how);
-  if (answer.ok) return answer.json();
-  const told = await answer.json().catch(() => ({}));
+  if (answer.ok) return learn(await answer.json());
+  const told = learn(await answer.json().catch(() => ({})));
   throw new Told(told.code ?? "error", told.message ?? answer.statusText, told.remedy ?? "");
 }
 

@@ -1,24 +1,23 @@
 // What procedures, devices and refusals say, in the language of the page.
 //
-// The service says it in English; the words are the keys. A number in a procedure's sentence is a hole, "#", so that
-// one entry does for every figure. A refusal's holes are numbered, "{1}", as they stand in the source: what fills one
-// is said in the page's language, too, where it is known, and numbers are written as people write them there. A
-// sentence without an entry is shown as it was said, and marked as English: better than nothing.
+// The service says it in English, and sends the template and the arguments of every text that has arguments
+// (messages.ts). A catalogue has templates as its keys, sentence by sentence; a text without arguments is its own
+// template. What fills a hole is said in the page's language, too, and numbers are written as people write them there.
+// A sentence without an entry is shown as it was said, and marked as English: better than nothing.
+// service/translation.py has the same rules for what is made without a page.
 
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
+import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
 const KINDS = ["procedures", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
-const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
-const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
-const HOLE = /\{(\d+)\}/;
-// A device's trouble begins with its name, a message's with its key, a step's with its name and number.
-const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)$/s;
+const UNITS = ["", "%", "mm", "m", "deg", "rad"];
+const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -26,16 +25,14 @@ export interface Spoken {
   english: boolean;
 }
 
-interface Pattern {
-  matches: RegExp;
-  said: string;
-  weight: number; // letters that are not holes: what says more is tried first
+interface Part {
+  text: string;
+  said: boolean; // in the page's language
 }
 
 class Sayings {
   #table = $state.raw<Record<string, string>>({});
-  #patterns: Pattern[] = [];
-  #heard = new Map<string, string | null>();
+  #heard = new Map<string, Part[]>();
 
   #known = { locale: "", kinds: 0 }; // what the table is of
   #wanted = 1; // of KINDS: every page names procedures; refusals come when one is told, or later
@@ -58,84 +55,87 @@ class Sayings {
   }
 
   /** The same, sentence by sentence. */
-  parts = (text: string): Spoken[] => {
-    const english = language.locale !== "en";
-    if (text === "") return [];
-    return text.split(SENTENCE).map((part) => {
-      const said = this.#one(part);
-      return said === null ? { text: part, english: english && WORD.test(part) } : { text: said, english: false };
-    });
-  };
+  parts = (text: string): Spoken[] => this.#parts(text).map((part) => ({ text: part.text, english: this.#isEnglish(part) }));
 
   /** The same as whole sentences, each with its capital and its stop, where they were parts of one. */
   sentences = (text: string): Spoken[] => this.parts(text).map((part) => ({ ...part, text: wholeSentence(part) }));
 
-  /** The name of a step, whose number may be its own. */
+  /** The name of a step, `phase: name`, with a number behind either. */
   step = (given: string): string => {
     const name = given.replace(/,$/, ""); // of a phase whose steps are numbered after a comma
-    const whole = this.#one(name);
+    const whole = this.#text(name);
     if (whole !== null) return whole;
     const under = name.indexOf(": ");
     if (under > 0) return `${this.step(name.slice(0, under))}: ${this.step(name.slice(under + 2))}`;
-    const numbered = /^(.*?),? (\d+)$/.exec(name);
-    return numbered ? `${this.step(numbered[1]!)} ${numbered[2]}` : name;
+    const cut = name.lastIndexOf(" ");
+    return cut > 0 && isCount(name.slice(cut + 1)) ? `${this.step(name.slice(0, cut))} ${name.slice(cut + 1)}` : name;
   };
 
-  #one(text: string): string | null {
+  #isEnglish(part: Part): boolean {
+    return !part.said && language.locale !== "en" && WORD.test(part.text);
+  }
+
+  #parts(text: string): Part[] {
+    if (text === "") return [];
     const table = this.#table; // read first: who asks is told when another language has come
-    let said = this.#heard.get(text);
-    if (said === undefined) {
-      said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text) ?? this.#listed(text);
-      this.#heard.set(text, said);
-      if (said === null && this.#wanted === 1 && SENTENCED.test(text)) this.#wantAll(0);
-    }
-    return said;
+    let parts = this.#heard.get(text);
+    if (parts) return parts;
+    parts = this.#partsIn(table, text);
+    if (parts.every((part) => part.said)) this.#heard.set(text, parts);
+    else if (this.#wanted === 1 && SENTENCED.test(text)) this.#wantAll(0);
+    return parts;
   }
 
-  #counted(table: Record<string, string>, text: string): string | null {
-    const said = table[text.trim()] ?? table[text.replace(NUMBER, "#").trim()];
-    if (said === undefined) return null;
-    const numbers = text.match(NUMBER) ?? [];
-    let next = 0;
-    return said.replace(/#/g, () => this.#written(numbers[next++] ?? "#"));
+  #partsIn(table: Record<string, string>, text: string): Part[] {
+    const said = table[escaped(text.trim())];
+    if (said !== undefined) return [{ text: fill(said, String), said: true }];
+    const message = messageOf(text);
+    if (message) return this.#partsOf(message);
+    const sentences = text.split(SENTENCE);
+    return sentences.length === 1 ? [{ text, said: false }] : sentences.flatMap((sentence) => this.#parts(sentence));
   }
 
-  #filled(text: string): string | null {
-    for (const { matches, said } of this.#patterns) {
-      const found = matches.exec(text.trim());
-      if (found) return said.replace(/\{(\d+)\}/g, (_, hole) => this.#value(found[Number(hole)] ?? ""));
-    }
-    return null;
+  #partsOf(message: Message): Part[] {
+    return message.template.split(SENTENCE).map((template) => {
+      const said = this.#sentence(template, message);
+      return { text: said ?? english({ ...message, template }), said: said !== null };
+    });
   }
 
-  #ofDevice(text: string): string | null {
-    const found = DEVICE.exec(text);
-    const said = found ? this.#one(found[2]!) : null;
+  /** A text of which a part has an entry. */
+  #text(text: string): string | null {
+    return this.#joined(this.#parts(text));
+  }
+
+  #joined(parts: Part[]): string | null {
+    return parts.some((part) => part.said) ? parts.map((part) => part.text).join(this.gap) : null;
+  }
+
+  #sentence(template: string, message: Message): string | null {
+    const said = this.#found(template);
     if (said === null) return null;
-    return `${this.#name(found![1]!)}: ${said}`;
+    let known = !isPunctuation(template);
+    const text = fill(said, (name) => {
+      const argument = message.arguments[name] ?? "";
+      const value = this.#value(argument);
+      known ||= value !== null;
+      return value ?? this.step(english(argument)); // a device has its own name
+    });
+    return known ? text : null;
   }
 
-  #listed(text: string): string | null {
-    const cut = text.indexOf("; ");
-    if (cut < 0) return null;
-    const said = [text.slice(0, cut), text.slice(cut + 2)].map((part) => this.#one(part));
-    return said.includes(null) ? null : said.join(this.#between);
+  #found(template: string): string | null {
+    const said = this.#table[template.trim()];
+    if (said !== undefined) return said;
+    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；") : template;
+    const lead = LEAD.exec(template)?.[0] ?? "";
+    const rest = lead === "" ? undefined : this.#table[template.slice(lead.length)];
+    return rest === undefined ? null : `${lead.trim()} ${rest}`;
   }
 
-  #value(words: string): string {
-    if (ONLY_A_NUMBER.test(words)) return this.#written(words);
-    const parts = words.split("; ").map((part) => this.#one(part)); // a list: of names, or of a controller's own words and ours
-    if (parts.length > 1 && parts.some((said) => said !== null) && this.#counted(this.#table, words) === null)
-      return words.split("; ").map((part, place) => parts[place] ?? part).join(this.#between);
-    return this.#one(words) ?? this.#name(words);
-  }
-
-  get #between(): string {
-    return language.locale === "zh" ? "；" : "; ";
-  }
-
-  #name(words: string): string {
-    return / \d+$/.test(words) ? this.step(words) : words; // a device has its own name
+  #value(argument: Argument): string | null {
+    if (typeof argument !== "string") return this.#joined(this.#partsOf(argument));
+    return isNumber(argument) ? this.#written(argument) : this.#text(argument);
   }
 
   #written(number: string): string {
@@ -155,13 +155,8 @@ class Sayings {
     const tables = await Promise.all(files.map((file) => file?.() ?? {}));
     if (locale !== language.locale || (locale === this.#known.locale && kinds.length <= this.#known.kinds)) return;
     this.#known = { locale, kinds: kinds.length };
-    const table = Object.assign({}, ...tables) as Record<string, string>;
-    this.#patterns = Object.entries(table)
-      .filter(([english]) => HOLE.test(english))
-      .map(([english, said]) => pattern(english, said))
-      .sort((one, other) => other.weight - one.weight);
     this.#heard.clear();
-    this.#table = table;
+    this.#table = Object.assign({}, ...tables) as Record<string, string>;
   }
 }
 
@@ -170,10 +165,13 @@ function wholeSentence({ text, english }: Spoken): string {
   return text.replace(/^\p{Ll}/u, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
 
-function pattern(english: string, said: string): Pattern {
-  const literals = english.split(/\{\d+\}/);
-  const source = literals.map((part) => part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&")).join("(.*?)");
-  return { matches: new RegExp(`^${source}$`, "s"), said, weight: literals.join("").length };
+const isCount = (text: string): boolean => text !== "" && [...text].every((letter) => letter >= "0" && letter <= "9");
+
+/** Whether a text is a number, or one with its unit. */
+function isNumber(text: string): boolean {
+  const [number = "", unit = ""] = text.split(" ");
+  const digits = number.replace(/^[+-]+/, "").replace(".", "");
+  return isCount(digits) && UNITS.includes(unit) && text.split(" ").length <= 2;
 }
 
 export const sayings = new Sayings();

@@ -5,6 +5,7 @@
 // own id: sent again after the link is back it is obeyed once.
 
 import { post } from "./device";
+import { learn } from "./messages";
 import { people, type Standing } from "./people.svelte";
 import type { Live, Order, Session, Trouble } from "./types";
 
@@ -286,7 +287,7 @@ class Wire {
       localStorage.setItem(CAME_IN, "1");
     };
     socket.onmessage = (event) => {
-      if (socket === this.#socket) this.#take(JSON.parse(event.data));
+      if (socket === this.#socket) this.#take(learn(JSON.parse(event.data)));
     };
     socket.onclose = (event) => {
       if (socket !== this.#socket) return;
@@ -365,7 +366,7 @@ class Wire {
     try {
       const answer = await fetch("./api/session", { signal: AbortSignal.timeout(SILENT_MS) });
       if (!answer.ok) return;
-      const told = await answer.json();
+      const told = learn(await answer.json());
       this.demo = told.demo;
       if (told.session && !this.session) this.#show(told.session);
     } catch {
