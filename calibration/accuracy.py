@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.calibration.message import make_message
 
 Triple = tuple[float, float, float]
 

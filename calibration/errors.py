@@ -10,6 +10,8 @@
     └─ ConfigError, StoreError     service/
 """
 
+from cellcal.calibration.message import join_messages
+
 
 class CellError(Exception):
     """Something went wrong that we can name, with what to do about it."""
@@ -24,7 +26,7 @@ class CellError(Exception):
             self.code = code
 
     def __str__(self) -> str:
-        return f"{self.message} {self.remedy}".strip()
+        return join_messages(" ", filter(None, (self.message, self.remedy)))
 
 
 class CalibrationError(CellError, ValueError):

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 MOST_OF_TOOL_M = 5.0  # from the flange; the longest lances are three
 MOST_OF_CELL_M = 30.0  # from the base, a rail included

@@ -13,7 +13,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import (
     Array,
@@ -23,6 +22,7 @@ from cellcal.calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from cellcal.calibration.message import make_message
 
 LOCK_RAD = 1e-9
 

@@ -5,9 +5,9 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 _SUSPECT_M = 1e-3  # RMS that no touch leaves
 _SUSPECT_SHARE = 3e-3  # of the spread

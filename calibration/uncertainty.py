@@ -7,9 +7,9 @@ from enum import StrEnum
 import numpy as np
 import scipy  # its functions are loaded when one is first asked for: 0.4 s
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 
 class Verdict(StrEnum):

@@ -14,8 +14,8 @@
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 __all__ = [
     "BusyError",

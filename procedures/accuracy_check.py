@@ -22,10 +22,10 @@ from cellcal.calibration.accuracy import (
     evaluate_accuracy,
 )
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import fit_placement, predicted_sigma
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.drivers.interfaces import Instruction

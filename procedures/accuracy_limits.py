@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 AccuracyClass = Literal["A", "B", "C"]  # precise, general, coarse
 SELECTABLE_SHARE = 3.0  # a class is in reach where the predicted U is at most its limit / 3

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import join_messages, make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.alignment import Alignment, without_points
 from cellcal.calibration.points.fixture import BaseToBase, refuse_bad_points
 from cellcal.calibration.points.joint_bases import bases_together

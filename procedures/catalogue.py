@@ -2,7 +2,7 @@
 
 from difflib import get_close_matches
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures import (
     accuracy_check,
     base_to_base,

@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.drift.causes import (
     DEVICE,
     NOTHING,
@@ -26,6 +25,7 @@ from cellcal.calibration.drift.causes import (
     most_informative_pose,
 )
 from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.arm.arm_bench import (
     READY,

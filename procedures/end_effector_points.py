@@ -12,8 +12,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
 from cellcal.calibration.wires.network import WirePlace

@@ -14,8 +14,8 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.points.fixture import (
     PlacedPoints,

@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import Triple
 from cellcal.calibration.points.offset_design import offset_outlook
 from cellcal.drivers.interfaces import Instruction

@@ -14,9 +14,9 @@ from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.pose_design import predict_turns
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import worst_expanded_u
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import WirePoses

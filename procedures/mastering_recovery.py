@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
 from cellcal.calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
 from cellcal.calibration.mastering.place_recovery import FITTED
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, MasteringData
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import Forecast, Knowledge

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
 from cellcal.procedures.canonical_json import sha256_of

@@ -11,8 +11,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.accuracy_limits import FRAME, AccuracyClass, FrameLimits, limits_in_force, limits_text

@@ -6,7 +6,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.refit import Refit

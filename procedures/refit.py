@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.message import make_message
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.run_history import Finding
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force
 from cellcal.procedures.arm.arm_bench import (

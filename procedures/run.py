@@ -20,8 +20,8 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hint
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.canonical_json import is_alike, sha256_of

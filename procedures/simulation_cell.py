@@ -15,10 +15,10 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, read_urdf
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tag_placement import Method, PlacedTags, TagSigmas, place_by_tags
 from cellcal.calibration.points.tag_points import TagPairs, TagPath, match_tags
 from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot

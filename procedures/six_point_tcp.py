@@ -11,8 +11,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
 from cellcal.calibration.points.touch_design import planned_attitudes, predicted_u_m
 from cellcal.drivers.interfaces import Instruction

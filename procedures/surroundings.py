@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import (
     BoxObstacle,
     CellShape,

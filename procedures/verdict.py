@@ -15,8 +15,8 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration import uncertainty
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import coverage_factor, decide_conformity
 
 PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED

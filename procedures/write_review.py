@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.frames import frame_offset as offset_between
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.run import RefusalError

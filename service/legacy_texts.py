@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from cellcal.calibration.documents.message import (
+from cellcal.calibration.message import (
     Message,
     escape_braces,
     fill_template,

@@ -2,7 +2,7 @@
 
 import re
 
-from cellcal.calibration.documents.message import Message, find_message, remember_message
+from cellcal.calibration.message import Message, find_message, remember_message
 
 _PART = r"[^\s/:;,'\"()]+"  # of a path
 _ABSOLUTE = rf"\.{{0,2}}(?:/{_PART}(?: {_PART})*)+"

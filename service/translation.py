@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import (
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.message import (
     Message,
     MessageSource,
     escape_braces,
@@ -22,7 +23,6 @@ from cellcal.calibration.documents.message import (
     find_message,
     split_template,
 )
-from cellcal.calibration.documents.plain_files import read_plain_text
 
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)

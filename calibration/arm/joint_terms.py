@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_product
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 _SHORTEST_LEVER_M = 0.02
 _ASIDE = ("x", "y")  # axes of the flange

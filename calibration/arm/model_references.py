@@ -22,10 +22,10 @@ from cellcal.calibration.arm.robot_models.catalogue_index import LINKAGE, catalo
 from cellcal.calibration.arm.robot_models.model_text import ModelText, read_model_text
 from cellcal.calibration.arm.urdf_reader import UrdfArm, read_urdf
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, text_of
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.message import make_message
 
 _MOST_BYTES = 16_000_000
 _KEYS = ("base", "tip", "sha256")

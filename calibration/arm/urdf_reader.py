@@ -16,10 +16,10 @@ from cellcal.calibration.arm.joint_kinds import CONTINUOUS, PRISMATIC, REVOLUTE
 from cellcal.calibration.arm.robot_model import RobotModel
 from cellcal.calibration.arm.robot_models.model_text import UNKNOWN_SPEED
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 
 _MOVING = (REVOLUTE, CONTINUOUS, PRISMATIC)

@@ -13,11 +13,11 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
 from cellcal.calibration.cells.frame_priors import FramePrior
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows
 from cellcal.calibration.identification.parameters import ArmState
+from cellcal.calibration.message import make_message
 
 _SYMMETRIC = 1e-9
 

@@ -7,9 +7,9 @@ import numpy as np
 from cellcal.calibration.cells.estimate import CellFit
 from cellcal.calibration.cells.state import NOWHERE, CellLayout, CellState, FrameRoute
 from cellcal.calibration.cells.system import PreparedPostures, RouteChain
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
+from cellcal.calibration.message import make_message
 
 WORLD = ""
 

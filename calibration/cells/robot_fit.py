@@ -3,12 +3,12 @@
 import numpy as np
 
 from cellcal.calibration.cells.estimate import CellFit
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.free_parameters import PLACE_ROLES, PartLayout
 from cellcal.calibration.identification.observations import DevicePlacement
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+from cellcal.calibration.message import make_message
 
 
 def fit_of_robot(fit: CellFit, robot: str) -> ArmFit:

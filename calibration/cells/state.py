@@ -9,7 +9,6 @@ import numpy as np
 from cellcal.calibration.arm.joint_terms import JointTerm
 from cellcal.calibration.cells.cell import CalibrationCell, CellDevice, CellRobot, CellTool, DeviceScalar
 from cellcal.calibration.cells.frame_priors import AXES, FramePrior, move_frames
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
 from cellcal.calibration.identification.observations import DevicePlacement, Rows
@@ -23,6 +22,7 @@ from cellcal.calibration.identification.parameters import (
     nominal_state,
     term_parameters,
 )
+from cellcal.calibration.message import make_message
 
 SCALARS = ("zero_m", "scale", "radius_m")
 _SCALAR_NAMES = {"zero_m": ("zero", "m"), "scale": ("scale", "1"), "radius_m": ("radius", "m")}

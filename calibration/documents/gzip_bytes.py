@@ -3,7 +3,7 @@
 import zlib
 
 from cellcal.calibration.documents.errors import DocumentError
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 
 def unpack_gzip(packed: bytes, most_bytes: int) -> bytes:

@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.parameters import Parameter
+from cellcal.calibration.message import make_message
 
 _LEARNED = 0.5  # of the prior deviation
 _PARTNER = 0.5  # of the variance

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
@@ -31,6 +30,7 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.parameters import OFFSETS, ArmState, make_layout
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
+from cellcal.calibration.message import make_message
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 
 LENGTH_UNITS: Mapping[str, float] = {
     "m": 1.0,

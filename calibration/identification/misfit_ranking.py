@@ -7,7 +7,6 @@ from math import log
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
@@ -24,6 +23,7 @@ from cellcal.calibration.identification.observations import (
     Rows,
 )
 from cellcal.calibration.identification.quick_fit import has_enough_lengths, length_scores, point_scores
+from cellcal.calibration.message import make_message
 
 _PLAUSIBLE = log(4.0)  # how much wider or narrower than the flange a target may move
 _WORTH = 24  # candidates for a real fit

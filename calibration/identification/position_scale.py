@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
@@ -26,6 +25,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import GEOMETRY, ParameterLayout, Priors, make_layout
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.identification.robust import fit_robustly
+from cellcal.calibration.message import make_message
 
 _MOST_ROWS = 200
 _SPARE_CHANNELS = 12  # more than unknowns

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
@@ -21,6 +20,7 @@ from cellcal.calibration.mastering.place_recovery import FITTED, place_covarianc
 from cellcal.calibration.mastering.turn_gate import SUCCESS_PROBABILITY
 from cellcal.calibration.mastering.turn_recovery import SPARE_CAPTURES
 from cellcal.calibration.mastering.turn_verification import detection_deviations
+from cellcal.calibration.message import make_message
 
 CHECKS = 3  # places of a kit of points or targets that are never fitted
 _ASSUMED_NESTS_M = ((1.6, 0.9, -0.4), (1.4, -1.0, 0.5), (-0.6, 1.2, 0.2), (0.3, -1.3, 0.9))

@@ -6,11 +6,11 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.calibration.mastering.integer_search import success_probability
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures
 from cellcal.calibration.wires.model import WirePoses, WirePrior, disturbance_covariance, wire_terms
 from cellcal.calibration.wires.reference import WirePredictor, parameter_sigmas

@@ -1,8 +1,8 @@
 """What must hold before lost turns are accepted: the gate's conditions, and how stories compete."""
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.turn_hypotheses import Hypothesis
 from cellcal.calibration.mastering.turn_results import GateCheck
+from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import chi_square_limit
 
 SUCCESS_PROBABILITY = 0.9999

@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.integer_search import IntegerFix, search_integers
+from cellcal.calibration.message import make_message
 from cellcal.calibration.wires.model import FRAME_PARAMETERS, WirePoses, WireTerms
 from cellcal.calibration.wires.reference import WirePredictor
 

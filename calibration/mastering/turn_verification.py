@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.turn_hypotheses import LocalResiduals, LossProblem, TurnEvidence
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor

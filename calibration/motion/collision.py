@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.capsule_distance import (
     Segment,
     box_distance,

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.urdf import UrdfArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import BoxObstacle, Obstacle, PlaneObstacle, SphereObstacle
 
 _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
 
 Triple = tuple[float, float, float]

@@ -11,9 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, adjoint_matrix, exp_twist, skew_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.metres import refuse_not_metres
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.uncertainty import chi_square_limit, coverage_in_space

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
@@ -22,6 +21,7 @@ from cellcal.calibration.geometry import (
     log_transform,
     skew_matrix,
 )
+from cellcal.calibration.message import make_message
 from cellcal.calibration.metres import refuse_not_metres
 from cellcal.calibration.registration import RigidFit, best_fit_transform
 from cellcal.calibration.uncertainty import chi_square_limit

@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import (
     Array,
@@ -21,6 +20,7 @@ from cellcal.calibration.geometry import (
     log_transform,
     skew_matrix,
 )
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.deleted_residuals import deleted_residuals
 from cellcal.calibration.points.frames import frame_from_six_points, frame_from_three_points
 from cellcal.calibration.points.tag_points import TagPairs, Triple, refuse_other_size

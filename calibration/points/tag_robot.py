@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.identification.cross_validation import ErrorSummary
@@ -19,6 +18,7 @@ from cellcal.calibration.identification.misfit import refuse_gross_misfit, refus
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.parameters import OFFSETS
 from cellcal.calibration.identification.selection import IdentificationOptions
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tag_placement import SpatialUncertainty, spatial_uncertainty
 from cellcal.calibration.points.tag_points import TagPairs, refuse_other_size
 from cellcal.calibration.uncertainty import coverage_factor

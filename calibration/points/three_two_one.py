@@ -19,9 +19,9 @@ from typing import Literal
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, PointsDisagreeError
 from cellcal.calibration.uncertainty import chi_square_limit
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
     Array,
@@ -18,6 +17,7 @@ from cellcal.calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from cellcal.calibration.message import make_message
 from cellcal.calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 from cellcal.calibration.points.deleted_residuals import deleted_residuals
 from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose, exp_rotation, log_rotation
+from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 _D = math.sqrt(0.5)
@@ -43,7 +44,9 @@ class ToolTurn:
 
     def describe_turn(self) -> str:
         """Return it in words: 60 degrees about +x."""
-        return f"{math.degrees(self.angle_rad):.0f} degrees about {self.about}"
+        return make_message(
+            "{angle_deg:.0f} degrees about {about}", angle_deg=math.degrees(self.angle_rad), about=self.about
+        )
 
     def rotation_matrix(self) -> Array:
         """Return it as a matrix."""

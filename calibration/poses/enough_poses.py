@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import parameter_correlations
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.measurement_poses import (
     AccuracyPrediction,
     DesignCriterion,

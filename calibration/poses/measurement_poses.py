@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_terms import gravity_terms, term_values
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.base_parameters import base_subset
@@ -39,6 +38,7 @@ from cellcal.calibration.identification.parameters import (
     with_further,
 )
 from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.calibration.poses.optimal_design import (
     DesignChoice,

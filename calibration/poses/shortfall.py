@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.enough_poses import AcceptanceGap, AcceptanceLimits, acceptance_gaps
 from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses, predict_accuracy
 

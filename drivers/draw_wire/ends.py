@@ -1,6 +1,6 @@
 """A wire that is all in or all out measures nothing, whatever bus it is on."""
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 
 

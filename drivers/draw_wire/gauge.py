@@ -5,7 +5,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.objects import ObjectTable, decode_entry
 from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError

@@ -7,7 +7,7 @@ import logging
 import time
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.modbus_registers import EncoderMap
 from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.file_import.number_text import ColumnLayout, TextError, TextRow, parse_typed, rows_of
 from cellcal.drivers.interfaces import Operator, Question

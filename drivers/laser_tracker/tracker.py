@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
 from cellcal.drivers.interfaces import (
     Condition,

@@ -2,7 +2,7 @@
 
 import re
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.modbus_robot.cell_program import ProgramState, SwitchMode
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient

@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import ActiveFrames

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest

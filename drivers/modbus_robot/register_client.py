@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
 from cellcal.drivers.modbus_robot.profile import ControllerProfile
 from cellcal.drivers.modbus_robot.registers import (

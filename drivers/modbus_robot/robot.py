@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import (
     ActiveFrames,

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.lines import LineSource

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark

@@ -1,7 +1,7 @@
 """What can be wrong with a program file: which file, where, what, and the cure."""
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 
 class ProgramFileError(CellError):

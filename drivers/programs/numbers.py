@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from math import isfinite
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 _NUMBER = re.compile(r"^([+-]?)(\d*)(?:(\.)(\d*))?(?:([eE])([+-]?)(\d+))?$")
 

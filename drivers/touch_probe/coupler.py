@@ -9,7 +9,7 @@ import logging
 import time
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Identity, Readiness
 from cellcal.drivers.touch_probe.registers import CouplerMap

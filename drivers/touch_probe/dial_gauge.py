@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import GaugeCapabilities, LengthReading
 from cellcal.drivers.touch_probe.coupler import Coupler

@@ -9,7 +9,7 @@ import time
 
 from rtde_control import RTDEControlInterface
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.wire.child import serve_requests
 
 _CYCLE_HZ = 125.0  # enough for commands, and the client spins while it waits

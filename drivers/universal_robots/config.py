@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellcal.calibration.arm.mounting import MOUNTED
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import RobotCapabilities
 from cellcal.drivers.universal_robots.motion import MotionTolerances
 from cellcal.drivers.universal_robots.robot import CAPABILITIES, UniversalRobot, UrMotionOptions

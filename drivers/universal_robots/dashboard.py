@@ -11,7 +11,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import CABLE
 

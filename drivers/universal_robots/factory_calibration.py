@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import DhTable
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import CABLE, Six
 

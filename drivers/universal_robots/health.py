@@ -4,7 +4,7 @@ Rests on the safety bits and the program's state. The robot mode only explains w
 cannot move.
 """
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Condition, Readiness
 from cellcal.drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState

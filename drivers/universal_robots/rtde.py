@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from enum import IntEnum
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 PORT = 30004
 HEADER = struct.Struct(">HB")

@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.supervision import message_and_remedy_of, start_link_task
 from cellcal.drivers.universal_robots.health import translate_refusal

@@ -10,7 +10,7 @@ from typing import Any
 import can
 import canopen
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,

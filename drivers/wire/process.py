@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack_message

@@ -11,11 +11,11 @@ from typing import Literal
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Observations
 from cellcal.calibration.identification.parameters import GRAVITY, Priors
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import ArmTask
 from cellcal.drivers.interfaces import Counts, Instruction, Joints, Readiness
 from cellcal.procedures.cell import Cell, MotionCaps

@@ -1,6 +1,6 @@
 """What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.accuracy_limits import TOOL
 from cellcal.procedures.arm.arm_bench import Bench

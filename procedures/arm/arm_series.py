@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import (
     ArmCapture,

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import not_identified
@@ -14,6 +13,7 @@ from cellcal.calibration.identification.offset_acceptance import accept_offsets
 from cellcal.calibration.identification.parameters import OFFSETS
 from cellcal.calibration.identification.tip_uncertainty import offset_slopes
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,

@@ -2,7 +2,7 @@
 
 import math
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force, limits_text
 from cellcal.procedures.arm.calibration_result import ArmIdentification
 from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration

@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.accuracy import FULL_POSES, cube_positions
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import allowed_postures
 from cellcal.calibration.poses.next_pose import spread_order
 from cellcal.drivers.interfaces import Joints

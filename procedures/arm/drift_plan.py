@@ -7,9 +7,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.drift.causes import most_informative_order
 from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import Bench, Method
 from cellcal.procedures.arm.arm_motion import (

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import PlacedPoints
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.accuracy_limits import ToolLimits

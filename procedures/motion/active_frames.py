@@ -7,8 +7,8 @@ hangs at the flange, or is working at this robot: points from before and after d
 import math
 from collections.abc import Iterable
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import ProcedureError

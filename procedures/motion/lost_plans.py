@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
 from cellcal.calibration.mastering.pose_design import candidate_joints, next_poses
 from cellcal.calibration.mastering.recovery_walk import JogTiming, WalkPlanner, nearby_joints
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures, check_moves
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import MotionCaps as SpeedLimits

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.instruction_page import PagedInstruction, with_page

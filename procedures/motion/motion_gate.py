@@ -15,8 +15,8 @@ from enum import Enum
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sample_motion
 from cellcal.calibration.motion.motion_quantities import wire_side, wire_winding
 from cellcal.drivers.interfaces import Joints

@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.pose_design import kit_poses
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves, seems_free
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.wires.model import WirePrior

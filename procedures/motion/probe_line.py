@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 
 Place = tuple[float, float, float]

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
 from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, predict_kit_recovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.arm.arm_motion import MotionSpace, draw_poses
 from cellcal.procedures.forecast import PERSON_S

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
 from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.calibration.mastering.place_recovery import places_to_fit
 from cellcal.calibration.mastering.pose_design import predict_turns
+from cellcal.calibration.message import make_message
 from cellcal.calibration.wires.reference import fit_wire_reference
 from cellcal.drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
 from cellcal.procedures.accuracy_limits import MASTERING

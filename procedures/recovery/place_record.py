@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, RecoveryKit
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.motion.plans import MotionBounds

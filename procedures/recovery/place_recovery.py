@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
 from cellcal.calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Instruction
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.motors import Motors

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Condition, Counts, Instruction
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.lost_plans import index_travel

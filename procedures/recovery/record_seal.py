@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.motion.plan_words import PlanTour, plan_words

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.motion.check_plans import CheckContext, plan_checks

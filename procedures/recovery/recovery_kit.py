@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
 from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.procedure_definition import Phase
 from cellcal.procedures.run import RefusalError, Run

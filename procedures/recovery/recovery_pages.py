@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.steps.pages import axis_levers, joint_displacement

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.flank_check import FlankCheck, compare_flanks
@@ -17,6 +16,7 @@ from cellcal.calibration.mastering.turn_recovery import (
     verify_recovery,
 )
 from cellcal.calibration.mastering.turn_verification import motor_estimates
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
 from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.procedures.recovery.recovery_pages import correction_page

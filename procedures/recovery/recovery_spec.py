@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.accuracy_limits import AccuracyClass, MasteringLimits
 from cellcal.procedures.motion.plans import MotionBounds

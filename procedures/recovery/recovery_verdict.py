@@ -1,7 +1,7 @@
 """What a mastering recovery may claim, joint by joint, and what it leaves to people."""
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.flank_check import FlankCheck
+from cellcal.calibration.message import make_message
 from cellcal.procedures.accuracy_limits import (
     MASTERING,
     AccuracyClass,

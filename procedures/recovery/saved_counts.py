@@ -4,8 +4,8 @@ Older counts lead to a zero that was right once. The measurements find most of t
 newer record or backup knows it now.
 """
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Counts, Instruction
 from cellcal.procedures.cell import Cell

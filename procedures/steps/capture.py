@@ -5,8 +5,8 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import WireCapture
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames

@@ -1,6 +1,6 @@
 """Points of the end-effector: how hook or target gets to them, and what shape they must have."""
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import PlacedPoints, Triple
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.run import RefusalError

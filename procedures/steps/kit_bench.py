@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Question
 from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.instruments import Instruments, instruments_of

@@ -5,7 +5,7 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames

@@ -5,9 +5,9 @@ import asyncio
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import (
     Condition,

@@ -8,8 +8,8 @@ from typing import cast
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import (
     Air,
     JointReading,

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.frames import MIN_DISTANCE_M, frame_from_more_points, frame_from_three_points
 from cellcal.calibration.points.tool_point import AxesLimits
 from cellcal.calibration.points.touch_design import alike_touch, predicted_u_m

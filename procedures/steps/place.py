@@ -3,8 +3,8 @@
 import math
 from typing import Literal
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import PlaceCapture
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames

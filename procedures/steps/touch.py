@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import ContactEdge, Joints, TouchProbe
 from cellcal.procedures.cell import Cell, ProbeSetup
 from cellcal.procedures.motion import motion_gate

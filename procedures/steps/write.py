@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, MasteringData
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import is_same_pose

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import MirrorPoint, mirror_gaps, mirror_image
 from cellcal.calibration.wires.design import best_order, expected_covariance, look_ahead
 from cellcal.calibration.wires.network import WireMounting

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures.accuracy_limits import FRAME
 from cellcal.procedures.forecast import (
     PERSON_S,

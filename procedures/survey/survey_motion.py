@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
 from cellcal.drivers.interfaces import Joints

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.wires.network_fit import WireNetwork, length_misses
 from cellcal.procedures.refit import (
     LEFT_OUT,

@@ -6,7 +6,7 @@ capture the survey knows how well the frame sought would be known; it goes on wh
 
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.procedures.cell import Cell

@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
 from cellcal.calibration.points.three_two_one import (
     FACES,

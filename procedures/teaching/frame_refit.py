@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.frame_design import FIRST_FIXED
 from cellcal.calibration.points.frames import TaughtFrame
 from cellcal.procedures.refit import (

@@ -7,9 +7,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
 from cellcal.calibration.points.frame_design import FrameOutlook
 from cellcal.calibration.points.frames import frame_offset as offset_between

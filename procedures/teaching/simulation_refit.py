@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPairs
 from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot

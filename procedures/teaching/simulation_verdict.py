@@ -2,7 +2,7 @@
 
 import math
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tag_placement import PlacedTags, SpatialUncertainty
 from cellcal.calibration.points.tag_robot import SimulatedRobot
 from cellcal.procedures.accuracy_limits import CheckLimits, FrameLimits, ToolLimits

@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
 from cellcal.calibration.points.touch_design import (
     AlikeTouch,

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint
 from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 from cellcal.procedures.accuracy_limits import TOOL, AccuracyClass, ToolLimits, limits_in_force, limits_text

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR, start_task
 from cellcal.service.cell_process.cell_controller import TASK, CellController
 from cellcal.service.cell_process.lines import LineTooLongError, LineWriter, whole_lines

@@ -15,8 +15,8 @@ from typing import Any, cast
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import JogsAxes, Readiness, Robot
 from cellcal.drivers.supervision import (
     SUPERVISOR,

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import orjson
 
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import with_messages
 from cellcal.service.cell_process.messages import LONGEST_LINE
 
 _log = logging.getLogger(__name__)

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.procedure_definition import ProcedureDefinition
 from cellcal.procedures.run_history import EventKind

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.certificates.blocks import PictureBlock
 from cellcal.service.certificates.certificate_texts import ENGLISH
 from cellcal.service.quantities import format_quantity

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NotRequired, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures.canonical_json import canonical_json, sha256_of
 from cellcal.procedures.run import DeclinedError
 from cellcal.procedures.run_history import EventKind, StepEffect

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.signing import check_document, read_document
 from cellcal.service.translation import Locale

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.message import make_message
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.message import make_message
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 if TYPE_CHECKING:
     from cellcal.service.people.accounts import AccountStore

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.cli.model_argument import ModelArgument
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale

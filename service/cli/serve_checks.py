@@ -4,8 +4,8 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.people.accounts import AccountStore
 from cellcal.service.people.roles import Role

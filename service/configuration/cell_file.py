@@ -21,10 +21,10 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from cellcal.calibration.arm.model_references import fixed_reference, load_model
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from cellcal.service.configuration.device_keys import CHOICES, keys_of, suggest_key, wrong_choice
 from cellcal.service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion

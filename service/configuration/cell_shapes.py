@@ -9,11 +9,11 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_known_model
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CellShape, LinkCapsule, PlaneObstacle, SphereObstacle
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.calibration.orientation import rotation_from

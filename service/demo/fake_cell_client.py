@@ -5,8 +5,8 @@ import json
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 
 class FakeCellClient:

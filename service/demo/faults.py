@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 
 ROBOT, OTHER_ROBOT, WIRE = "fanuc", "ur", "wire"  # as the demo's cell file calls them

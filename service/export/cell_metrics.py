@@ -15,8 +15,8 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR, TroubleDocument
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.exposition import MetricFamily, render_text

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.export.archive import BackupError, BackupManifest, damaged_error, unpack_archive
 from cellcal.service.export.backup import (

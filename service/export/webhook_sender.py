@@ -24,9 +24,9 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import message_and_remedy_of, start_thread
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.report_tables import WebhookTable

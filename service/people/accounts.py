@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
 from cellcal.service.people.naming import clean_name, fold_name

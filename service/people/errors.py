@@ -2,8 +2,8 @@
 
 import math
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 
 class PeopleError(CellError):

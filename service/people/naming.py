@@ -2,7 +2,7 @@
 
 import unicodedata
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Role
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.message import make_message
 from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError
 

@@ -17,10 +17,10 @@ from typing import Any, Protocol, Self
 from uuid import NAMESPACE_URL, uuid5
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import MESSAGES
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import MESSAGES
 from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.files import create_private_file, make_private_folder
 

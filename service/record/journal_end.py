@@ -4,8 +4,8 @@ A chain of hashes shows what was changed; that its end was cut off, or the whole
 """
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.record.journal_files import certificates_folder, open_journal

@@ -3,7 +3,7 @@
 import sqlite3
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, StoreError
 

@@ -7,10 +7,10 @@ from typing import Any, TypedDict
 from pydantic import TypeAdapter
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import remember_table
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.procedures.canonical_json import sha256_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.procedure_definition import ProcedureDefinition

@@ -15,13 +15,13 @@ from pydantic import TypeAdapter
 from scipy.special import chdtri
 
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.leverage import effective_unknowns, standardised_residuals
 from cellcal.calibration.identification.observations import with_sigma
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,

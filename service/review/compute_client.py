@@ -14,9 +14,9 @@ from typing import Any
 import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import remember_table
 from cellcal.drivers.supervision import SUPERVISOR
 
 LONGEST_LINE = 16 * 1024 * 1024

@@ -9,8 +9,8 @@ import orjson
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message_table import with_messages
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.path_redaction import without_paths
 from cellcal.service.review.displacement import compute_displacement

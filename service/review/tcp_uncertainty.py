@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import outlook_from
 from cellcal.calibration.poses.measurement_poses import TestPoses
 from cellcal.service.configuration.cell_file import CellConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig

@@ -10,8 +10,8 @@ import logging
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motors import motor_store
 from cellcal.procedures.run import RETRYABLE, ProcedureError, to_the_end

@@ -3,7 +3,7 @@
 from difflib import get_close_matches
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
 from cellcal.procedures.run import DeclinedError

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import join_messages, make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.canonical_json import is_alike
 from cellcal.procedures.cell import Fingerprint

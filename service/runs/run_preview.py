@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.catalogue import DEFINITIONS, definition_named
 from cellcal.procedures.cell import Cell

@@ -12,9 +12,9 @@ from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import MESSAGES, with_messages
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import MESSAGES, with_messages
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
 from cellcal.procedures.catalogue import definition_named

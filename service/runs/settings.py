@@ -7,8 +7,8 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from cellcal.calibration.documents.message import join_messages, make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.procedures.arm.arm_bench import Method
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.motion.plans import MotionBounds

@@ -6,7 +6,7 @@ An alarm on the bus informs people. It is no safety function, and nothing acts o
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.session_documents import LiveDocument, SessionDocument
 
 CALM_S = 2.0  # a device that flaps is one alarm

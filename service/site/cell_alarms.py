@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.site.alarms import AlarmSet, CellAlarm, wrong_in
 from cellcal.service.site.cell_state import DueDates, overdue_items

@@ -3,7 +3,7 @@
 from datetime import date
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.drift_schedule import DriftReminder
 from cellcal.service.session_documents import RunDocument, SessionDocument

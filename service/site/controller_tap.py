@@ -8,7 +8,7 @@ from typing import BinaryIO, cast
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message_table import remember_table
+from cellcal.calibration.message_table import remember_table
 from cellcal.drivers.supervision import start_thread
 from cellcal.service.session_documents import LiveDocument, SessionDocument
 

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.files import replace_file
 from cellcal.service.record.signing import read_public_key, station_key

@@ -17,8 +17,8 @@ from typing import Any, NotRequired, TypedDict
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.site.keys import StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.signed_messages import (

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import orjson
 
-from cellcal.calibration.documents.message_table import with_messages
+from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
 from cellcal.service.session_documents import EventContent

@@ -15,8 +15,8 @@ import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
+from cellcal.calibration.message import make_message
 from cellcal.service.site.keys import SiteError
 from cellcal.service.times import ZonedTime
 

@@ -17,7 +17,7 @@ from zenoh.handlers import FifoChannel
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import log_failures, start_thread
 from cellcal.service.record.signing import CheckedDocument, check_document
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.signed_messages import SignedMessage

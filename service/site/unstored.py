@@ -8,7 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.site.fleet import Fleet
 from cellcal.service.site.keys import SiteError

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, cast
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
 from cellcal.drivers.supervision import raise_lost_cancellation, supervise

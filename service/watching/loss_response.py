@@ -11,7 +11,7 @@ from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig

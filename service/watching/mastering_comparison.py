@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, MasteringData, MasteringStore
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError

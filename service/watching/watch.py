@@ -17,8 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
 from cellcal.drivers.supervision import raise_lost_cancellation

@@ -13,9 +13,9 @@ from typing import Any
 import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import remember_table
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import remember_table
 from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
 from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
 from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, LONGEST_LINE

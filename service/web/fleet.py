@@ -20,8 +20,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
-from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.errors import NotSignedInError

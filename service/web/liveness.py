@@ -10,8 +10,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 TICK_S = 0.5
 HANGS_AFTER_S = 10.0

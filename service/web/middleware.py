@@ -20,8 +20,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import with_messages
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import with_messages
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import app_context, token_of

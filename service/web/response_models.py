@@ -10,7 +10,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_json, to_jsonable_python
 
-from cellcal.calibration.documents.message_table import with_messages
+from cellcal.calibration.message_table import with_messages
 
 Free = Annotated[dict[str, Any], Field(description="what is in it, the procedure says")]
 FreeValue = Annotated[Any, Field(description="what it is, the procedure says")]

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.cell_process.messages import AnswerPrompt, Name
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.errors import PeopleError

@@ -12,7 +12,7 @@ from typing import Protocol
 import orjson
 from fastapi import WebSocketDisconnect
 
-from cellcal.calibration.documents.message_table import with_messages
+from cellcal.calibration.message_table import with_messages
 
 SLOW_S = 1.0
 TICK_S = 1.0  # a screen hears something at least this often, so that silence means a lost link

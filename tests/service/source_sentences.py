@@ -1,12 +1,14 @@
 """The sentences that errors, rules and reasons are made of, found in the source: literals, holes numbered.
 
-``f"{name}: the wire is {length_m:.3f} m long."`` is ``"{1}: the wire is {2} m long."``, wherever it is said.
+``make_message("{name}: the wire is {length_m:.3f} m long.", ...)``, like an f-string, is
+``"{1}: the wire is {2} m long."``, wherever it is said.
 """
 
 import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from string import Formatter
 from typing import TypeGuard
 
 ROOT = Path(__file__).parents[2]
@@ -47,8 +49,8 @@ REMARKING = frozenset(_REMARKS.split())
 _PROSE = re.compile(
     r"(?:[^\s\\|]+\s){2,}[^\\|]*[.]"
 )  # three words and a full stop, in a table: no expression
-_HOLE = re.compile(r"\{\d+\}")
-_OPEN = re.compile(r"\{(?:[a-z]\w*)?(?::[^{}]*)?\}")  # what `format` fills in later
+_HOLE = re.compile(r"\{\w+\}")
+_OPEN = re.compile(r"\{(?:[a-z]\w*)?(?:![rsa])?(?::[^{}]*)?\}")  # what `format` fills in later
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
@@ -67,7 +69,33 @@ def sentences_in(path: Path) -> set[str]:
 def number_holes(part: str) -> str:
     """Return a sentence with its holes counted from one, and no space around it."""
     count = iter(range(1, 100))
-    return _HOLE.sub(lambda _: f"{{{next(count)}}}", part.strip())
+    numbered = _HOLE.sub(lambda _: f"{{{next(count)}}}", part.strip())
+    return numbered.replace("{{", "{").replace("}}", "}")  # braces that are no holes
+
+
+def message_templates(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and template, without formats, of each message of a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
+            for template in _literals_of(node.args[0]):
+                yield node.lineno, _plain_template(template)
+
+
+def _literals_of(node: ast.expr) -> Iterator[str]:
+    if isinstance(node, ast.IfExp):
+        yield from _literals_of(node.body)
+        yield from _literals_of(node.orelse)
+    elif isinstance(node, ast.Constant):
+        yield str(node.value)
+
+
+def _plain_template(template: str) -> str:
+    count = iter(range(1, 100))
+    parts = Formatter().parse(template)
+    return "".join(
+        literal.replace("{", "{{").replace("}", "}}") + ("" if name is None else f"{{{name or next(count)}}}")
+        for literal, name, _, _ in parts
+    )
 
 
 def expression_texts(node: ast.expr) -> Iterator[str]:
@@ -77,6 +105,10 @@ def expression_texts(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.JoinedStr):
         parts = (str(part.value) if isinstance(part, ast.Constant) else "{0}" for part in node.values)
         yield _OPEN.sub("{0}", "".join(parts))
+    elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
+        yield from expression_texts(node.args[0])
+    elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "join_messages":
+        yield from expression_texts(node.args[1])
     elif isinstance(node, ast.IfExp):
         yield from expression_texts(node.body)
         yield from expression_texts(node.orelse)

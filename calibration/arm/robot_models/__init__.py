@@ -11,8 +11,8 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
     withheld_reason,
 )
 from cellcal.calibration.arm.robot_models.model_text import ModelText, model_of_data, read_model_text
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.message import make_message
 
 
 @cache

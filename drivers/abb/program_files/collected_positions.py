@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix, rotation_from_quaternion
+from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.usual import GAPS, NUMBERS
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,

@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions, pose_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateError
 from cellcal.drivers.abb.program_files.target_uses import TargetUses

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
 NAME = r"[A-Za-z\x80-\xff][\w\x80-\xff]*+"  # any letter of ISO 8859-1 or, byte by byte, of UTF-8

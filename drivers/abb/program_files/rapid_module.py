@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import NO_COORDINATES, RapidPositions
 from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove

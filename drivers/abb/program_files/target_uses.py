@@ -4,7 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, cross_product, frames_of_placements
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 _TURNING = [0, 3, 5]  # J1, J4, J6
 _WRIST = 4  # the frame whose origin is the wrist's centre

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, is_rigid
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_grammar import (
     CARTESIAN,
     CONFIGURATION,

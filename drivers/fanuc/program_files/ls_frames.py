@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import PurePath
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects

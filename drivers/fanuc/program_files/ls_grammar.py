@@ -7,7 +7,7 @@ Sources: FANUC B-83284EN section 8.4.5; public programs of real controllers (the
 
 import re
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 _GAP = rb"[ \t\r\n]*+"
 NUMBER = rb"[+-]?+(?:\d{1,12}+(?:\.\d{0,9}+)?+|\.\d{1,9}+)"

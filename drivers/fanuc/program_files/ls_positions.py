@@ -7,8 +7,8 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, count_decimals
 from cellcal.drivers.fanuc.program_files.ls_records import (

@@ -6,7 +6,7 @@ Where they differ for certain, the controller stops at the motion; the listing d
 import re
 from dataclasses import replace
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 

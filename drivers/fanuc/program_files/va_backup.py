@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import damaged_file_error, parse_integer

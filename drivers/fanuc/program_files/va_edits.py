@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES, MASTERING, REGISTERS, FanucBackup
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition

@@ -9,9 +9,9 @@ from itertools import takewhile
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.va_spots import (
     ValueSpot,
     damaged_file_error,

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.va_spots import (
     UNINITIALISED,

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.va_backup import REGISTERS, FanucBackup, with_registers
 from cellcal.drivers.fanuc.program_files.va_edits import VariableEdit, changed_files, register_edits
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.va_positions import PositionLines, VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import ValueSpot, damaged_file_error
 from cellcal.drivers.programs.errors import ProgramFileError

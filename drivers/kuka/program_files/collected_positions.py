@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.literals import (
     POSE_FIELDS,

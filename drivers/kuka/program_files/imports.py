@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.programs.cross_file_uses import Imports
 

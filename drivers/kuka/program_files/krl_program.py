@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.kuka.program_files import patterns
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.data_list import (

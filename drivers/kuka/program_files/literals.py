@@ -3,7 +3,7 @@
 import re
 from typing import NamedTuple
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 POSE_FIELDS = ("X", "Y", "Z", "A", "B", "C")
 AXIS_FIELDS = ("A1", "A2", "A3", "A4", "A5", "A6")

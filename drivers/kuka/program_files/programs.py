@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import values_from
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions, change_error
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations, parts_of

@@ -5,7 +5,7 @@ Source: RFC 1952. A file that is XML already stays without gzip.
 
 import zlib
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 MOST_XML_BYTES = 32 << 20

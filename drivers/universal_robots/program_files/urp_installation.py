@@ -12,8 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LONGEST_M, poses_of

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import DhTable
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, Pose, inverse_transform, is_rigid
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark, with_unread
 from cellcal.drivers.universal_robots.program_files.script_numbers import (

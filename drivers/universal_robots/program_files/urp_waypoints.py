@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, LONGEST_M
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS

@@ -13,8 +13,8 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.xml_text import parse_xml
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 _MARK = re.compile(

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.arm_shape import arm_shape, sign_options
 
 NEAR_RAD = np.deg2rad(0.01)  # an axis this near to a border is on both sides of it

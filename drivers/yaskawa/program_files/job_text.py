@@ -28,7 +28,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from dataclasses import dataclass, field
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 
 ROBOT_ROWS = ("C", "P")

@@ -11,13 +11,13 @@ from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import parameter_values
 from cellcal.calibration.identification.lints import beyond_fitted_range
 from cellcal.calibration.identification.model_error import HeldOutErrors, expanded_in_space, model_error
 from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
 from cellcal.service.engineering.identification.cell_identify import ArmReport, IdentifiedCellReport
 from cellcal.service.engineering.identification.identify_at import TipsAt, statement_of, tips_of

@@ -7,10 +7,10 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
+from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport

@@ -11,13 +11,13 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import read_urdf
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import NotIdentified
 from cellcal.calibration.identification.observations import Observations, with_mounting
 from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CollisionCheck, assumed_shape
 from cellcal.calibration.motion.description_collision import DescriptionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath

@@ -24,7 +24,6 @@ from cellcal.calibration.cells.contact_observations import (
     SphereContacts,
 )
 from cellcal.calibration.cells.frame_priors import FramePrior
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import (
     LengthObservations,
@@ -32,6 +31,7 @@ from cellcal.calibration.identification.observations import (
     PoseObservations,
     Rows,
 )
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.cells import CellLayoutFile, LayoutItem, LayoutReading
 from cellcal.service.engineering.measured.joint_coupling import controller_joints

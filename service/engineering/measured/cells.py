@@ -9,8 +9,8 @@ import numpy as np
 
 from cellcal.calibration.cells.cell import DeviceScalar
 from cellcal.calibration.cells.frame_priors import FramePrior
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_from_quaternion
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.service.engineering.measured.layouts import layout_data, refuse_unknown
 from cellcal.service.engineering.measured.table import MeasurementError

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.files import missing_file_words

@@ -15,12 +15,12 @@ import numpy as np
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import split_row
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.documents.zip_archives import open_zip
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.encodings import encoding_of
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,

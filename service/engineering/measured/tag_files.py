@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.calibration.points.tag_points import TagPath
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification

@@ -12,8 +12,8 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import read_urdf
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPath

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.joint_bases import bases_together
 from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.fixture_postures import fixture_postures
 from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
 from cellcal.service.engineering.programs.project import Project, ProjectTool

@@ -15,9 +15,9 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.program_registry import SUFFIXES, brand_of
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations

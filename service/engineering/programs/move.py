@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.programs.transfer import TransferFrames

@@ -7,7 +7,7 @@ others of their program: half of a program that goes along is worse than none.
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import Positions, ProgramFile
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
 from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations

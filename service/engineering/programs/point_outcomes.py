@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import Flags
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError

@@ -10,8 +10,8 @@ from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
 from cellcal.drivers.programs.brands import ConfigurationRule

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import (
     TransferFrames,
     TransferResult,

@@ -15,12 +15,12 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import ArmState
+from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.service.configuration.cell_shapes import read_cell_shape

@@ -12,12 +12,12 @@ from cellcal.calibration.arm.model_references import model_of_text
 from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse_set
 from cellcal.service.engineering.parameters.ur_files import (

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 
 Table = Mapping[str, Any]

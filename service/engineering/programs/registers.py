@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_registers import (
     UNSURE,
     RegisterUse,

@@ -8,8 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, Protocol, TypeAlias
 
-from cellcal.calibration.documents.message import make_message
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.batches import process_batch, read_batches

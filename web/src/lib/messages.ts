@@ -1,6 +1,6 @@
 // Templates and arguments of the texts that the service sent: beside every document stands a table by its English texts.
 //
-// A document is shown by its texts; their templates are found here by the text. calibration/documents/message.py has
+// A document is shown by its texts; their templates are found here by the text. calibration/message.py has
 // the same rules.
 
 export interface Message {

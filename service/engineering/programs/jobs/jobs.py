@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message_table import remember_table, take_table
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message_table import remember_table, take_table
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER
 from cellcal.service.engineering.programs.jobs.files import (

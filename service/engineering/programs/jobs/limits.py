@@ -4,7 +4,7 @@ import signal
 import sys
 from dataclasses import dataclass
 
-from cellcal.calibration.documents.message import make_message
+from cellcal.calibration.message import make_message
 
 if sys.platform != "win32":
     import resource

@@ -12,9 +12,9 @@ import numpy as np
 from pydantic_core import to_json, to_jsonable_python
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import Message, MessageSource, find_message
-from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.message import Message, MessageSource, find_message
+from cellcal.calibration.message_table import with_messages
 from cellcal.service.engineering.programs.jobs.files import ALL, ARCHIVE, OUT, PREVIEW
 from cellcal.service.engineering.programs.jobs.shapes import (
     JobPreview,

@@ -15,10 +15,10 @@ from typing import Any
 
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.message import make_message
-from cellcal.calibration.documents.message_table import with_messages
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile

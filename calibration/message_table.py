@@ -14,7 +14,7 @@ give exactly the English text: a table can translate a document, never change wh
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from cellcal.calibration.documents.message import (
+from cellcal.calibration.message import (
     Argument,
     Message,
     MessageSource,
