@@ -45,7 +45,7 @@ async def visit_place(
     kind, number, label = what
     words = make_message(
         "{format}{near_text} Let go, then say yes.",
-        format=_WORDS[kind].format(number=number + 1),
+        format=make_message(_WORDS[kind], number=number + 1),
         near_text=_near_text(kind, near_rad),
     )
     await ask_confirmation(cell, Instruction(f"visit_{kind}_{number + 1}", words))

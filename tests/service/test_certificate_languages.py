@@ -19,8 +19,8 @@ from tests.service.source_sentences import ROOT, SENTENCE
 from tests.service.test_certificate_pages import certified_frame_cell
 
 FOREIGN: tuple[Locale, ...] = LOCALES[1:]
-HOLE = re.compile(r"\{\d+\}|#")
-PIECES = re.compile(r"\{\d+\}|#|: ")
+HOLE = re.compile(r"\{\w+\}")
+PIECES = re.compile(r"\{\w+\}|: ")
 TITLES = {"de": "Kalibrierbericht", "es": "Informe de calibración", "zh": "标定报告"}
 
 

@@ -40,6 +40,10 @@ _ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not 
 _ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
+_MISSING = {
+    "tool": "no tool {name} in {project}",
+    "user frame": "no user frame {name} in {project}",
+}
 _COMPARED, _ANOTHER_ARM_M = 7, 1e-4
 _FARTHEST = 3.0  # times the arm's length
 
@@ -253,7 +257,7 @@ def missing_reason(what: str, name: str | None, project: Project) -> str:
             path_name=project.path.name,
             key=key,
         )
-    return f"no {what} {name} in {project.path.name}"
+    return make_message(_MISSING[what], name=name, project=project.path.name)
 
 
 def refuse_foreign(program: ProgramFile, project: Project) -> None:

@@ -17,7 +17,7 @@ from typing import IO
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import find_message, make_message
 from cellcal.drivers.program_registry import SUFFIXES, brand_of
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
@@ -68,7 +68,7 @@ class RefusedProgram:
         """Return what an error says about a file, without the file's name twice."""
         message, name = error.message, str(file)
         reason = message.removeprefix(name).lstrip(":").strip() if message.startswith(name) else message
-        return cls(name, reason, error.remedy.strip())
+        return cls(name, find_message(reason) or reason, error.remedy)
 
 
 @dataclass(frozen=True, slots=True)

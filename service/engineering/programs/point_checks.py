@@ -1,5 +1,6 @@
 """What every new point is checked for before it is written: reach, limits, singularity, configuration, collision."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,15 +55,20 @@ class TransferChecks:
             _row_reason(
                 rows[~found.reached],
                 found.left_m[~found.reached],
-                "unreachable: the arm ends {:.1f} mm away",
+                "unreachable: the arm ends {found:.1f} mm away",
                 1e3,
             ),
         )
         self._check_limits(points, rows, found.joints_rad)
         sigma = smallest_sigma(self.project.controller, found.joints_rad, self.project.smallest_sigma)
         near = sigma < self.project.smallest_sigma
-        words = f"near a singularity: {{:.4f}} m/rad, at least {self.project.smallest_sigma:g} is wanted"
-        points.refuse_points(rows[near], _row_reason(rows[near], sigma[near], words))
+        reason = _row_reason(
+            rows[near],
+            sigma[near],
+            "near a singularity: {found:.4f} m/rad, at least {least:g} is wanted",
+            least=self.project.smallest_sigma,
+        )
+        points.refuse_points(rows[near], reason)
         self._check_flips(points, rows, before_rad, found.joints_rad)
         self._check_configurations(points, rows, found.joints_rad)
         self._check_collisions(points, rows, found.joints_rad)
@@ -156,16 +162,16 @@ def _describe_contact(contact: ShapeContact) -> str:
 
 
 class _RowReason:
-    def __init__(self, rows: Rows, values: Array, words: str, factor: float) -> None:
+    def __init__(self, rows: Rows, values: Array, template: str, limits: Mapping[str, float]) -> None:
         self._by_row = dict(zip(rows.tolist(), values.tolist(), strict=True))
-        self._words, self._factor = words, factor
+        self._template, self._limits = template, limits
 
     def __call__(self, row: int) -> str:
-        return make_message(self._words, self._by_row[row] * self._factor)
+        return make_message(self._template, found=self._by_row[row], **self._limits)
 
 
-def _row_reason(rows: Rows, values: Array, words: str, factor: float = 1.0) -> _RowReason:
-    return _RowReason(rows, values, words, factor)
+def _row_reason(rows: Rows, values: Array, template: str, factor: float = 1.0, **limits: float) -> _RowReason:
+    return _RowReason(rows, values * factor, template, limits)
 
 
 def _past_sum(model: RobotModel, limit: int, by_rad: float) -> str:

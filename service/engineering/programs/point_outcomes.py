@@ -92,9 +92,9 @@ def results_of(
             expected_error_m=outcome.expected_m[its],
             uncorrected_m=outcome.uncorrected_m[its],
             warnings=(
-                *(f"line {one.line}: {one.text}" for one in found),
+                *(make_message("line {line}: {text}", line=one.line, text=one.text) for one in found),
                 *warnings,
-                *(f"line {r.line}: {r.text}" for r in before.remarks),
+                *(make_message("line {line}: {text}", line=r.line, text=r.text) for r in before.remarks),
             ),
             findings=found,
         )

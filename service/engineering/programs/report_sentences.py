@@ -1,11 +1,11 @@
 """The sentences of a report, the same on the screen, in English, and on the page."""
 
 import math
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from cellcal.calibration.message import find_message
 from cellcal.service.engineering.programs.files import RefusedProgram
 from cellcal.service.engineering.programs.report import ProgramsReport, largest_finite
 from cellcal.service.engineering.programs.report_texts import ReportLanguage, count_with_noun
@@ -14,7 +14,7 @@ from cellcal.service.engineering.programs.verdicts import place_in
 
 SCREEN = ReportLanguage.for_locale("en")
 _MOST_NAMED = 3  # programs of a sentence, lines of a program: the rest is counted
-_LINE = re.compile(r"line (\d+): (.*)", re.DOTALL)
+_LINE = "line {line}: {text}"  # template of a warning about a line
 
 
 def heading_text(report: ProgramsReport, language: ReportLanguage = SCREEN) -> str:
@@ -79,8 +79,10 @@ class ReportNote:
     @classmethod
     def from_warning(cls, program: str, warning: str) -> "ReportNote":
         """Read a warning, which may begin with its line."""
-        found = _LINE.match(warning)
-        return cls(program, 0, warning) if found is None else cls(program, int(found[1]), found[2])
+        made = find_message(warning)
+        if made is None or made.template != _LINE:
+            return cls(program, 0, warning)
+        return cls(program, int(made.arguments["line"]), made.arguments["text"])
 
 
 def merge_notes(notes: Iterable[ReportNote], language: ReportLanguage = SCREEN) -> list[str]:

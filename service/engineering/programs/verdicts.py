@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from cellcal.calibration.message import find_message
+
 FITS, REACH, LIMIT, SINGULAR, FLIP, COLLISION, UNKNOWN = (
     "fits", "reach", "limit", "singular", "flip", "collision", "unknown",
 )  # fmt: skip
@@ -50,8 +52,9 @@ class FilePlace:
 def place_in(message: str) -> FilePlace:
     """Return line and column that a refusal begins with, and the rest of it."""
     found = _PLACE.match(message)
+    rest = message if found is None else message[found.end() :]
     return (
         FilePlace(0, 0, message)
         if found is None
-        else FilePlace(int(found[1]), int(found[2]), message[found.end() :])
+        else FilePlace(int(found[1]), int(found[2]), find_message(rest) or rest)
     )

@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import CARTESIAN, PositionChange, Positions, ProgramFrames, Remark
 from cellcal.service.engineering.programs import shares, worker_processes
 from cellcal.service.engineering.programs.diff import unified_diff
@@ -98,7 +99,10 @@ def make_result(
         base_tip_after=after,
         expected_error_m=np.where(is_left, np.nan, np.array(errors_mm) / 1e3),
         uncorrected_m=shift,
-        warnings=("no accuracy can be foretold", "line 3: PR[1] shifts"),
+        warnings=(
+            "no accuracy can be foretold",
+            make_message("line {line}: {text}", line=3, text="PR[1] shifts"),
+        ),
     )
 
 

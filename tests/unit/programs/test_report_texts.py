@@ -6,6 +6,7 @@ from itertools import product
 
 import pytest
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED
 from cellcal.service.engineering.programs import postures
@@ -22,18 +23,29 @@ TABLES = ROOT / "web/src/locales"  # what the built pages hold a copy of
 FOREIGN: tuple[Locale, ...] = ("de", "es", "zh")
 # As judges say them, with figures in; verdicts.py and its test hold how each begins.
 REASONS = (
-    "unreachable: the arm ends 12.3 mm away",
+    make_message("unreachable: the arm ends {found:.1f} mm away", found=12.3),
     postures.UNREACHABLE,
-    postures.OTHER_CONFIGURATION.format(text="N U T, 0, 0, 0"),
-    postures.OTHER_TURNS.format(text="F L T, 0, 0, -1"),
+    make_message(postures.OTHER_CONFIGURATION, text="N U T, 0, 0, 0"),
+    make_message(postures.OTHER_TURNS, text="F L T, 0, 0, -1"),
     postures.NO_POSTURE,
-    "joint 4 would pass its limit by 3.2 deg",
-    "joints J2+J3 together would pass their limit by 3.2 deg",
-    "near a singularity: 0.0021 m/rad, at least 0.01 is wanted",
-    "the wrist would flip or the arm change its posture: N U T would become F U T",
-    "collides: joint 5 and fence",
-    "comes too close: 4 mm between tool and table",
-    "no tool 3 in project.toml",
+    make_message("joint {joint} would pass its limit by {by:.1f} deg", joint=4, by=3.2),
+    make_message(
+        "joints {joints} together would pass their limit by {by_deg:.1f} deg", joints="J2+J3", by_deg=3.2
+    ),
+    make_message(
+        "near a singularity: {found:.4f} m/rad, at least {least:g} is wanted", found=0.0021, least=0.01
+    ),
+    make_message(
+        "the wrist would flip or the arm change its posture: {a} would become {b}", a="N U T", b="F U T"
+    ),
+    make_message("collides: {first} and {second}", first="joint 5", second="fence"),
+    make_message(
+        "comes too close: {clearance_mm:.0f} mm between {first} and {second}",
+        clearance_mm=4.0,
+        first="tool",
+        second="table",
+    ),
+    make_message("no tool {name} in {project}", name=3, project="project.toml"),
 )
 STATEMENTS = b"""/MN
    1:  J PR[1] 100% FINE ;
@@ -91,7 +103,7 @@ def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
     report = report_of(
         make_result("A", [1.0, None, 2.5], [0.1, 0.0, 0.4]), make_result("B", [3.0] * 4000, [0.2] * 4000)
     )
-    report.title = "Moved in cell 7"
+    report.title = make_message("Moved in {cell_name}", cell_name="cell 7")
     report.entries[0].reasons[1] = REASONS[0]
     report.refused.append(
         RefusedProgram("x.ls", "the file is empty.", "Save the program from the controller again.")
