@@ -109,6 +109,8 @@ def make_message(template: str, /, *numbered: object, **named: object) -> str:
 def join_messages(separator: str, texts: Iterable[object]) -> str:
     """Return texts one after the other, a `Message`: each keeps its template and arguments."""
     parts = {f"part_{place}": text for place, text in enumerate(texts, start=1)}
+    if len(parts) < 2:
+        return str(parts.get("part_1", ""))
     return make_message(escape_braces(separator).join(f"{{{name}}}" for name in parts), **parts)
 
 

@@ -12,7 +12,7 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
 from cellcal.calibration.points.touch_design import planned_attitudes, predicted_u_m
 from cellcal.drivers.interfaces import Instruction
@@ -162,7 +162,7 @@ def _result_instruction(spec: SixPointTcp, found: ToolSetup, verdict: ProcedureV
         *(["Its axes stay as they are."] if spec.method == "four_point" else []),
         shift_text(found.before, found.flange_tool),
     ]
-    shown = Instruction("accept_tool", " ".join(words))
+    shown = Instruction("accept_tool", join_messages(" ", words))
     return ask_to_write(shown, verdict, found.before, found.flange_tool, spec.write_anyway, lever_m=0.0)
 
 

@@ -37,8 +37,8 @@ def with_verdict(
     ``writes`` tells that a yes changes a controller: its page wants a longer press.
     """
     decided = [figure for figure in verdict.characteristics if figure.decision is not None]
-    rules = "; ".join(dict.fromkeys(figure.rule for figure in decided if figure.rule))
-    figures = "; ".join(_figure_text(figure) for figure in decided)
+    rules = join_messages("; ", dict.fromkeys(figure.rule for figure in decided if figure.rule))
+    figures = join_messages("; ", map(_figure_text, decided))
     doubt = (
         f" The settings say to keep it all the same: {write_anyway}."
         if _needs_order(verdict, write_anyway)

@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.parameters import Parameter
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 
 _LEARNED = 0.5  # of the prior deviation
 _PARTNER = 0.5  # of the variance
@@ -89,7 +89,7 @@ def not_identified(fit: ArmFit) -> tuple[NotIdentified, ...]:
 def _describe_unknown(fit: ArmFit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
     partners, share = _find_partners(fit, own)
-    words = "; ".join(_describe_parameter(parameter) for parameter in partners)
+    words = join_messages("; ", map(_describe_parameter, partners))
     return NotIdentified(
         parameters[own].name, words, _suggest_measurement(parameters[own], partners), ratio, share
     )

@@ -30,7 +30,7 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.parameters import OFFSETS, ArmState, make_layout
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80
@@ -363,7 +363,7 @@ def _describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCa
     return MisfitCause(
         candidate.kinds,
         ", and ".join(word for word in says if word),
-        " ".join(word for word in cures if word),
+        join_messages(" ", filter(None, cures)),
         fitted.score_m,
     )
 

@@ -32,6 +32,7 @@ from cellcal.calibration.mastering.turn_hypotheses import (
 )
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
 from cellcal.calibration.mastering.turn_verification import verification_power, verify_recovery
+from cellcal.calibration.message import join_messages
 
 __all__ = [
     "GateCheck",
@@ -264,7 +265,7 @@ class _RecoveryTest:
             )
         hypothesis = self._refine_hypothesis(hypothesis)
         gate = self._gate_checks(hypothesis, real)
-        failed = "; ".join(check.sentence for check in gate if not check.passed)
+        failed = join_messages("; ", (check.sentence for check in gate if not check.passed))
         if failed:
             return self._undecided_result(hypothesis, real, failed, gate=gate)
         return self._make_result(

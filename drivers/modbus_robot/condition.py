@@ -2,7 +2,7 @@
 
 import re
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.modbus_robot.cell_program import ProgramState, SwitchMode
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
@@ -55,7 +55,7 @@ def condition_of(position: RegisterBlock, program: ProgramState, alarms: Finding
     remedy = findings[0][2]
     if position.integer_of("acknowledge") == 1:
         remedy = _POWER_CYCLE
-    message = "; ".join(dict.fromkeys(text for _, text, _ in findings))
+    message = join_messages("; ", dict.fromkeys(text for _, text, _ in findings))
     return Condition(findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms))
 
 

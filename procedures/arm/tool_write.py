@@ -8,7 +8,7 @@ from typing import Protocol
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.fixture import PlacedPoints
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.accuracy_limits import ToolLimits
@@ -109,16 +109,23 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     )
 
 
-def tool_words(found: ToolByPoints, name: str = "Tool") -> str:
-    """Return where the tool is, in words."""
+def tool_words(found: ToolByPoints, number: int | None = None) -> str:
+    """Return where the tool is, in words; ``number`` is that of the tool frame it is meant for."""
     x, y, z = (value * 1e3 for value in found.flange_tool.position_m)
     axes = (
-        "One point tells x, y, z only: the axes are those of the rough frame"
+        "One point tells x, y, z only: the axes are those of the rough frame."
         if found.placed is None
-        else f"Axes within {math.degrees(found.angle_u_rad):.3f} deg"
+        else make_message("Axes within {angle_deg:.3f} deg.", angle_deg=math.degrees(found.angle_u_rad))
     )
-    u_mm = found.tip_u_m * 1e3
-    return f"{name}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {u_mm:.3f} mm (k=2). {axes}."
+    return make_message(
+        "{name}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {u_mm:.3f} mm (k=2). {axes}",
+        name="Tool" if number is None else make_message("Tool {number}", number=number),
+        x=x,
+        y=y,
+        z=z,
+        u_mm=found.tip_u_m * 1e3,
+        axes=axes,
+    )
 
 
 def not_written_reason(found: FoundTool, verdict: ProcedureVerdict, order: ToolOrder) -> str:
@@ -136,7 +143,7 @@ def not_written_reason(found: FoundTool, verdict: ProcedureVerdict, order: ToolO
 
 def tool_instruction(found: ToolByPoints, verdict: ProcedureVerdict, order: ToolOrder) -> Instruction:
     """Return the question whether the tool frame is written, with what it is and what it was."""
-    text = " ".join((tool_words(found, f"Tool {order.number}"), shift_text(order.before, found.flange_tool)))
+    text = join_messages(" ", (tool_words(found, order.number), shift_text(order.before, found.flange_tool)))
     instruction = Instruction("accept_tool", text)
     return ask_to_write(
         instruction, verdict, order.before, found.flange_tool, order.write_anyway, lever_m=0.0

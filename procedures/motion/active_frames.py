@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable
 
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import find_message, join_messages, make_message
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import ProcedureError
@@ -99,12 +99,16 @@ def frame_changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
 
 def changes_text(changed: Iterable[Change]) -> str:
     """Return all differences as one clause."""
-    return "; ".join(sentence for sentence, _ in changed)
+    return join_messages("; ", (sentence for sentence, _ in changed))
 
 
 def cure_text(changed: Iterable[Change], then: str = "resume") -> str:
     """Return what a technician does about the differences."""
-    words = ", ".join(undo for _, undo in changed)
+    undone = [undo for _, undo in changed]
+    only = find_message(undone[0]) if len(undone) == 1 else None
+    if only is not None and only.template in _CURES:
+        return make_message(_CURES[only.template], **only.arguments, then=then)
+    words = ", ".join(undone)
     return make_message(
         "{words}{words_2}, then {then}.", words=words[:1].upper(), words_2=words[1:], then=then
     )
@@ -122,10 +126,26 @@ def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
     return (make_message(_UNTOLD, what=" or ".join(unknown)),) if unknown else ()
 
 
+_SELECTIONS = {  # what is different, and what undoes it
+    "tool": ("tool {now} is active, and not tool {was}", "select tool {was} on the pendant again"),
+    "user frame": (
+        "user frame {now} is active, and not user frame {was}",
+        "select user frame {was} on the pendant again",
+    ),
+}
+
+
+_CURES = {  # of a single difference
+    "select tool {was} on the pendant again": "Select tool {was} on the pendant again, then {then}.",
+    "select user frame {was} on the pendant again": "Select user frame {was} on the pendant again, then {then}.",
+}
+
+
 def _selection_change(what: str, was: int | None, now: int | None) -> Change | None:
     if was is None or now is None or was == now:
         return None
-    return f"{what} {now} is active, and not {what} {was}", f"select {what} {was} on the pendant again"
+    sentence, undo = _SELECTIONS[what]
+    return make_message(sentence, now=now, was=was), make_message(undo, was=was)
 
 
 def _tool_change(was: ActiveFrames, now: ActiveFrames) -> Change | None:

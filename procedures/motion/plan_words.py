@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cellcal.calibration.message import join_messages
 from cellcal.procedures.motion.speed_limit import TimedMotion
 
 PER_POSE_S = 4.0  # to come to rest and measure
@@ -26,7 +27,7 @@ class PlanTour:
 def plan_words(what: str, tour: PlanTour, not_checked: Sequence[str]) -> str:
     """Return the words of a plan; ``what`` says what moves, and to what end."""
     hands = f", and the time to {tour.hands}" if tour.hands else ""
-    left_out = "; ".join(not_checked) or "nothing is left out"
+    left_out = join_messages("; ", not_checked) or "nothing is left out"
     return (
         f"What moves: {what}.\n"
         f"How far: about {math.degrees(tour.paced.travel_rad):.0f} deg of the slowest joint in all, none faster than "

@@ -10,7 +10,7 @@ from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, Re
 from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
 from cellcal.calibration.mastering.place_recovery import places_to_fit
 from cellcal.calibration.mastering.pose_design import predict_turns
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.wires.reference import fit_wire_reference
 from cellcal.drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
 from cellcal.procedures.accuracy_limits import MASTERING
@@ -250,7 +250,7 @@ def _offer_text(offer: KitOffer) -> str:
         ),
         *(() if offer.is_strong else ("too weak, it would be refused",)),
     ]
-    return "; ".join(offer_texts)
+    return join_messages("; ", offer_texts)
 
 
 def _turn_prediction(record: MasteringRecord, joints: np.ndarray) -> Prediction:

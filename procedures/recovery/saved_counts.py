@@ -5,7 +5,7 @@ newer record or backup knows it now.
 """
 
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Counts, Instruction
 from cellcal.procedures.cell import Cell
@@ -29,7 +29,7 @@ def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> Pa
         sentences.append(
             make_message("Last healthy counts: {counts_text}.", counts_text=_counts_text(last_counts))
         )
-    return levers_page(Instruction("saved_counts", " ".join(sentences)), record)
+    return levers_page(Instruction("saved_counts", join_messages(" ", sentences)), record)
 
 
 async def confirm_newest(cell: Cell, page: PagedInstruction) -> Answer:

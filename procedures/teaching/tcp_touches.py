@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
 from cellcal.calibration.points.touch_design import (
     AlikeTouch,
@@ -238,20 +238,29 @@ def _next_instruction(
         return f"touch anew {anew}", Instruction(f"touch_anew_{number}", text)
     if count < len(named):
         step, instruction = named[count]
-        return step, Instruction(instruction.key, instruction.text + _known_text(judged))
+        return step, Instruction(instruction.key, join_messages("", (instruction.text, _known_text(judged))))
     number = count + 1
     return f"touch in another attitude {number - len(named)}", Instruction(
-        f"touch_{number}", judged.advice + _known_text(judged)
+        f"touch_{number}", join_messages("", (judged.advice, _known_text(judged)))
     )
 
 
+_KNOWN_BY = {  # the attitudes, the scatter of the touches
+    (True, False): " So far the tip is known within {attitudes_mm:.2f} mm by the attitudes (95 %).",
+    (False, True): " So far the tip is known within {scatter_mm:.2f} mm by the touches' scatter (95 %).",
+    (True, True): " So far the tip is known within {attitudes_mm:.2f} mm by the attitudes and "
+    "{scatter_mm:.2f} mm by the touches' scatter (95 %).",
+}
+
+
 def _known_text(judged: TouchDecision) -> str:
-    known_texts = []
-    if judged.foreseen_u_m is not None:
-        known_texts.append(f"{judged.foreseen_u_m * 1e3:.2f} mm by the attitudes")
-    if judged.tip_u_m is not None:
-        known_texts.append(f"{judged.tip_u_m * 1e3:.2f} mm by the touches' scatter")
-    return f" So far the tip is known within {' and '.join(known_texts)} (95 %)." if known_texts else ""
+    attitudes_mm, scatter_mm = (
+        None if each is None else each * 1e3 for each in (judged.foreseen_u_m, judged.tip_u_m)
+    )
+    if attitudes_mm is None and scatter_mm is None:
+        return ""
+    template = _KNOWN_BY[attitudes_mm is not None, scatter_mm is not None]
+    return make_message(template, attitudes_mm=attitudes_mm or 0.0, scatter_mm=scatter_mm or 0.0)
 
 
 def _refuse_scatter(rules: TouchRules, tip: ToolPoint) -> None:

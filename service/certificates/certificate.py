@@ -14,7 +14,7 @@ from typing import Any
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.procedure_definition import ProcedureDefinition
 from cellcal.procedures.run_history import EventKind
@@ -208,7 +208,7 @@ def _describe_traceability(
     claims = [_traceability_claim(role, one) for role, one in present.items() if one.issued <= day <= one.due]
     lapsed = [_not_valid(role, one, day) for role, one in present.items() if not one.issued <= day <= one.due]
     sentences = [*claims, NOTHING_ELSE] if claims else [NO_TRACEABILITY]
-    return " ".join([*sentences, *lapsed])
+    return join_messages(" ", [*sentences, *lapsed])
 
 
 def _traceability_claim(role: str, certificate: InstrumentCertificate) -> str:

@@ -3,7 +3,7 @@
 from difflib import get_close_matches
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
 from cellcal.procedures.run import DeclinedError
@@ -76,7 +76,10 @@ def _redo_question(discarded: list[str], written: frozenset[str]) -> str:
     )
     touched = [step for step in discarded if step in written]
     if touched:
-        text += f"What {', '.join(touched)} wrote to the controller stays until it is written again. "
+        written_text = make_message(
+            "What {steps} wrote to the controller stays until it is written again. ", steps=", ".join(touched)
+        )
+        text = join_messages("", (text, written_text))
     return make_message("{text}Discard them?", text=text)
 
 

@@ -13,7 +13,7 @@ from uuid import uuid4
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.message_table import MESSAGES, with_messages
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
@@ -366,7 +366,7 @@ class _AnnouncingOperator:
 
 
 def _join_sentences(*sentences: str) -> str:
-    return " ".join(sentence for sentence in sentences if sentence)
+    return join_messages(" ", filter(None, sentences))
 
 
 async def _refuse_unconfirmed(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import join_messages
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.programs.diff import unified_diff
 from cellcal.service.engineering.programs.files import RefusedProgram
@@ -62,7 +63,7 @@ def _point_reasons(result: ProgramResult) -> Sequence[str]:
     reasons = list(result.reason)
     for one in result.findings:
         if one.row >= 0:
-            reasons[one.row] = " ".join(filter(None, (reasons[one.row], one.text)))
+            reasons[one.row] = join_messages(" ", filter(None, (reasons[one.row], one.text)))
     return reasons
 
 

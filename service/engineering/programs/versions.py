@@ -21,6 +21,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import join_messages
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import FilesError, RefusedProgram, read_bytes, whole_file
@@ -267,7 +268,7 @@ def _clone_note(made: CloneRecord, *, resaved: bool) -> str:
     )
     if made.left:
         remarks.append(f"{made.left} of {made.points} points were left as in the master")
-    return "; ".join(remarks)
+    return join_messages("; ", remarks)
 
 
 def _read_records(path: Path) -> list[CloneRecord]:

@@ -134,7 +134,7 @@ class Sayings {
   }
 
   #value(argument: Argument): string | null {
-    if (typeof argument !== "string") return this.#joined(this.#partsOf(argument));
+    if (typeof argument !== "string") return withSpaceOf(english(argument), this.#joined(this.#partsOf(argument)));
     return isNumber(argument) ? this.#written(argument) : this.#text(argument);
   }
 
@@ -164,6 +164,10 @@ function wholeSentence({ text, english }: Spoken): string {
   const stop = language.locale === "zh" && !english ? "。" : ".";
   return text.replace(/^\p{Ll}/u, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
+
+/** A translation with the space before the English text, which may be the end of another. */
+const withSpaceOf = (text: string, said: string | null): string | null =>
+  said !== null && text.startsWith(" ") ? ` ${said.trimStart()}` : said;
 
 const isCount = (text: string): boolean => text !== "" && [...text].every((letter) => letter >= "0" && letter <= "9");
 
