@@ -41,7 +41,7 @@ def with_messages(document: Any, find: MessageSource = find_message) -> Any:
 
 def collect_messages(document: Any, find: MessageSource = find_message) -> dict[str, Any]:
     """Return template and arguments of every text of a document that was made of a message, by the text."""
-    found = ((text, find(text)) for text in _texts_of(document))
+    found = ((text, find(text)) for text in texts_of(document))
     return {text[:]: write_message(made) for text, made in found if made is not None}
 
 
@@ -90,7 +90,7 @@ def _read_argument(written: Any, depth: int) -> Argument:
     return _read_entry(written, depth + 1)
 
 
-def _texts_of(document: Any) -> Iterator[str]:
+def texts_of(document: Any) -> Iterator[str]:
     """Yield every text of a document except those of its table, and the names of its fields."""
     waiting = [document]
     while waiting:

@@ -7,15 +7,19 @@ catalogue; what stands in their holes becomes the arguments. What is recorded to
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
 
 from cellcal.calibration.message import (
     Message,
     escape_braces,
     fill_template,
     find_message,
+    remember_message,
     split_template,
 )
-from cellcal.service.translation import split_sentences
+from cellcal.calibration.message_table import texts_of
+from cellcal.service.translation import load_translations, split_sentences
 
 _NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
 _NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)", re.DOTALL)
@@ -123,6 +127,20 @@ class LegacyTexts:
 
     def _is_known(self, part: str) -> bool:
         return isinstance(part, Message) or part in self.plain
+
+
+def remember_recorded_texts(document: Any) -> None:
+    """Have `find_message` find the messages of a document that was recorded with English texts alone."""
+    recorded = _load_legacy_texts()
+    for text in texts_of(document):
+        if " " in text and text not in recorded.plain and (made := recorded.find_message(text)) is not None:
+            remember_message(made)
+
+
+@cache
+def _load_legacy_texts() -> LegacyTexts:
+    """Return the templates of the catalogue; they are the same for every language."""
+    return LegacyTexts.from_templates(load_translations("de").table)
 
 
 def _join_parts(separator: str, parts: Iterable[str]) -> Message:

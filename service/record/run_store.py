@@ -10,7 +10,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.message import make_message
-from cellcal.calibration.message_table import remember_table
+from cellcal.calibration.message_table import MESSAGES, remember_table
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.procedures.canonical_json import sha256_of
@@ -51,6 +51,7 @@ class RunView:
     motion_level: str = ""  # who moved the robot; empty in journals that do not say it
     controller_mode: str | None = None  # at the start, as the maker calls it; None: not reported
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
+    has_templates: bool = True  # False: recorded with English texts alone
 
 
 class RunStore:
@@ -238,6 +239,7 @@ def _fold_run(events: list[JournalEvent]) -> RunView:
         motion_level=header.get("motion_level", ""),
         controller_mode=header.get("controller_mode"),
         software=_software_versions(bodies),
+        has_templates=MESSAGES in header,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunStore, RunView
 from cellcal.service.review.arm_review import ArmSeries, chosen_rows, review_arm, series_of, spread_of
@@ -56,6 +57,8 @@ class Reviewer:
 
 
 def _read_series(view: RunView) -> Any:
+    if not view.has_templates:
+        remember_recorded_texts([view.result, view.judgement, [found.value for found in view.past.findings]])
     if view.procedure == CALIBRATION and isinstance(view.result, dict):
         return series_of(view)
     fit = fit_of_run(view)

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse
 
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import RunDetail, RunLine, SignedDocument, response_options
@@ -55,17 +56,22 @@ def _load_run(config: CellConfig, run_id: str) -> dict[str, object]:
     with open_journal(config) as journal:
         store = store_of(journal)
         view = store.find_run(store.resolve_run_id(run_id))
-    return {
+    document = {
         **_run_line(view),
         "spec": view.spec,
         "findings": [{"step": found.step, "value": found.value} for found in view.past.findings],
         "result": view.result,
         "judgement": view.judgement,
     }
+    if not view.has_templates:
+        remember_recorded_texts(document)
+    return document
 
 
 def _run_line(view: "RunView") -> dict[str, object]:
     keys = ("run_id", "procedure", "started_utc", "state", "reason", "begun_by", "begun_as")
     fields = {key: getattr(view, key) for key in keys}
+    if not view.has_templates:
+        remember_recorded_texts(view.reason)
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
     return {**fields, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}

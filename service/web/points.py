@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request
 
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.web.dependencies import Who, app_context
 
 router = APIRouter()
@@ -77,6 +78,8 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
     with open_journal(config) as journal:
         view, events = RunStore(journal).with_events(run_id)
     taken = list_readings(events, view.judgement)
+    if not view.has_templates:
+        remember_recorded_texts([reading["reason"] for reading in taken])
     spreads = tuple(_spread_point(reading) for reading in taken if len(_sample_values(reading)) > 1)
     found = (*_error_series(view.result), *((PointSeriesSeen(SPREAD, "", spreads),) if spreads else ()))
     return RunPoints(tuple(_reading_of(each) for each in taken), found)

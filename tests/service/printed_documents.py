@@ -85,12 +85,12 @@ class RecordingTranslations(Translations):
     def read_from_source(cls, locale: Locale) -> "RecordingTranslations":
         """Read tables where they are written, not where the pages' build copies them."""
         made = build_translations(locale, source_table(locale))
-        translations = cls(locale, made.table, made.commas, made._patterns)
+        translations = cls(locale, made.table, made.commas, made.find)
         object.__setattr__(translations, "unsaid", set())
         return translations
 
     def translate(self, text: str) -> str:
-        self.unsaid.update(part for part in SENTENCE.split(text) if self._translate_part(part) is None)
+        self.unsaid.update(part for part in SENTENCE.split(text) if not self.is_translated(part))
         return super().translate(text)
 
     def translate_step(self, step_name: str) -> str:
