@@ -31,6 +31,7 @@ from cellcal.service.site.keys import SiteError
 from cellcal.service.web.dependencies import Who, person_of
 from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
 from cellcal.service.web.fleet_models import FleetSeen
+from cellcal.service.web.message_description import describe_messages
 from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import DIST, BuiltFiles
 from cellcal.service.web.response_models import MessageJsonResponse, SignedDocument, response_options
@@ -185,6 +186,7 @@ def create_fleet_app(
         default_response_class=MessageJsonResponse,
     )
     app.state.context = context
+    describe_messages(app)
     app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
     app.include_router(router)

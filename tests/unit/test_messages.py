@@ -1,0 +1,169 @@
+"""Messages: the English text, its template and arguments, through exceptions, JSON and other processes."""
+
+import pickle
+
+import numpy as np
+import orjson
+import pytest
+from pydantic import TypeAdapter
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import Message, find_message, join_messages, make_message
+from cellcal.calibration.message_table import (
+    MESSAGES,
+    collect_messages,
+    read_message,
+    remember_table,
+    take_table,
+    with_messages,
+    write_message,
+)
+
+
+def message_for(text: str) -> Message:
+    made = find_message(text)
+    assert made is not None
+    return made
+
+
+@pytest.mark.parametrize(
+    ("template", "arguments", "text", "plain"),
+    [
+        ("{a} of {b}", {"a": 1, "b": "x"}, "1 of x", "{a} of {b}"),
+        ("{a:.2f} mm", {"a": np.float64(1.234)}, "1.23 mm", "{a} mm"),
+        ("{a!r} is {{b}}", {"a": "x"}, "'x' is {b}", "{a} is {{b}}"),
+        ("{a:>4}|{a:>4}", {"a": 7}, "   7|   7", "{a}|{a}"),
+    ],
+)
+def test_a_message_is_what_an_f_string_would_be(
+    template: str, arguments: dict[str, object], text: str, plain: str
+) -> None:
+    made = message_for(make_message(template, **arguments))
+    assert made == text
+    assert made.template == plain
+    assert Message.from_template(made.template, made.arguments) == text
+
+
+def test_holes_without_names_are_counted() -> None:
+    made = message_for(make_message("{} holds {:.1f}", "a{1}", 2))
+    assert made == "a{1} holds 2.0"
+    assert (made.template, dict(made.arguments)) == ("{1} holds {2}", {"1": "a{1}", "2": "2.0"})
+
+
+def test_a_missing_argument_is_refused() -> None:
+    with pytest.raises(KeyError):
+        make_message("{a} and {b}", a=1)
+
+
+def test_an_error_inside_of_a_message_keeps_its_template() -> None:
+    error = CellError(make_message("{n} touches are too few.", n=2), remedy="Teach three.")
+    outer = message_for(make_message("probe: {error}", error=error))
+    assert outer == "probe: 2 touches are too few. Teach three."
+    inner = message_for(outer.arguments["error"])
+    assert inner.template == "{part_1} {part_2}"
+    assert message_for(inner.arguments["part_1"]).template == "{n} touches are too few."
+
+
+def test_formatting_and_text_of_a_message_are_the_message() -> None:
+    made = make_message("{n} points", n=3)
+    assert f"{made}" is made
+    assert str(ValueError(made)) is made
+    assert f"{made:>10}" == "  3 points"
+    assert not isinstance(f"{made:>10}", Message)
+
+
+def test_a_list_of_one_text_is_that_text() -> None:
+    assert join_messages("; ", ()) == ""
+    assert join_messages("; ", ("a",)) == "a"
+    assert message_for(join_messages("; {", ("a", "b"))).template == "{part_1}; {{{part_2}"
+
+
+def test_a_text_that_was_validated_is_still_known() -> None:
+    made = make_message("{n} captures of {name}", n=12, name="wire")
+    plain = TypeAdapter(str).validate_python(made)
+    assert type(plain) is str
+    assert find_message(plain) is made
+
+
+def test_another_process_makes_the_same_message() -> None:
+    made = message_for(make_message("{name} waits: {reason}", name="arm", reason=make_message("{n} s", n=4)))
+    again = pickle.loads(pickle.dumps(made))
+    assert again == made
+    assert again.template == made.template
+    assert again.arguments["reason"].template == "{n} s"
+
+
+def test_the_newest_messages_are_known() -> None:
+    made = make_message("the newest of {name}", name="all")
+    for number in range(9000):
+        make_message("{number} fills the memory", number=number)
+    assert find_message("the newest of all") is made
+    for number in range(20_000):
+        make_message("{number} fills it again", number=number)
+    assert find_message("the newest of all") is None
+
+
+def test_a_document_carries_its_messages_and_another_process_finds_them() -> None:
+    reason = make_message(
+        "{device} does not answer: {cause}", device="probe", cause=make_message("{n} V", n=0)
+    )
+    document = with_messages({"run": {"reasons": [reason, "plain"]}, "count": 1})
+    sent = orjson.loads(orjson.dumps(document))
+    assert sent["run"]["reasons"] == ["probe does not answer: 0 V", "plain"]
+    assert list(sent[MESSAGES]) == ["probe does not answer: 0 V"]
+    sent_text = "gauge does not answer: 1 V"
+    other = {
+        MESSAGES: {
+            sent_text: write_message(
+                message_for(make_message("{a} does {b}", a="gauge", b="not answer: 1 V"))
+            )
+        }
+    }
+    assert take_table({"reason": sent_text, **other}) == {"reason": sent_text}
+    assert message_for(sent_text).template == "{a} does {b}"
+
+
+def test_a_list_has_a_table_in_each_object_and_plain_documents_stay() -> None:
+    reason = make_message("{n} of 3", n=2)
+    assert with_messages([{"a": reason}, {"a": "plain words"}]) == [
+        {"a": "2 of 3", MESSAGES: {"2 of 3": {"template": "{n} of 3", "arguments": {"n": "2"}}}},
+        {"a": "plain words"},
+    ]
+    assert with_messages("text") == "text"
+
+
+def test_a_table_collects_texts_but_not_those_of_its_own() -> None:
+    inner = make_message("{n} counts inside", n=1)
+    outer = make_message("outside: {inner}", inner=inner)
+    assert list(collect_messages({"text": outer, MESSAGES: {inner: {}}})) == [outer]
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"template": "{n} of 4", "arguments": {"n": "2"}},  # another text
+        {"template": "{n} of 3", "arguments": {}},
+        {"template": "{n of 3", "arguments": {"n": "2"}},
+        {"template": "{n.real} of 3", "arguments": {"n": "2"}},
+        {"template": 3, "arguments": {"n": "2"}},
+        {"template": "{n} of 3", "arguments": {"n": 2}},
+        {"template": "{n} of 3", "arguments": [1]},
+        "2 of 3",
+        None,
+    ],
+)
+def test_an_entry_that_does_not_give_the_text_is_ignored(entry: object) -> None:
+    assert read_message("2 of 3", entry) is None
+
+
+def test_a_table_that_is_none_is_ignored() -> None:
+    remember_table({MESSAGES: ["x"]})
+    remember_table(["x"])
+    remember_table(None)
+
+
+def test_messages_inside_of_messages_without_end_are_ignored() -> None:
+    entry: dict[str, object] = {"template": "x", "arguments": {}}
+    for _ in range(200):
+        entry = {"template": "{a}", "arguments": {"a": entry}}
+    assert read_message("x", entry) is None
