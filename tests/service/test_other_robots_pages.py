@@ -11,6 +11,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
+from cellcal.calibration.message import make_message
 from cellcal.service.demo.fake_cell import write_cell_file
 from tests.service.browser_pages import LOCALES, go_to_page, hold_to_rules, wait_for_language
 from tests.service.service_client import ServiceClock
@@ -20,10 +21,10 @@ from tests.service.test_people_pages import OneQuestionProcess
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("other_robots_pages")]
 
 LOSS: dict[str, Any] = {
-    "robot": "fanuc", "what": "lost", "detected_by": "the controller reports: SRVO-062", "mode": "M1",
+    "robot": "fanuc", "what": "lost", "detected_by": make_message("the controller reports: {condition_message}", condition_message="SRVO-062"), "mode": "M1",
     "words": "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
     "procedure": "mastering_recovery", "settings": {},
-    "reasons": ["another robot was selected at the desk", "the alarm SYST-001 is unknown here"],
+    "reasons": ["another robot was selected at the desk", make_message("the alarm {not_known} is unknown here", not_known="SYST-001")],
     "alone_wanted": True,
 }  # fmt: skip
 LOST = {  # in sentences that begin as such

@@ -7,6 +7,8 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import FloatRect, Locator, Page, expect
 
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import RefusedError
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.cell_client import CellProcessGoneError, StopUnconfirmedError
 from tests.service.service_client import ServiceClock
@@ -89,7 +91,13 @@ async def test_a_stopped_robot_is_shown_everywhere_until_it_is_released(
         await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
 
 
-REASON = "capture 7: counts went from 12 to 15, lengths spread by 0.25 mm"
+REASON = make_message(
+    "{label}: counts went from {counts} to {counts_after}, lengths spread by {readings_mm:.2f} mm",
+    label="capture 7",
+    counts=12,
+    counts_after=15,
+    readings_mm=0.25,
+)
 REMEDY = "Let the arm come to rest, see that the wire hangs free, then resume. The vendor says XK-17."
 SAID: dict[str, tuple[str, str]] = {
     "en": ("lengths spread by 0.25 mm", "see that the wire hangs free"),
@@ -99,6 +107,9 @@ SAID: dict[str, tuple[str, str]] = {
 }
 
 
+_REFUSED = make_message("the robot refused: {entry_text}.", entry_text="SRVO-023 Stop error")
+
+
 @pytest.mark.parametrize("locale", SAID)
 async def test_a_refusal_is_written_in_the_reader_s_language(
     tablet_service: ServiceWithTablets, locale: str
@@ -106,7 +117,7 @@ async def test_a_refusal_is_written_in_the_reader_s_language(
     publish_state(
         tablet_service,
         "stopped",
-        message="fanuc: the robot refused: SRVO-023 Stop error.",
+        message=RefusedError("fanuc", _REFUSED).message,
         remedy="Look at the robot.",
     )
     async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
