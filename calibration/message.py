@@ -96,12 +96,16 @@ def make_message(template: str, /, *numbered: object, **named: object) -> str:
 
     A hole of the template is ``{name}``, ``{name:format}`` or ``{name!r}`` as in an f-string, with a plain name, or
     ``{}``; these are named 1, 2 and so on. An argument may be a message, or an exception that was raised with one.
+    Where the text is that of an argument, the argument is returned: no message has its own text as an argument.
     """
     plain, holes = _parse_template(template)
     arguments = {str(place): value for place, value in enumerate(numbered, start=1)} | named
     made = Message.from_template(
         plain, {name: _finish_argument(arguments[name], *how) for name, *how in holes}
     )
+    for argument in made.arguments.values():
+        if argument == made:  # all else is empty: the text is its argument's
+            return argument
     remember_message(made)
     return made
 

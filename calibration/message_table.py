@@ -74,7 +74,7 @@ def read_message(text: str, entry: Any) -> Message | None:
         made = _read_entry(entry)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError):
         return None
-    return made if made == text else None
+    return made if made == text and text not in made.arguments.values() else None
 
 
 def _read_entry(entry: Any, depth: int = 0) -> Message:

@@ -94,7 +94,7 @@ class LegacyTexts:
             return None
         arguments: dict[str, str] = {}
         for name, words in zip(pattern.names, found.groups(), strict=True):
-            if arguments.setdefault(name, words) != words:
+            if arguments.setdefault(name, words) != words or words == text:
                 return None
         return Message(
             text, pattern.template, {name: self._recover_value(words) for name, words in arguments.items()}

@@ -72,6 +72,17 @@ def test_formatting_and_text_of_a_message_are_the_message() -> None:
     assert not isinstance(f"{made:>10}", Message)
 
 
+def test_a_text_that_is_nothing_but_its_argument_is_that_argument() -> None:
+    """Its translation would otherwise be looked up in itself for ever."""
+    inner = make_message("{n} points of it", n=5)
+    assert make_message("{a}{b}", a=inner, b="") is inner
+    assert join_messages("", (inner, "")) is inner
+    assert make_message("{a}", a="plain words") == "plain words"
+    assert find_message("plain words") is None
+    own = {"template": "{a}{b}", "arguments": {"a": "its own text", "b": ""}}
+    assert read_message("its own text", own) is None
+
+
 def test_a_list_of_one_text_is_that_text() -> None:
     assert join_messages("; ", ()) == ""
     assert join_messages("; ", ("a",)) == "a"

@@ -25,6 +25,7 @@ export function learn<T>(document: T): T {
 
 function remember(text: string, message: Message) {
   if (english(message) !== text) return; // it would say something else
+  if (Object.values(message.arguments).some((argument) => english(argument) === text)) return; // it would never end
   known.delete(text);
   known.set(text, message);
   if (known.size > MOST) known.delete(known.keys().next().value!);
