@@ -5,6 +5,7 @@
 """
 
 import ast
+import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,7 @@ _PROSE = re.compile(
 )  # three words and a full stop, in a table: no expression
 _HOLE = re.compile(r"\{\w+\}")
 _OPEN = re.compile(r"\{(?:[a-z]\w*)?(?:![rsa])?(?::[^{}]*)?\}")  # what `format` fills in later
+_NAMED_HOLE = re.compile(r"(?<!\{)\{[a-z_]\w*(?:![rsa])?(?::[^{}]*)?\}")
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
@@ -79,6 +81,14 @@ def message_templates(path: Path) -> Iterator[tuple[int, str]]:
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
             for template in _literals_of(node.args[0]):
                 yield node.lineno, _plain_template(template)
+
+
+def constant_templates(path: Path) -> Iterator[str]:
+    """Yield the constants of a file that have named holes: templates that are used by name, or in a table."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and _NAMED_HOLE.search(node.value):
+            with contextlib.suppress(ValueError):
+                yield _plain_template(node.value)
 
 
 def _literals_of(node: ast.expr) -> Iterator[str]:

@@ -1,0 +1,126 @@
+"""Templates in the source and in the catalogues are the same; no code takes a sentence apart to find its arguments."""
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.service.source_sentences import ROOT, SENTENCE, constant_templates, message_templates, number_holes
+
+ROOMS = ("calibration", "drivers", "procedures", "service")
+CATALOGUES = ("web/src/locales/refusals", "web/src/locales/procedures", "service/certificates/translations")
+HOLE = re.compile(r"\{\w+\}")
+NAMED = re.compile(r"\{[a-z]\w*\}")
+LEAD = re.compile(r"^(\{\w+\}\s*)+")
+JOINT = re.compile(r"[\s.,;:]*")
+
+
+@cache
+def catalogue(locale: str = "de") -> frozenset[str]:
+    """Return the keys of every catalogue."""
+    files = [ROOT / folder / f"{locale}.json" for folder in CATALOGUES]
+    return frozenset(key for file in files for key in json.loads(file.read_text(encoding="utf-8")))
+
+
+def source_files() -> Iterator[Path]:
+    for room in ROOMS:
+        yield from sorted((ROOT / room).rglob("*.py"))
+
+
+def sentences_with_holes(template: str) -> Iterator[str]:
+    """Yield the sentences of a template that have holes and words."""
+    for sentence in SENTENCE.split(template):
+        if HOLE.search(sentence) and not JOINT.fullmatch(HOLE.sub("", sentence)):
+            yield sentence.strip()
+
+
+def test_every_template_stands_in_the_catalogues_with_the_names_of_its_holes() -> None:
+    numbered = {number_holes(key): key for key in catalogue()}
+    wrong = [
+        f"{file.relative_to(ROOT)}:{line}: {sentence!r} is {numbered[number_holes(sentence)]!r} in the catalogue"
+        for file in source_files()
+        for line, template in message_templates(file)
+        for sentence in sentences_with_holes(template)
+        if number_holes(sentence) in numbered and not {sentence, LEAD.sub("", sentence)} & catalogue()
+    ]
+    assert not wrong
+
+
+def test_every_entry_with_named_holes_has_a_template() -> None:
+    templates = {
+        sentence
+        for file in source_files()
+        for template in (*(each for _, each in message_templates(file)), *constant_templates(file))
+        for whole in sentences_with_holes(template)
+        for sentence in (whole, LEAD.sub("", whole))
+    }
+    assert not [key for key in catalogue() if NAMED.search(key) and key not in templates]
+
+
+def test_no_f_string_is_used_where_a_translated_message_belongs() -> None:
+    """An f-string is English for ever: use ``make_message("... {name} ...", name=...)``."""
+    numbered = {number_holes(key) for key in catalogue() if HOLE.search(key)}
+    found = [
+        f"{file.relative_to(ROOT)}:{node.lineno}: {sentence}"
+        for file in source_files()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.JoinedStr)
+        for sentence in _numbered_sentences(node)
+        if sentence in numbered - _NAMES
+    ]
+    assert not found
+
+
+_NAMES = {"J{1} offset"}  # a parameter's name: each number has an entry of its own
+
+
+def _numbered_sentences(node: ast.JoinedStr) -> Iterator[str]:
+    text = "".join(
+        part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else "{0}"
+        for part in node.values
+    )
+    yield from (number_holes(part) for part in SENTENCE.split(text) if "{0}" in part)
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["service/translation.py", "calibration/message.py", "calibration/message_table.py"],
+)
+def test_translation_uses_no_regular_expression(file: str) -> None:
+    imported = {
+        alias.name
+        for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8")))
+        if isinstance(node, ast.Import)
+        for alias in node.names
+    }
+    assert not imported & {"re", "regex"}
+
+
+def test_only_records_without_templates_are_taken_apart() -> None:
+    """`legacy_texts` is used where finished runs and signed certificates are shown, and nowhere else."""
+    users = {
+        str(file.relative_to(ROOT))
+        for file in source_files()
+        if "legacy_texts import" in file.read_text(encoding="utf-8")
+    }
+    assert users == {
+        "service/certificates/languages.py",
+        "service/review/reviewer.py",
+        "service/web/history.py",
+        "service/web/points.py",
+    }
+
+
+def test_the_pages_build_no_pattern_from_a_text_and_match_no_sentence() -> None:
+    """A template is filled in and cut into sentences; a text of the service is looked up."""
+    files = [each for suffix in ("ts", "svelte") for each in (ROOT / "web/src").rglob(f"*.{suffix}")]
+    assert len(files) > 50
+    assert not [file.name for file in files if "new RegExp" in file.read_text(encoding="utf-8")]
+    for name in ("say.svelte.ts", "messages.ts", "faults.ts"):
+        text = (ROOT / "web/src/lib" / name).read_text(encoding="utf-8")
+        assert "(.*" not in text, name
+        assert text.count(".exec(") == text.count("LEAD.exec(template)"), name
