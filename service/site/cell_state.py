@@ -4,6 +4,7 @@ from datetime import date
 from pathlib import Path
 
 from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import MESSAGES, with_messages
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.drift_schedule import DriftReminder
 from cellcal.service.session_documents import RunDocument, SessionDocument
@@ -51,7 +52,7 @@ def state_of(
 ) -> dict[str, object]:
     """Return the body of the state message, without what the outbox holds."""
     run, prompt = (None, None) if session is None else (session["run"], session["prompt"])
-    return {
+    state: dict[str, object] = {
         "cell": config.cell.name,
         "robots": [
             {"name": robot.name, "model": robot.model, "serial": robot.serial} for robot in config.robots
@@ -67,7 +68,10 @@ def state_of(
         "drift": list(ledger.drift),
         "due": due,
         "journal": {"head": ledger.head, "hash": ledger.head_hash},
+        MESSAGES: {},  # this cell sends templates and arguments
     }
+    found: dict[str, object] = with_messages(state)
+    return found
 
 
 def _run_summary(run: RunDocument) -> dict[str, object]:

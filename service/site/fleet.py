@@ -19,6 +19,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import MESSAGES, remember_table
+from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.site.keys import StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.signed_messages import (
@@ -196,6 +198,7 @@ class Fleet:
         if not is_alarm(body):
             self.name_flaw(message.station, "its alarm is not one of ours: another version?")
             return
+        remember_table(body)
         station = self._stations[message.station]
         alarms = {key: alarm for key, alarm in station.alarms.items() if key != body["id"]}
         if body.get("active"):
@@ -266,10 +269,19 @@ class Fleet:
             return None
         if station.state is not None and message.order_key <= station.state.order_key:
             return None  # older than what is known: a repetition
+        _remember_texts(message.body)
         station.state, station.state_s = message, waiting[1]
         station.clock_off_s = _seconds_from_now(message.wall)
         station.alarms = {str(alarm["id"]): alarm for alarm in message.body["alarms"]}
         return message
+
+
+def _remember_texts(body: Mapping[str, Any]) -> None:
+    """Take the templates of a state; a cell of an earlier version sends English texts alone."""
+    if MESSAGES in body:
+        remember_table(body)
+    else:
+        remember_recorded_texts(body)
 
 
 def _cell_view(cell: str, station: _StationState, now_s: float, silent_s: float) -> CellView:

@@ -19,6 +19,7 @@ from typing import Any, BinaryIO
 
 import zenoh
 
+from cellcal.calibration.message_table import with_messages
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_files import journal_path
@@ -114,7 +115,7 @@ class SitePublisher:
         )
 
     def _of_alarm(self, alarm: CellAlarm, raised: bool) -> UnsentEvent:
-        key, body = self._parts.keys.alarm_key, alarm.as_json() | {"active": raised}
+        key, body = self._parts.keys.alarm_key, with_messages(alarm.as_json() | {"active": raised})
         return UnsentEvent(key, lambda seq: self._parts.sealer.sign_message(key, seq, body))
 
     def _publish_live(self, station: Station, now_s: float) -> None:
