@@ -37,9 +37,7 @@ class DeviceError(CellError):
     code = "device"
 
     def __init__(self, device: str, message: str, *, remedy: str = "") -> None:
-        super().__init__(
-            make_message("{path}: {refused_message}", path=device, refused_message=message), remedy=remedy
-        )
+        super().__init__(make_message("{device}: {message}", device=device, message=message), remedy=remedy)
         self.device = device
 
 

@@ -388,7 +388,7 @@ def _make_verdict(spec: DriftCheck, result: DriftResult) -> ProcedureVerdict:
 
 def _suspects_text(finding: DriftFinding) -> str:
     words = [
-        make_message("{cure} {cure_2:.1%}", cure=one.name, cure_2=one.probability)
+        make_message("{one_name} {probability:.1%}", one_name=one.name, probability=one.probability)
         for one in finding.suspects
         if one.probability >= 0.001
     ]

@@ -146,7 +146,7 @@ def _needs_order(verdict: ProcedureVerdict, write_anyway: str) -> bool:
 def _figure_text(figure: Characteristic) -> str:
     word = "-" if figure.decision is None else figure.decision.value.upper()
     if figure.limit is None:
-        return make_message("{path}: {refused_message}", path=figure.name, refused_message=word)
+        return make_message("{figure_name}: {word}", figure_name=figure.name, word=word)
     found, limit = _quantity_text(figure.value, figure.unit), _quantity_text(figure.limit, figure.unit)
     uncertainty_text = (
         ""

@@ -203,7 +203,7 @@ def _description(parts: ModelReference) -> UrdfArm:
         return read_urdf(text, tip_link=parts.tip, base_link=parts.base, name=name)
     except CalibrationError as refused:
         raise CalibrationError(
-            make_message("{path}: {refused_message}", path=parts.where, refused_message=refused.message),
+            make_message("{where}: {refused_message}", where=parts.where, refused_message=refused.message),
             remedy=refused.remedy,
             code=refused.code,
         ) from refused

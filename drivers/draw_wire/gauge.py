@@ -84,7 +84,9 @@ class DrawWire:
             alarm = Alarm(f"EMCY-{emergency.code:04X}", meaning.text)
             return Condition(
                 Readiness.NOT_READY,
-                make_message("{path}: {refused_message}", path=alarm.code, refused_message=meaning.text),
+                make_message(
+                    "{alarm_code}: {meaning_text}", alarm_code=alarm.code, meaning_text=meaning.text
+                ),
                 meaning.remedy,
                 (alarm,),
             )

@@ -58,7 +58,7 @@ class TypedRows:
                     parse_typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})"
                 )
             except TextError as fault:
-                text = make_message("{entry_text}. {text}", entry_text=fault, text=self._text)
+                text = make_message("{fault}. {text}", fault=fault, text=self._text)
         raise RefusedError(
             self._device, f"no reading was given: {text}", remedy="Read the instrument again, then resume."
         )

@@ -120,7 +120,7 @@ class ResultChecker:
 
     def _refused_error(self, message: str, remedy: str, status: int = 0) -> RefusedError:
         return RefusedError(
-            self._device, make_message("{entry_text}.", entry_text=message), remedy=remedy, vendor_code=status
+            self._device, make_message("{message}.", message=message), remedy=remedy, vendor_code=status
         )
 
     def _damaged_result_error(self, found: str, result: StationaryResult) -> WireProtocolError:

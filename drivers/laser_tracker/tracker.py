@@ -278,7 +278,7 @@ class LaserTracker:
                 return Condition(Readiness.READY, f"{message}; the first reading will do it, its head turns.")
             return Condition(
                 Readiness.NOT_READY,
-                make_message("{entry_text}.", entry_text=message),
+                make_message("{message}.", message=message),
                 status_meaning(39).remedy,
             )
         state = await self._tracker_state()

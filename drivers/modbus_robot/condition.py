@@ -65,7 +65,7 @@ def _alarm_text(alarm: Alarm, alarms: Findings) -> str:
         {other.axis + 1 for other, _ in alarms if other.code == alarm.code and other.axis is not None}
     )
     if len(axes) < 2:
-        return make_message("{cure} {cure_2}", cure=alarm.code, cure_2=alarm.text)
+        return make_message("{alarm_code} {alarm_text}", alarm_code=alarm.code, alarm_text=alarm.text)
     return f"{alarm.code} {alarm.text.split(' (')[0]} (axes {', '.join(map(str, axes))})"
 
 

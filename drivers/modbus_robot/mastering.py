@@ -59,7 +59,9 @@ async def write_mastering(
     except BaseException as error:
         outcome = await _restore_counts(panel, program, old, within_s)
         if isinstance(error, CellError):
-            error.message = make_message("{cure} {cure_2}", cure=error.message, cure_2=outcome)
+            error.message = make_message(
+                "{error_message} {outcome}", error_message=error.message, outcome=outcome
+            )
         raise
 
 
@@ -118,6 +120,6 @@ def _not_written(panel: RegisterClient, found: Counts, expected: Counts) -> Refu
     )
     return RefusedError(
         panel.device,
-        make_message("{entry_text}.", entry_text=what),
+        make_message("{what}.", what=what),
         remedy="Check that mastering is not locked on the controller, then write again.",
     )

@@ -98,7 +98,7 @@ class RegisterClient:
             return {name: self.profile.registers[name].register_of_item(number) for name in names}
         except ValueError as error:
             raise self.refused_error(
-                make_message("{path_name}: {message}.", path_name=names[0], message=error)
+                make_message("{names}: {error}.", names=names[0], error=error)
             ) from error
 
 

@@ -11,9 +11,7 @@ class ProgramFileError(CellError):
 
     def __init__(self, file: str, message: str, *, line: int = 0, column: int = 0, remedy: str = "") -> None:
         where = f"{file}:{line}:{column}" if line else file
-        super().__init__(
-            make_message("{path}: {refused_message}", path=where, refused_message=message), remedy=remedy
-        )
+        super().__init__(make_message("{where}: {message}", where=where, message=message), remedy=remedy)
         self.file = file
         self.line = line
         self.column = column

@@ -398,7 +398,7 @@ def _with_look_first(error: DeviceError) -> DeviceError:
     """Where we lost sight of the arm, the first thing to do is to look at it."""
     blind = isinstance(error, UnreachableError | DeviceTimeoutError)
     if blind and not error.remedy.startswith(_LOOK):
-        error.remedy = make_message("{cure} {cure_2}", cure=_LOOK, cure_2=error.remedy)
+        error.remedy = make_message("{look} {error_remedy}", look=_LOOK, error_remedy=error.remedy)
     return error
 
 

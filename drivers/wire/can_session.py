@@ -142,7 +142,7 @@ class CanSession:
         except (can.CanError, OSError) as error:
             self._mark_dead(f"sending failed ({error})")
             raise UnreachableError(
-                self.device, make_message("{entry_text}.", entry_text=self.dead), remedy=_WIRING
+                self.device, make_message("{dead}.", dead=self.dead), remedy=_WIRING
             ) from error
         except (
             struct.error,
@@ -186,9 +186,7 @@ class CanSession:
 
     def _require_alive(self) -> None:
         if self.dead:
-            raise UnreachableError(
-                self.device, make_message("{entry_text}.", entry_text=self.dead), remedy=_WIRING
-            )
+            raise UnreachableError(self.device, make_message("{dead}.", dead=self.dead), remedy=_WIRING)
 
     # ---- reader thread ----
 

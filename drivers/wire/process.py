@@ -191,9 +191,7 @@ class ChildProcess:
         if "refused" in message:
             text = str(message["refused"])
             answer.set_exception(
-                RefusedError(
-                    self.device, make_message("{entry_text}.", entry_text=text.rstrip(". ")), vendor_text=text
-                )
+                RefusedError(self.device, make_message("{text}.", text=text.rstrip(". ")), vendor_text=text)
             )
         else:
             answer.set_result(message["value"])

@@ -248,7 +248,7 @@ def unreachable_error(here: Array, limits: MotionLimits) -> DegenerateDataError:
     why, remedy = _collision_text(here, limits), "Jog the robot towards the middle of its range, then resume."
     message = "none of the poses still needed can be reached from here without breaking a limit"
     return DegenerateDataError(
-        make_message("{path}: {refused_message}", path=message, refused_message=why) if why else message,
+        make_message("{message}: {why}", message=message, why=why) if why else message,
         remedy=remedy,
     )
 

@@ -68,7 +68,7 @@ def survey_forecast(survey: Survey, what: str, knowledge: Knowledge) -> Forecast
             make_message("{what} origin", what=what), origin_u_m, "m",
             {name: limits.origin_m for name, limits in FRAME.items()},
             make_message(
-                "{entry_text}. {text}", entry_text=after, text=_goal_text(survey, low, (origin_u_m, angle_u_rad))
+                "{after}. {goal_text}", after=after, goal_text=_goal_text(survey, low, (origin_u_m, angle_u_rad))
             ),
         )
     ]  # fmt: skip

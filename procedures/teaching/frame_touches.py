@@ -227,7 +227,8 @@ class _TouchSeries:
         if why:
             self.aside.append(SetAside(self.points.pop().step, MEASURED_AGAIN))
             again = Instruction(
-                instruction.key, make_message("{cure} {cure_2}", cure=why, cure_2=instruction.text)
+                instruction.key,
+                make_message("{why} {instruction_text}", why=why, instruction_text=instruction.text),
             )
             await self._record_touch(run, f"{ANEW_STEP} {len(self.aside)}", role, again)
 
@@ -287,7 +288,10 @@ def _with_known_text(instruction: Instruction, taught: TaughtFrame) -> Instructi
         turn=turn,
     )
     return Instruction(
-        instruction.key, make_message("{cure} {cure_2}", cure=instruction.text, cure_2=known_text)
+        instruction.key,
+        make_message(
+            "{instruction_text} {known_text}", instruction_text=instruction.text, known_text=known_text
+        ),
     )
 
 

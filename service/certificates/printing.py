@@ -83,7 +83,10 @@ def pdf_from(json_path: Path, locale: Locale = "en") -> bytes:
             raise
     english = page_from(json_path)
     return as_pdf(
-        replace(english, status=make_message("{cure} {cure_2}", cure=english.status, cure_2=_IN_ENGLISH))
+        replace(
+            english,
+            status=make_message("{status} {in_english}", status=english.status, in_english=_IN_ENGLISH),
+        )
     )
 
 

@@ -53,5 +53,5 @@ def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) 
     words = "" if journal.damage is not None else missing_end(config, journal)
     if words and not accepted:
         what, _, remedy = words.partition(". ")
-        raise StoreError(make_message("{entry_text}.", entry_text=what), remedy=remedy, code=NOT_ACCEPTED)
+        raise StoreError(make_message("{what}.", what=what), remedy=remedy, code=NOT_ACCEPTED)
     return words.partition(". ")[0]

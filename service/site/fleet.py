@@ -160,7 +160,7 @@ class Fleet:
         found = open_message(raw, key, cell, station.public)
         if isinstance(found, MessageFlaw):
             self.name_flaw(
-                cell, make_message("{path}: {refused_message}", path=key, refused_message=found.sentence)
+                cell, make_message("{key}: {found_sentence}", key=key, found_sentence=found.sentence)
             )
             return None
         return found

@@ -148,7 +148,7 @@ class FleetListener:
             elif reply.err is not None:
                 words = _error_text(reply.err.payload.to_bytes())
                 raise SiteError(
-                    make_message("{path}: {refused_message}", path=key, refused_message=words),
+                    make_message("{key}: {words}", key=key, words=words),
                     remedy="See whether the cell is online.",
                     code="device",
                 )

@@ -80,7 +80,12 @@ class UnstoredEvents:
         """Name a fault of the store, and wait before it is tried again."""
         told = StoreFailsError(error, len(self._waiting))
         if not self._failing:
-            self._fleet.name_flaw("", make_message("{cure} {cure_2}", cure=told.message, cure_2=told.remedy))
+            self._fleet.name_flaw(
+                "",
+                make_message(
+                    "{told_message} {told_remedy}", told_message=told.message, told_remedy=told.remedy
+                ),
+            )
         self._failing = True
         self._not_before_s = self._clock() + SUPERVISOR.note_failure(TASK, told)
 

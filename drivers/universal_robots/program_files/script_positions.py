@@ -260,7 +260,7 @@ class PositionFinder:
             yield from self._grouped_remarks(
                 code,
                 self.found.calls.get(function, []),
-                make_message("{path}: {refused_message}", path=function, refused_message=text),
+                make_message("{function}: {text}", function=function, text=text),
             )
 
     def _grouped_remarks(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:

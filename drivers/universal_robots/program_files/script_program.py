@@ -198,7 +198,7 @@ class _ScriptEdits:
             line = text.count("\n", 0, literal.start) + 1
             raise ProgramFileError(
                 self.program.file,
-                make_message("{entry_text}.", entry_text=wrong),
+                make_message("{wrong}.", wrong=wrong),
                 line=line,
                 remedy="Nothing was changed; check what computed it.",
             ) from wrong

@@ -78,9 +78,7 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
     try:
         rotations = rotation_from(options.convention or "abb_quaternion", turns)
     except CalibrationError as broken:
-        raise MeasurementError(
-            make_message("{path}: {refused_message}", path=options.path, refused_message=broken)
-        ) from broken
+        raise MeasurementError(make_message("{path}: {broken}", path=options.path, broken=broken)) from broken
     return AtPoints(np.zeros((len(rows), axes)), homogeneous_matrix(rotations, places), words)
 
 

@@ -92,7 +92,7 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
         return _read_text(path)
     except DocumentError as error:
         raise MeasurementError(
-            make_message("{path}: {refused_message}", path=path, refused_message=error.why),
+            make_message("{path}: {why}", path=path, why=error.why),
             remedy=error.remedy,
         ) from error
 

@@ -116,7 +116,7 @@ def identified_arm(
         layout, covariance = _parameter_spread(found, state)
     except CellError as refused:
         raise ProjectError(
-            make_message("{path}: {refused_message}", path=where, refused_message=refused.message),
+            make_message("{where}: {refused_message}", where=where, refused_message=refused.message),
             remedy=refused.remedy,
         ) from refused
     held_out = None if rms is None else rms / 1e3

@@ -99,9 +99,9 @@ def pose_of(table: Table, where: str) -> Array:
         except CalibrationError as refused:
             raise ProjectError(
                 make_message(
-                    "{where}: {place}: {refused_message}",
+                    "{where}: {key}: {refused_message}",
                     where=where,
-                    place=key,
+                    key=key,
                     refused_message=refused.message,
                 )
             ) from refused
