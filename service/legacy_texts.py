@@ -75,7 +75,7 @@ class LegacyTexts:
         if len(sentences) == 1:
             return self._recover_sentence(text.strip())
         parts = [self._recover_part(sentence) for sentence in sentences]
-        return None if parts == sentences else _join_parts(" ", parts)
+        return _join_parts(" ", parts) if any(isinstance(part, Message) for part in parts) else None
 
     def _recover_part(self, text: str) -> str:
         """Return a text as an argument: a message where a template gives it."""
