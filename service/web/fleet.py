@@ -104,7 +104,7 @@ class FleetContext:
             "ages": self.ages,
             "not_believed": list(fleet.flaws)[-_FLAWS:],
         }
-        return (orjson.dumps(head)[:-1] + b',"rows":[' + b",".join(changed) + b"]}").decode()
+        return (orjson.dumps(with_messages(head))[:-1] + b',"rows":[' + b",".join(changed) + b"]}").decode()
 
 
 router = APIRouter(prefix="/api")

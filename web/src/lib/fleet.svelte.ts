@@ -74,6 +74,7 @@ class FleetLine {
   #take(told: Told) {
     this.#heardMs = Date.now();
     this.heard = this.signedIn = true;
+    learn(told);
     this.site = told.site;
     this.router = told.router;
     for (const row of learn(told.rows)) this.rows.set(row.cell, row);
