@@ -38,7 +38,10 @@ def describe_messages(app: FastAPI) -> None:
         if app.openapi_schema is None:
             description = plain_description()
             schemas = description["components"]["schemas"]
-            for name in set(_answered_objects(description)):
+            answered = set(_answered_objects(description))
+            for rows in [schemas[name].get("properties", {}).get("rows", {}) for name in answered]:
+                answered |= set(_named_objects(rows))  # the monitor's rows are sent one by one
+            for name in answered:
                 if schemas[name].get("type") == "object":
                     schemas[name].setdefault("properties", {})[MESSAGES] = {"$ref": f"{_REF}TextMessages"}
             schemas |= {"TextMessage": _MESSAGE, "TextMessages": _TABLE}
