@@ -14,8 +14,11 @@ from cellcal.drivers.touch_probe.config import DialGaugeConfig, TouchProbeConfig
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.universal_robots.program_files import program_file
 from cellcal.drivers.wire.program_file import ProgramWriter
+from cellcal.drivers.yaskawa.config import YaskawaConfig
 
-RobotConfig: TypeAlias = Annotated[ModbusRobotConfig | UniversalRobotConfig, Field(discriminator="driver")]
+RobotConfig: TypeAlias = Annotated[
+    ModbusRobotConfig | UniversalRobotConfig | YaskawaConfig, Field(discriminator="driver")
+]
 _AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]
 GaugeConfig: TypeAlias = Annotated[_AnyDrawWire | FileGaugeConfig, Field(discriminator="driver")]
 TrackerConfig: TypeAlias = Annotated[LaserTrackerConfig | FileTrackerConfig, Field(discriminator="driver")]

@@ -3,6 +3,7 @@
 Gears, masses and stiffnesses of a described arm are the fakes' own generic ones: no description holds them.
 """
 
+import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from cellcal.calibration.arm.model_references import fixed_reference, parse_refe
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.errors import CalibrationError, CellError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import CellShape, CollisionCheck, PlaneObstacle, arm_shape
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
@@ -200,6 +201,15 @@ def _parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array, rad
     return _Parked(np.round(joints[best], 3), float(room[best].min()), radius_m)
 
 
+def _first_parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array) -> Array:
+    """Return a posture with the thickest links that leave one: those of some arms are close by construction."""
+    *thicker, thinnest = _radii(model)
+    for radius_m in thicker:
+        with contextlib.suppress(DegenerateDataError):
+            return _parked(model, wire, floor_m, place, radius_m).joints_rad
+    return _parked(model, wire, floor_m, place, thinnest).joints_rad
+
+
 def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: RobotModel) -> Array:
     """Return where an arm of a cell file stands at first: as the file says, or by itself near its middle."""
     name = table.get("name")
@@ -208,7 +218,7 @@ def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: Rob
         reach, height = _size(model)
         free = WirePath((0.0, 0.0, height - 0.4 * reach), (0.0, 0.0, 0.0), 10.0 * reach, lowest_fraction=0.0)
         place = np.array([0.55 * reach, -0.2 * reach, height])
-        return _parked(model, free, height - 2.0 * reach, place, _radii(model)[0]).joints_rad
+        return _first_parked(model, free, height - 2.0 * reach, place)
     values: Array = np.radians(np.asarray(stated, dtype=float))
     if (
         values.shape != (model.axis_count,)

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.drivers.errors import DeviceError
@@ -28,6 +28,7 @@ class RobotCase:
     stop_fault: Fault  # the emergency stop is pressed
     slow_fault: Fault  # the speed is turned down to 15 %
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
+    stranger: dict[str, Any] = field(default_factory=lambda: {"serial": "X-000000"})  # what another one would tell
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 
 
@@ -141,6 +142,15 @@ async def _heal_universal_robot(fake_client: FakeCellClient, robot: Any) -> None
     await until_ready(robot, Readiness.READY)
 
 
+async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in ("confirm_positions", "release_hold", "remote_mode", "release_emergency_stop", "reset_alarm"):
+        await fake_client.inject_fault(fault, device="motoman")
+    await fake_client.inject_fault("override", device="motoman", percent=100)
+    await fake_client.inject_fault("tool_switched", device="motoman", number=1)
+    await robot.stop()
+
+
 async def _heal_draw_wire(fake_client: FakeCellClient) -> None:
     await fake_client.send_command("clear")
     await fake_client.inject_fault("node_off", device="wire")  # forgets every answer that is still under way
@@ -189,6 +199,18 @@ ROBOTS: dict[str, RobotCase] = {
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
         impatient={},
+    ),
+    "yaskawa": RobotCase(
+        name="motoman",
+        home_rad=(-0.35, 0.17, -0.2, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.02,
+        heal=_heal_yaskawa,
+        link_faults=(("silent", {}), ("refuse", {}), ("cut", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+        stranger={"controller_type": "X-000000"},
     ),
 }
 
