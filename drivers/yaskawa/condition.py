@@ -3,7 +3,7 @@
 import re
 
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.yaskawa.state import ActiveAlarm, ControllerStatus
+from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
 
 # By their text: the numbers differ between controllers, and public lists of them contradict each other.
 _POSITION_LOST = re.compile(r"ABSO|OUT OF RANGE|ENCODER BACKUP|HOME POSITION|POSITION CHECK", re.IGNORECASE)
@@ -11,19 +11,19 @@ _BATTERY = re.compile(r"BATTERY", re.IGNORECASE)
 _ENCODER = re.compile(r"ENCODER", re.IGNORECASE)
 _COLLISION = re.compile(r"COLLISION|SHOCK", re.IGNORECASE)
 _LOST_REMEDY = (
-    "Do not move to taught points. Renew the battery if it is empty, reset the alarm, move to the second home position "
-    "and confirm it at the pendant; then compare with a measurement."
+    "Do not move to taught points. Renew the battery if it is empty, reset the alarm, move to the second home "
+    "position and confirm it at the pendant; then compare with a measurement."
 )
 _OTHER_REMEDY = "Read the alarm at the pendant, mend its cause and reset it."
 _AXES = "SLURBTE8"
 
 
-def describe_alarm(alarm: ActiveAlarm) -> Alarm:
+def describe_alarm(alarm: AlarmEntry) -> Alarm:
     """Return an alarm with what it says about the position."""
     return Alarm(str(alarm.code), alarm.name, _axis_of(alarm), _kind_of(alarm.name))
 
 
-def condition_of(status: ControllerStatus, alarms: tuple[ActiveAlarm, ...]) -> Condition:
+def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
     described = tuple(describe_alarm(alarm) for alarm in alarms)
     for alarm in described:
@@ -72,7 +72,7 @@ def _kind_of(text: str) -> AlarmKind:
     return AlarmKind.UNKNOWN
 
 
-def _axis_of(alarm: ActiveAlarm) -> int | None:
+def _axis_of(alarm: AlarmEntry) -> int | None:
     """Return the only axis whose bit the alarm's data have set, where it is an alarm of axes."""
     bits = [axis for axis in range(len(_AXES)) if alarm.data >> axis & 1]
     about_axes = _POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name)

@@ -27,7 +27,9 @@ class YaskawaConfig(BaseModel):
     port: int = Field(default=10040, ge=1, le=65535)
     file_port: int = Field(default=10041, ge=1, le=65535)
     model: str = Field(min_length=1)  # name of the nominal robot model
-    controller_type: str = Field(min_length=1, max_length=16)  # as the controller names its robot, for the check
+    controller_type: str = Field(
+        min_length=1, max_length=16
+    )  # as the controller names its robot, for the check
     serial: str = Field(min_length=1)  # of the type plate: the controller does not tell it
     pulses_per_degree: Annotated[tuple[_Scale, ...], Field(min_length=6, max_length=6)]  # S L U R B T, signed
     fastest_axis_deg_s: float = Field(gt=0, le=2000)  # of the data sheet: speeds are told as a share of it

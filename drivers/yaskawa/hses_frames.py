@@ -34,11 +34,7 @@ class HsesRequest:
         head = _HEADER.pack(
             _MAGIC, _SIZE, len(self.data), 3, self.division, int(acknowledges), request_id, block, _RESERVED
         )
-        return (
-            head
-            + _REQUEST.pack(self.command, self.instance, self.attribute, self.service, 0)
-            + self.data
-        )
+        return head + _REQUEST.pack(self.command, self.instance, self.attribute, self.service, 0) + self.data
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ class PulseScale:
 
 
 def step_targets(start_rad: Array, target_rad: Array, step_rad: float) -> list[Array]:
-    """Return the ends of the steps, the last one the target itself; no axis turns further in one than ``step_rad``."""
+    """Return the ends of the steps, the target last; no axis turns further in one than ``step_rad``."""
     way = np.asarray(target_rad, dtype=float) - start_rad
     steps = max(1, math.ceil(float(np.abs(way).max()) / step_rad - 1e-9))
     return [start_rad + way * (k / steps) for k in range(1, steps)] + [np.asarray(target_rad, dtype=float)]

@@ -279,7 +279,7 @@ class YaskawaRobot:
         try:
             await self._hold_arm()
         except DeviceError as error:
-            _LOG.error("%s: %s %s", self.name, error, _LOOK)
+            _LOG.warning("%s: the move failed: %s", self.name, error)
 
     async def _halt_for_stop(self) -> None:
         try:

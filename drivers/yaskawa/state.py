@@ -66,7 +66,7 @@ class ControllerStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class ActiveAlarm:
+class AlarmEntry:
     """One alarm (command 0x70) in the maker's words."""
 
     code: int
@@ -99,7 +99,7 @@ async def read_status(link: HsesLink) -> ControllerStatus:
     return ControllerStatus(*_unpack(link, struct.Struct("<II"), data))
 
 
-async def read_alarms(link: HsesLink) -> tuple[ActiveAlarm, ...]:
+async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
     """Read the active alarms, newest first."""
     found = []
     for instance in range(1, _ALARMS + 1):
@@ -107,7 +107,7 @@ async def read_alarms(link: HsesLink) -> tuple[ActiveAlarm, ...]:
         code, detail, kind, _, name = _unpack(link, _ALARM, data)
         if kind == 0 and code == 0:  # an empty place
             break
-        found.append(ActiveAlarm(code, detail, text_of(name)))
+        found.append(AlarmEntry(code, detail, text_of(name)))
     return tuple(found)
 
 
@@ -126,9 +126,7 @@ async def read_cartesian(link: HsesLink) -> CartesianPosition:
     kind, _, tool, user, _, x, y, z, rx, ry, rz, *_ = _unpack_position(link, data)
     if kind not in (16, 17):
         raise _unreadable(link, f"a position of type {kind} came where the base was asked for", data)
-    return CartesianPosition(
-        (x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user
-    )
+    return CartesianPosition((x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user)
 
 
 async def read_system(link: HsesLink) -> tuple[str, str]:

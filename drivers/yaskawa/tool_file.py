@@ -24,7 +24,8 @@ class ToolData:
 def read_tools(text: str) -> dict[int, ToolData]:
     """Return the tools by number; a tool whose rows cannot be read is left out."""
     found: dict[int, ToolData] = {}
-    number, rows = -1, []
+    number = -1
+    rows: list[str] = []
     for line in [*text.splitlines(), "//END"]:
         if line.startswith("//") and not line.startswith("///"):
             tool = _tool_of(rows) if number >= 0 else None

@@ -53,7 +53,9 @@ class FakeYaskawaRobot:
             "release_hold": lambda _: c.hold_by_hand("pendant", on=False),
             "override": lambda p: c.set_override(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
-            "alarm": lambda p: c.raise_alarm(int(p.pop("code", 4320)), str(p.pop("text", "OVERLOAD(CONTINUE)"))),
+            "alarm": lambda p: c.raise_alarm(
+                int(p.pop("code", 4320)), str(p.pop("text", "OVERLOAD(CONTINUE)"))
+            ),
             "reset_alarm": lambda _: self._reset_by_hand(),
             "battery_loss": lambda p: c.lose_positions(_parse_axes(p.pop("axes", "all"))),
             "confirm_positions": lambda _: c.confirm_positions(),

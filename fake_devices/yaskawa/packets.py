@@ -58,7 +58,9 @@ def parse_request(octets: bytes) -> HostRequest:
     )
 
 
-def build_answer(request: HostRequest, data: bytes, *, block: int = LAST_BLOCK, status: int = 0, added: int = 0) -> bytes:
+def build_answer(
+    request: HostRequest, data: bytes, *, block: int = LAST_BLOCK, status: int = 0, added: int = 0
+) -> bytes:
     """Return the octets of an answer."""
     head = struct.pack(
         "<4s2HBBBBI8s", b"YERC", 0x20, len(data), 3, request.division, 1, request.number, block, b"99999999"

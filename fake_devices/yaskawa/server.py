@@ -15,6 +15,7 @@ Not modelled
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
+from typing import cast
 
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.yaskawa.commands import CommandTable
@@ -42,8 +43,9 @@ class RobotPort(asyncio.DatagramProtocol):
         self._withheld: bytes | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        self._transport = cast(
+            asyncio.DatagramTransport, transport
+        )  # the loop's own class is not derived from it
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         if self._faults.use_once("silent") is not None:

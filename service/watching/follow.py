@@ -60,9 +60,8 @@ class RobotWatches:
         """Return the watch of a robot that is reached just now."""
         encoders = cast(WatchedRobot, robot)
         if name not in self._watches:
-            comparison = MasteringComparison(
-                journalled_mastering(self.config, self.config.robot_named(name).serial)
-            )
+            journalled = journalled_mastering(self.config, self.config.robot_named(name).serial)
+            comparison = MasteringComparison(journalled) if robot.capabilities.writes_mastering else None
             self._watches[name] = RobotWatch(
                 encoders, self._memory, self.on_loss,
                 period_s=self.config.watch.period_s, warn=self._warn, comparison=comparison,
@@ -131,7 +130,7 @@ def _is_free(watches: RobotWatches, entry: Any) -> bool:
 async def _watch_while_free(watches: RobotWatches, entry: Any, robot: Robot, listener: RobotListener) -> None:
     stops = _StopReporter(robot.name, listener.say)
     while _is_free(watches, entry):
-        if robot.capabilities.writes_mastering:
+        if robot.capabilities.reads_encoder_counts:
             watch = watches.watch_of(entry.name, robot)
             if await watch.look_once() is not None:
                 watch.forget_motion()  # a recovery may have moved it

@@ -13,13 +13,21 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from cellcal.drivers.interfaces import (
+    Alarm,
+    Condition,
+    Counts,
+    MasteringStore,
+    Readiness,
+    ReadsEncoderCounts,
+    Robot,
+)
 from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.watching.loss_modes import (
@@ -37,8 +45,8 @@ _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
 
 
-class WatchedRobot(Robot, MasteringStore, Protocol):
-    """An arm whose encoders can be lost and whose mastering can be read."""
+class WatchedRobot(Robot, ReadsEncoderCounts, Protocol):
+    """An arm whose encoders can be lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +114,7 @@ class RobotWatch:
             detected_by = await self._find_trouble()
         suspicion = _suspect_condition(condition)
         if detected_by is None and self._comparison is not None:
-            trouble = await self._comparison.find_trouble(self._robot)
+            trouble = await self._comparison.find_trouble(cast(MasteringStore, self._robot))
             detected_by, suspicion = trouble or (None, suspicion)
         if detected_by is None:
             self._reported, self._after_run = None, False
@@ -142,7 +150,9 @@ class RobotWatch:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
         if self.is_still_lost or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
             return False
-        return (await self._robot.read_mastering()).mastered
+        if not self._robot.capabilities.writes_mastering:
+            return True  # its mastering cannot be read
+        return (await cast(MasteringStore, self._robot).read_mastering()).mastered
 
     @property
     def is_still_lost(self) -> bool:

@@ -179,6 +179,16 @@ def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
         assert not of_an_arm(name) - refusal_texts(locale).keys(), locale
 
 
+def reasons_of_a_controller() -> set[str]:
+    """Return why a Yaskawa controller refuses: what stands in a sentence of the driver."""
+    return {entry.text for entry in code_table("cellcal.drivers.yaskawa", "refusals.tsv").values()}
+
+
+def test_why_a_yaskawa_controller_refuses_has_its_words() -> None:
+    for locale in TRANSLATED:
+        assert not reasons_of_a_controller() - refusal_texts(locale).keys(), locale
+
+
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_holes_count_from_one(locale: str) -> None:
     """What a page takes for hole 0 is the sentence itself: it would fill it with itself for ever."""
@@ -220,6 +230,7 @@ def test_every_translation_has_a_source_sentence() -> None:
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
     source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
+    source_sentences |= reasons_of_a_controller()
     written = "\n".join(literal for file in sources for literal in _string_literals(file))
     former = set(json.loads(FORMER.read_text(encoding="utf-8")))
     assert not former & source_sentences

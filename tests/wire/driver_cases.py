@@ -28,7 +28,9 @@ class RobotCase:
     stop_fault: Fault  # the emergency stop is pressed
     slow_fault: Fault  # the speed is turned down to 15 %
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
-    stranger: dict[str, Any] = field(default_factory=lambda: {"serial": "X-000000"})  # what another one would tell
+    stranger: dict[str, Any] = field(
+        default_factory=lambda: {"serial": "X-000000"}
+    )  # what another one would tell
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 
 
@@ -144,7 +146,13 @@ async def _heal_universal_robot(fake_client: FakeCellClient, robot: Any) -> None
 
 async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
     await fake_client.send_command("clear")
-    for fault in ("confirm_positions", "release_hold", "remote_mode", "release_emergency_stop", "reset_alarm"):
+    for fault in (
+        "confirm_positions",
+        "release_hold",
+        "remote_mode",
+        "release_emergency_stop",
+        "reset_alarm",
+    ):
         await fake_client.inject_fault(fault, device="motoman")
     await fake_client.inject_fault("override", device="motoman", percent=100)
     await fake_client.inject_fault("tool_switched", device="motoman", number=1)
