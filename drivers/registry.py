@@ -6,6 +6,7 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from cellcal.drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
+from cellcal.drivers.fanuc.rmi.config import FanucRmiConfig
 from cellcal.drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
 from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
 from cellcal.drivers.modbus_robot import fanuc_program
@@ -17,7 +18,7 @@ from cellcal.drivers.wire.program_file import ProgramWriter
 from cellcal.drivers.yaskawa.config import YaskawaConfig
 
 RobotConfig: TypeAlias = Annotated[
-    ModbusRobotConfig | UniversalRobotConfig | YaskawaConfig, Field(discriminator="driver")
+    ModbusRobotConfig | UniversalRobotConfig | FanucRmiConfig | YaskawaConfig, Field(discriminator="driver")
 ]
 _AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]
 GaugeConfig: TypeAlias = Annotated[_AnyDrawWire | FileGaugeConfig, Field(discriminator="driver")]

@@ -17,6 +17,7 @@ from types import MappingProxyType
 from typing import Any
 
 import cellcal.fake_devices.draw_wire.device
+import cellcal.fake_devices.fanuc_rmi.device
 import cellcal.fake_devices.laser_tracker.device
 import cellcal.fake_devices.modbus_robot.device
 import cellcal.fake_devices.touch_probe.device
@@ -32,6 +33,7 @@ Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 FACTORIES: dict[str, Factory] = {
     "modbus_robot": cellcal.fake_devices.modbus_robot.device.create_modbus_robot,
     "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
+    "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
     "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
     "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
     "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,

@@ -1,8 +1,4 @@
-"""A joint move in short steps, because a controller that loses its client drives the ordered step to its end.
-
-The steps lie on the straight line between the joint angles, so the path is that of one move. Losing the link
-stops nothing on this controller (README): what the arm may still travel alone is one step.
-"""
+"""Pulses and angles, and the orders that move and hold the robot."""
 
 import math
 import struct
@@ -45,13 +41,6 @@ class PulseScale:
         if not (np.isfinite(pulses).all() and float(np.abs(pulses).max()) < _LARGEST_PULSE):
             raise ValueError("a joint angle is beyond the controller's range of pulses")
         return tuple(int(count) for count in pulses)
-
-
-def step_targets(start_rad: Array, target_rad: Array, step_rad: float) -> list[Array]:
-    """Return the ends of the steps, the target last; no axis turns further in one than ``step_rad``."""
-    way = np.asarray(target_rad, dtype=float) - start_rad
-    steps = max(1, math.ceil(float(np.abs(way).max()) / step_rad - 1e-9))
-    return [start_rad + way * (k / steps) for k in range(1, steps)] + [np.asarray(target_rad, dtype=float)]
 
 
 def speed_share(speed_rad_s: float, fastest_axis_rad_s: float) -> int:

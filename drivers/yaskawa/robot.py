@@ -32,9 +32,10 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.joint_steps import step_targets
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_link import HsesLink
-from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share, step_targets
+from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share
 from cellcal.drivers.yaskawa.state import (
     AXES,
     read_alarms,

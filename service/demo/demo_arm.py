@@ -30,7 +30,11 @@ HOOK_IN_FLANGE_M = (0.06, 0.05, 0.12)
 _AXES = 6
 _MODBUS = "modbus_robot"
 # Models that the fakes know by themselves, behind the wire that they know them behind.
-KNOWN_TO_FAKES = {"modbus_robot": {"fanuc_m6ib"}, "universal_robots": {"ur3e", "ur5e", "ur10", "ur10e"}}
+KNOWN_TO_FAKES = {
+    "modbus_robot": {"fanuc_m6ib"},
+    "fanuc_rmi": {"fanuc_m6ib"},
+    "universal_robots": {"ur3e", "ur5e", "ur10", "ur10e"},
+}
 # Around the demo's own FANUC M-6iB, seen from the height of its second axis, by its reach.
 _REACH_M = 1.573
 _ANCHOR_M, _MOUTH_M, _RANGE_M = (0.9, -0.7, -0.45), (0.75, 0.0, 0.55), 3.0

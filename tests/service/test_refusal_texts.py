@@ -180,11 +180,12 @@ def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
 
 
 def reasons_of_a_controller() -> set[str]:
-    """Return why a Yaskawa controller refuses: what stands in a sentence of the driver."""
-    return {entry.text for entry in code_table("cellcal.drivers.yaskawa", "refusals.tsv").values()}
+    """Return why controllers refuse: what stands in a sentence of their driver."""
+    packages = ("cellcal.drivers.fanuc.rmi", "cellcal.drivers.yaskawa")
+    return {entry.text for package in packages for entry in code_table(package, "refusals.tsv").values()}
 
 
-def test_why_a_yaskawa_controller_refuses_has_its_words() -> None:
+def test_why_a_controller_refuses_has_its_words() -> None:
     for locale in TRANSLATED:
         assert not reasons_of_a_controller() - refusal_texts(locale).keys(), locale
 

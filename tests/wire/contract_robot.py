@@ -28,6 +28,7 @@ ABILITIES = {
 MODES = {  # a switch, and what the controller calls its places
     "fanuc": ("t1_mode", "AUTO", "T1"),
     "ur": ("local_mode", "remote control", "local control"),
+    "rmi": ("pendant_on", "TP off", "TP on"),
     "motoman": ("teach_mode", "REMOTE", "TEACH"),
 }
 
@@ -269,6 +270,8 @@ class RobotContract:
     ) -> None:
         config = cell.robot_named(robot_case.name)
         assert (await robot.identify()).serial == config.serial
+        if robot_case.stranger is None:
+            pytest.skip("nothing on this link tells who answers")
         wrong = config.model_copy(update=robot_case.stranger)
         with pytest.raises(WrongDeviceError, match="X-000000"):
             async with wrong.open():

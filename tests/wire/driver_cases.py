@@ -28,9 +28,8 @@ class RobotCase:
     stop_fault: Fault  # the emergency stop is pressed
     slow_fault: Fault  # the speed is turned down to 15 %
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
-    stranger: dict[str, Any] = field(
-        default_factory=lambda: {"serial": "X-000000"}
-    )  # what another one would tell
+    # what another one would tell; None: this link does not tell who answers
+    stranger: dict[str, Any] | None = field(default_factory=lambda: {"serial": "X-000000"})
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 
 
@@ -144,6 +143,15 @@ async def _heal_universal_robot(fake_client: FakeCellClient, robot: Any) -> None
     await until_ready(robot, Readiness.READY)
 
 
+async def _heal_fanuc_rmi(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in ("clear_alarms", "pendant_off"):
+        await fake_client.inject_fault(fault, device="rmi")
+    await fake_client.inject_fault("override", device="rmi", percent=100)
+    await fake_client.inject_fault("tool_switched", device="rmi", number=1)
+    await robot.stop()
+
+
 async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
     await fake_client.send_command("clear")
     for fault in (
@@ -207,6 +215,18 @@ ROBOTS: dict[str, RobotCase] = {
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
         impatient={},
+    ),
+    "fanuc_rmi": RobotCase(
+        name="rmi",
+        home_rad=(-0.35, 0.17, -0.44, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.02,
+        heal=_heal_fanuc_rmi,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+        stranger=None,
     ),
     "yaskawa": RobotCase(
         name="motoman",

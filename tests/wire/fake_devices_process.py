@@ -59,6 +59,23 @@ point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
 
 [[robot]]
+name = "rmi"
+driver = "fanuc_rmi"
+address = "{address}"
+model = "fanuc_m6ib"
+motion = "commanded"
+serial = "F-230816"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
 name = "motoman"
 driver = "yaskawa"
 address = "{address}"

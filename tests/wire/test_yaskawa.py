@@ -13,9 +13,10 @@ from yrcom import MODEL_YRC1000, HsesClient, HsesFileClient, PulseMove
 
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
+from cellcal.drivers.wire.joint_steps import step_targets
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest, read_answer
-from cellcal.drivers.yaskawa.motion import PulseScale, speed_share, step_targets
+from cellcal.drivers.yaskawa.motion import PulseScale, speed_share
 from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import CellConfig
