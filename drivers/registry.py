@@ -8,6 +8,7 @@ from pydantic import Field
 from cellcal.drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
 from cellcal.drivers.fanuc.rmi.config import FanucRmiConfig
 from cellcal.drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
+from cellcal.drivers.kuka.variables.config import KukaVariablesConfig
 from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
 from cellcal.drivers.modbus_robot import fanuc_program
 from cellcal.drivers.modbus_robot.config import ModbusRobotConfig
@@ -18,7 +19,8 @@ from cellcal.drivers.wire.program_file import ProgramWriter
 from cellcal.drivers.yaskawa.config import YaskawaConfig
 
 RobotConfig: TypeAlias = Annotated[
-    ModbusRobotConfig | UniversalRobotConfig | FanucRmiConfig | YaskawaConfig, Field(discriminator="driver")
+    ModbusRobotConfig | UniversalRobotConfig | FanucRmiConfig | KukaVariablesConfig | YaskawaConfig,
+    Field(discriminator="driver"),
 ]
 _AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]
 GaugeConfig: TypeAlias = Annotated[_AnyDrawWire | FileGaugeConfig, Field(discriminator="driver")]

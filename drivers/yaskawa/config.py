@@ -79,18 +79,24 @@ class YaskawaConfig(BaseModel):
             await robot.close()
 
     def _make_options(self) -> "YaskawaOptions":
+        from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
         from cellcal.drivers.yaskawa.motion import PulseScale  # noqa: PLC0415  a cell file is read without it
         from cellcal.drivers.yaskawa.robot import YaskawaOptions  # noqa: PLC0415  as above
+        from cellcal.drivers.yaskawa.state import AXES  # noqa: PLC0415  as above
 
-        return YaskawaOptions(
-            self.controller_type,
-            self.serial,
-            PulseScale(self.pulses_per_degree),
+        motion = StepwiseOptions(
+            AXES,
             self.deadline_s,
             self.speed_limit_rad_s,
-            math.radians(self.fastest_axis_deg_s),
             self.step_s,
             self.settle_s,
             self.stuck_s,
             self.tolerance_rad,
+        )
+        return YaskawaOptions(
+            self.controller_type,
+            self.serial,
+            PulseScale(self.pulses_per_degree),
+            math.radians(self.fastest_axis_deg_s),
+            motion,
         )

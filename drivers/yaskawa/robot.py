@@ -1,22 +1,17 @@
 """A Yaskawa arm over the High Speed Ethernet Server: pulses, status, alarms, tools, moves in short steps."""
 
-import asyncio
-import contextlib
 import logging
 import math
 import time
-from collections.abc import Iterator
-from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import (
-    BusyError,
     DeviceError,
-    MotionStoppedError,
     RefusedError,
     WrongDeviceError,
 )
@@ -30,9 +25,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
-from cellcal.drivers.wire.cancellation import run_to_end
-from cellcal.drivers.wire.deadline import answer_deadline
-from cellcal.drivers.wire.joint_steps import step_targets
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_link import HsesLink
 from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share
@@ -64,24 +57,16 @@ class YaskawaOptions:
     controller_type: str
     serial: str
     scale: PulseScale
-    deadline_s: float
-    speed_limit_rad_s: float
     fastest_axis_rad_s: float
-    step_s: float
-    settle_s: float
-    stuck_s: float
-    tolerance_rad: float
+    motion: StepwiseOptions
 
 
-class YaskawaRobot:
+class YaskawaRobot(StepwiseMotion):
     """Robot, KnowsActiveFrames and KnowsMode. Mastering is pendant work on this controller."""
 
     def __init__(self, link: HsesLink, files: HsesLink, options: YaskawaOptions) -> None:
+        super().__init__(options.motion)
         self._link, self._files, self._options = link, files, options
-        self._doing = ""
-        self._stop_ordered = False
-        self._idle = asyncio.Event()
-        self._idle.set()
 
     @property
     def name(self) -> str:
@@ -166,144 +151,44 @@ class YaskawaRobot:
         """Return 0: the controller tells nothing that changes with a lost position but its alarms."""
         return 0
 
-    async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
-        target, speed_rad_s = self._check_target(target_rad, speed_rad_s)
-        with self._exclusive_use():
-            try:
-                await self._move_in_steps(target, speed_rad_s)
-            except asyncio.CancelledError:
-                await run_to_end(self._halt_after_cancel())
-                raise
-            except DeviceError as error:
-                _LOG.warning("%s: the move failed: %s", self.name, error)
-                with contextlib.suppress(DeviceError):
-                    await run_to_end(self._hold_arm())
-                raise error from None
-
-    async def stop(self) -> None:
-        self._stop_ordered = not self._idle.is_set()
-        await run_to_end(self._halt_for_stop())
-
     # a move
 
-    def _check_target(self, target_rad: Joints, speed_rad_s: float) -> tuple[Array, float]:
-        if len(target_rad) != AXES or not all(map(math.isfinite, target_rad)):
-            raise RefusedError(self.name, "a target needs six finite joint angles.")
-        if not (math.isfinite(speed_rad_s) and speed_rad_s > 0):
-            raise RefusedError(self.name, "a speed must be finite and above zero.")
+    async def _read_angles(self) -> Joints:
+        return self._options.scale.to_joints((await read_pulses(self._link)).pulses)
+
+    async def _begin_motion(self, speed_rad_s: float) -> None:
+        """Do nothing: the controller takes orders as it stands."""
+
+    async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
         try:
-            self._options.scale.to_pulses(np.array(target_rad))
+            pulses = self._options.scale.to_pulses(target_rad)
         except ValueError as error:
             raise RefusedError(self.name, f"{error}.", remedy="Targets are radians.") from error
-        return np.array(target_rad, dtype=float), min(speed_rad_s, self._options.speed_limit_rad_s)
-
-    async def _move_in_steps(self, target: Array, speed_rad_s: float) -> None:
-        await self._raise_unless_ready()
-        async with self._answer_deadline("reading the joints"):
-            position = await read_pulses(self._link)
-        start = np.array(self._options.scale.to_joints(position.pulses))
         share = speed_share(speed_rad_s, self._options.fastest_axis_rad_s)
-        for step in step_targets(start, target, speed_rad_s * self._options.step_s):
-            self._raise_if_stopped()
-            pulses = self._options.scale.to_pulses(step)
-            await self._order_step(pulses, share, position.tool_number)
-            await self._follow_step(step)
-        await asyncio.sleep(self._options.settle_s)
-        await self._check_arrival(target)
-
-    async def _order_step(self, pulses: tuple[int, ...], share: int, tool_number: int) -> None:
+        tool_number = (await read_pulses(self._link)).tool_number
         try:
-            async with self._answer_deadline("ordering a move"):
-                await self._link.ask(move_order(pulses, share, tool_number))
+            await self._link.ask(move_order(pulses, share, tool_number))
         except RefusedError as refused:
             await self._raise_unless_ready()  # what stops the robot says more than its refusal
             raise refused from None
+        return partial(self._has_arrived, target_rad)
 
-    async def _follow_step(self, target: Array) -> None:
-        """Wait until the arm stands at the end of a step; as long as it moves, however slowly."""
-        loop = asyncio.get_running_loop()
-        before: tuple[int, ...] = ()
-        moved_at_s = loop.time()
-        while True:
-            async with self._answer_deadline("following the move"):
-                status = await read_status(self._link)
-                pulses = (await read_pulses(self._link)).pulses
-            if not (status.is_running and status.has_servo_power) or status.has_alarm:
-                if self._distance_rad(pulses, target) <= self._options.tolerance_rad:
-                    return
-                await self._raise_unless_ready()
-            self._raise_if_stopped()
-            now_s = loop.time()
-            if pulses != before:
-                before, moved_at_s = pulses, now_s
-            elif now_s - moved_at_s > self._options.stuck_s:
-                raise self._short_of_target_error(pulses, target)
-            await asyncio.sleep(_POLL_S)
+    async def _has_arrived(self, target: Array) -> bool:
+        """Return whether the arm stands at the end of a step; raise what stops it."""
+        status = await read_status(self._link)
+        if status.is_running and status.has_servo_power and not status.has_alarm:
+            return False
+        errors = np.abs(np.array(await self._read_angles()) - target)
+        if float(errors.max()) <= self._motion.tolerance_rad:
+            return True
+        await self._raise_unless_ready()
+        return False
 
-    async def _check_arrival(self, target: Array) -> None:
-        async with self._answer_deadline("reading the joints"):
-            pulses = (await read_pulses(self._link)).pulses
-        if self._distance_rad(pulses, target) > self._options.tolerance_rad:
-            raise self._short_of_target_error(pulses, target)
+    async def _halt_arm(self) -> None:
+        await self._link.ask(hold_order(on=True))
 
-    def _distance_rad(self, pulses: tuple[int, ...], target: Array) -> float:
-        return float(np.abs(np.array(self._options.scale.to_joints(pulses)) - target).max())
-
-    async def _raise_unless_ready(self) -> None:
-        condition = await self.read_condition()
-        if condition.readiness is Readiness.READY:
-            return
-        kinds: dict[Readiness, type[DeviceError]] = {Readiness.STOPPED: MotionStoppedError}
-        kind = kinds.get(condition.readiness, RefusedError)
-        raise kind(self.name, condition.message, remedy=condition.remedy)
-
-    def _raise_if_stopped(self) -> None:
-        if self._stop_ordered:
-            raise MotionStoppedError(
-                self.name,
-                "the move was stopped because a stop was asked for.",
-                remedy="Repeat the step when the arm may move on.",
-            )
-
-    def _short_of_target_error(self, pulses: tuple[int, ...], target: Array) -> MotionStoppedError:
-        errors = np.abs(np.array(self._options.scale.to_joints(pulses)) - target)
-        axis = int(errors.argmax())
-        return MotionStoppedError(
-            self.name,
-            f"the arm stands, but joint {axis + 1} is {math.degrees(errors[axis]):.2f} deg from its target.",
-            remedy="Look whether something blocks the arm or its speed is at zero, then repeat the step.",
-        )
-
-    # ending a move
-
-    async def _halt_after_cancel(self) -> None:
-        try:
-            await self._hold_arm()
-        except DeviceError as error:
-            _LOG.warning("%s: the move failed: %s", self.name, error)
-
-    async def _halt_for_stop(self) -> None:
-        try:
-            await self._hold_arm()
-        except DeviceError as error:
-            error.remedy = f"{_LOOK} {error.remedy}".strip()
-            raise
-        finally:
-            if self._stop_ordered:
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(self._options.deadline_s):
-                        await self._idle.wait()
-            self._stop_ordered = False
-
-    async def _hold_arm(self) -> None:
-        """Hold, wait for standstill, release the hold: what was ordered before is given up by the controller."""
-        async with self._answer_deadline("stopping", times=2):
-            await self._link.ask(hold_order(on=True))
-            before: tuple[int, ...] = ()
-            while (pulses := (await read_pulses(self._link)).pulses) != before:
-                before = pulses
-                await asyncio.sleep(_POLL_S)
-            await self._link.ask(hold_order(on=False))
+    async def _release_arm(self) -> None:
+        await self._link.ask(hold_order(on=False))
 
     # inside
 
@@ -317,18 +202,3 @@ class YaskawaRobot:
                 remedy="Teach the tool at the pendant, or select another one.",
             )
         return tool
-
-    @contextmanager
-    def _exclusive_use(self) -> Iterator[None]:
-        if self._doing:
-            raise BusyError(self.name, "a move is under way, another was asked for.")
-        self._doing, self._stop_ordered = "move", False
-        self._idle.clear()
-        try:
-            yield
-        finally:
-            self._doing = ""
-            self._idle.set()
-
-    def _answer_deadline(self, doing: str, *, times: int = 1) -> AbstractAsyncContextManager[None]:
-        return answer_deadline(self.name, times * self._options.deadline_s, doing)

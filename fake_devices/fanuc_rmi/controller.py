@@ -65,6 +65,7 @@ class RmiController:
         self.alarm_texts: list[str] = []
         self.motion_runs = self.is_paused = self.is_held = False
         self.next_sequence_id = 1
+        self.restarts_sequence = False  # as the manual says; a CRX does not
         self.queue: deque[QueuedMotion] = deque()
         self.running: QueuedMotion | None = None
         self.most_queued = 0  # ever, for tests
@@ -97,6 +98,8 @@ class RmiController:
         """Start RMI_MOVE."""
         self.refuse_unless_free()
         self.motion_runs, self.is_paused, self.is_held = True, False, False
+        if self.restarts_sequence:
+            self.next_sequence_id = 1
 
     def refuse_unless_free(self) -> None:
         """Refuse what needs servo power and a pendant that is off."""

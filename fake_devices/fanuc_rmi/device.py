@@ -47,6 +47,7 @@ class FakeFanucRmiRobot:
             "tool_switched": self._switch_tool,
             "alarm": lambda p: c.raise_alarm(str(p.pop("text", "SRVO-062 BZAL alarm (Group:1 Axis:3)"))),
             "clear_alarms": lambda _: c.clear_alarms(),
+            "sequence_restarts": lambda p: self._restart_sequence(bool(p.pop("on", True))),
             "hang_up": lambda _: self.server.hang_up(),
         }
 
@@ -125,6 +126,9 @@ class FakeFanucRmiRobot:
             "nominal_dh": arm.nominal_dh.tolist(),
             "base_flange": arm.base_flange().tolist(),
         }
+
+    def _restart_sequence(self, on: bool) -> None:
+        self.controller.restarts_sequence = on
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

@@ -182,7 +182,9 @@ class _Parked:
     link_radius_m: float
 
 
-def _parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array, radius_m: float) -> _Parked:
+def _parked(
+    model: RobotModel, wire: WirePath | None, floor_m: float, place: Array, radius_m: float
+) -> _Parked:
     """Return a posture with the flange near a place, away from singularities, limits and shapes."""
     floor = PlaneObstacle("floor", (0.0, 0.0, floor_m), (0.0, 0.0, 1.0))
     links = arm_shape(model, radius_m=radius_m, tip_in_flange_m=HOOK_IN_FLANGE_M)
@@ -205,13 +207,13 @@ def _parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array, rad
     return _Parked(np.round(joints[best], 3), float(room[best].min()), radius_m)
 
 
-def _first_parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array) -> Array:
+def _first_parked(model: RobotModel, floor_m: float, place: Array) -> Array:
     """Return a posture with the thickest links that leave one: those of some arms are close by construction."""
     *thicker, thinnest = _radii(model)
     for radius_m in thicker:
         with contextlib.suppress(DegenerateDataError):
-            return _parked(model, wire, floor_m, place, radius_m).joints_rad
-    return _parked(model, wire, floor_m, place, thinnest).joints_rad
+            return _parked(model, None, floor_m, place, radius_m).joints_rad
+    return _parked(model, None, floor_m, place, thinnest).joints_rad
 
 
 def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: RobotModel) -> Array:
@@ -220,9 +222,8 @@ def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: Rob
     stated = document.get("fake", {}).get("park_deg", {}).get(name)
     if stated is None:
         reach, height = _size(model)
-        free = WirePath((0.0, 0.0, height - 0.4 * reach), (0.0, 0.0, 0.0), 10.0 * reach, lowest_fraction=0.0)
         place = np.array([0.55 * reach, -0.2 * reach, height])
-        return _first_parked(model, free, height - 2.0 * reach, place)
+        return _first_parked(model, height - 2.0 * reach, place)
     values: Array = np.radians(np.asarray(stated, dtype=float))
     if (
         values.shape != (model.axis_count,)

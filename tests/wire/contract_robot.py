@@ -29,6 +29,7 @@ MODES = {  # a switch, and what the controller calls its places
     "fanuc": ("t1_mode", "AUTO", "T1"),
     "ur": ("local_mode", "remote control", "local control"),
     "rmi": ("pendant_on", "TP off", "TP on"),
+    "kuka": ("t1_mode", "AUT", "T1"),
     "motoman": ("teach_mode", "REMOTE", "TEACH"),
 }
 

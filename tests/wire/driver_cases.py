@@ -148,7 +148,17 @@ async def _heal_fanuc_rmi(fake_client: FakeCellClient, robot: Any) -> None:
     for fault in ("clear_alarms", "pendant_off"):
         await fake_client.inject_fault(fault, device="rmi")
     await fake_client.inject_fault("override", device="rmi", percent=100)
+    await fake_client.inject_fault("sequence_restarts", device="rmi", on=False)
     await fake_client.inject_fault("tool_switched", device="rmi", number=1)
+    await robot.stop()
+
+
+async def _heal_kuka(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in ("mend", "new_server"):
+        await fake_client.inject_fault(fault, device="kuka")
+    await fake_client.inject_fault("override", device="kuka", percent=100)
+    await fake_client.inject_fault("tool_switched", device="kuka", number=1)
     await robot.stop()
 
 
@@ -227,6 +237,17 @@ ROBOTS: dict[str, RobotCase] = {
         slow_fault=("override", {"percent": 15}),
         impatient={"stuck_s": 1.0},
         stranger=None,
+    ),
+    "kuka_variables": RobotCase(
+        name="kuka",
+        home_rad=(-1.3, -1.2, 1.3, 0.26, 0.85, 0.35),
+        away_rad=(1.3, -1.1, 1.4, 0.3, 0.9, 0.2),
+        slow_rad_s=0.075,
+        heal=_heal_kuka,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("open_gate", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
     ),
     "yaskawa": RobotCase(
         name="motoman",

@@ -76,6 +76,24 @@ point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
 
 [[robot]]
+name = "kuka"
+driver = "kuka_variables"
+address = "{address}"
+model = "kuka_kr10r1420"
+motion = "commanded"
+serial = "864231"
+fastest_axis_deg_s = 410.0
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
 name = "motoman"
 driver = "yaskawa"
 address = "{address}"

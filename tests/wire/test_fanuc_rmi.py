@@ -76,6 +76,7 @@ async def test_the_client_fanuc_ucl_reads_moves_and_leaves(
     cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
     await fake_client.inject_fault("clear_alarms", device=CASE.name)
+    await fake_client.inject_fault("sequence_restarts", device=CASE.name)  # as this client expects it
     config = cell.robot_named(CASE.name)
     target = (-18.0, 12.0, -24.0, 14.0, -58.0, 21.0)
 

@@ -13,7 +13,7 @@ from yrcom import MODEL_YRC1000, HsesClient, HsesFileClient, PulseMove
 
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
-from cellcal.drivers.wire.joint_steps import step_targets
+from cellcal.drivers.wire.stepwise_motion import step_targets
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest, read_answer
 from cellcal.drivers.yaskawa.motion import PulseScale, speed_share

@@ -48,12 +48,13 @@ class FanucRmiConfig(BaseModel):
     async def open(self) -> AsyncIterator["FanucRmiRobot"]:
         """Connect, and hang up at the end."""
         from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink  # noqa: PLC0415  a cell file is read without it
+        from cellcal.drivers.fanuc.rmi.rmi_state import AXES  # noqa: PLC0415  as above
         from cellcal.drivers.fanuc.rmi.robot import FanucRmiRobot, RmiOptions  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         link = RmiLink(self.name, self.address, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
-        options = RmiOptions(
-            self.serial,
-            self.model,
+        motion = StepwiseOptions(
+            AXES,
             self.deadline_s,
             self.speed_limit_rad_s,
             self.step_s,
@@ -61,6 +62,7 @@ class FanucRmiConfig(BaseModel):
             self.stuck_s,
             self.tolerance_rad,
         )
+        options = RmiOptions(self.serial, self.model, motion)
         robot = FanucRmiRobot(link, options)
         try:
             await robot.connect()

@@ -95,19 +95,35 @@ class RmiLink:
             self._answer = (name, answer)
             try:
                 await self._send({"Command": name, **fields})
-                return self._accept_reply(await answer)
+                return self.accept_reply(await answer)
             finally:
                 self._answer = None
 
-    async def send_instruction(self, name: str, sequence_id: int, **fields: Any) -> Packet:
-        """Send a motion once and return its reply, which comes when it was executed. Errors as for a command."""
+    async def send_instruction(self, name: str, sequence_id: int, **fields: Any) -> "asyncio.Future[Packet]":
+        """Send a motion once and return what will hold its reply, which comes when it was executed."""
         executed: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
-        self._instructions[sequence_id] = executed
-        try:
-            await self._send({"Instruction": name, "SequenceID": sequence_id, **fields})
-            return self._accept_reply(await executed)
-        finally:
-            self._instructions.pop(sequence_id, None)
+        self._instructions = {
+            sequence_id: executed
+        }  # one at a time: the reply to an earlier one is forgotten
+        await self._send({"Instruction": name, "SequenceID": sequence_id, **fields})
+        return executed
+
+    def accept_reply(self, reply: Packet) -> Packet:
+        """Return a reply; raise RefusedError where the controller refuses."""
+        code = reply.get("ErrorID", 0)
+        if code == 0:
+            return reply
+        if not isinstance(code, int):
+            raise self._unreadable("an ErrorID is no number")
+        number = code - _ERROR_BASE
+        entry = code_table("cellcal.drivers.fanuc.rmi", "refusals.tsv").get(number)
+        text = f"RMIT-{number:03d}, {entry.text}" if entry else f"error {code}"
+        raise RefusedError(
+            self.device,
+            f"the controller refuses: {text}.",
+            remedy=entry.remedy if entry else "Read the message on the pendant.",
+            vendor_code=code,
+        )
 
     # the connection
 
@@ -118,7 +134,7 @@ class RmiLink:
             reply = self._decode(await self._read_line(reader))
         finally:
             writer.close()
-        self._accept_reply(reply)
+        self.accept_reply(reply)
         port, major, minor = (reply.get(key) for key in ("PortNumber", "MajorVersion", "MinorVersion"))
         if not (isinstance(port, int) and 0 < port < 65536):
             raise self._unreadable("the reply to FRC_Connect names no port")
@@ -208,6 +224,7 @@ class RmiLink:
         for executed in self._instructions.values():
             if not executed.done():
                 executed.set_exception(error)
+                executed.exception()  # read here: the motion may have been given up meanwhile
 
     def _decode(self, line: bytes) -> Packet:
         try:
@@ -217,22 +234,6 @@ class RmiLink:
         if not isinstance(packet, dict):
             raise self._unreadable("a packet is no JSON object", line)
         return packet
-
-    def _accept_reply(self, reply: Packet) -> Packet:
-        code = reply.get("ErrorID", 0)
-        if code == 0:
-            return reply
-        if not isinstance(code, int):
-            raise self._unreadable("an ErrorID is no number")
-        number = code - _ERROR_BASE
-        entry = code_table("cellcal.drivers.fanuc.rmi", "refusals.tsv").get(number)
-        text = f"RMIT-{number:03d}, {entry.text}" if entry else f"error {code}"
-        raise RefusedError(
-            self.device,
-            f"the controller refuses: {text}.",
-            remedy=entry.remedy if entry else "Read the message on the pendant.",
-            vendor_code=code,
-        )
 
     def _lost(self, error: Exception) -> UnreachableError:
         reason = getattr(error, "strerror", None) or "the controller hung up"

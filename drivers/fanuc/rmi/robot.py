@@ -1,19 +1,17 @@
 """A FANUC arm over the Remote Motion Interface (option R912): joints, frames, moves, stop, alarms."""
 
 import asyncio
-import contextlib
 import logging
 import math
 import time
-from collections.abc import Iterator
-from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
-from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
+from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import (
     AXES,
     RmiStatus,
@@ -35,9 +33,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
-from cellcal.drivers.wire.cancellation import run_to_end
-from cellcal.drivers.wire.deadline import answer_deadline
-from cellcal.drivers.wire.joint_steps import step_targets
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -61,23 +57,15 @@ class RmiOptions:
 
     serial: str
     model: str
-    deadline_s: float
-    speed_limit_rad_s: float
-    step_s: float
-    settle_s: float
-    stuck_s: float
-    tolerance_rad: float
+    motion: StepwiseOptions
 
 
-class FanucRmiRobot:
+class FanucRmiRobot(StepwiseMotion):
     """Robot with frames, mode and override. Mastering is not reached over this link."""
 
     def __init__(self, link: RmiLink, options: RmiOptions) -> None:
+        super().__init__(options.motion)
         self._link, self._options = link, options
-        self._doing = ""
-        self._stop_ordered = False
-        self._idle = asyncio.Event()
-        self._idle.set()
 
     @property
     def name(self) -> str:
@@ -153,155 +141,42 @@ class FanucRmiRobot:
     async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
         return await self._write_frame("UFrame", number, base_user)
 
-    async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
-        target, speed_rad_s = self._check_target(target_rad, speed_rad_s)
-        with self._exclusive_use("move"):
-            try:
-                await self._move_in_steps(target, speed_rad_s)
-            except asyncio.CancelledError:
-                await run_to_end(self._halt_quietly())
-                raise
-            except DeviceError as error:
-                _LOG.warning("%s: the move failed: %s", self.name, error)
-                await run_to_end(self._halt_quietly())
-                raise error from None
-
-    async def stop(self) -> None:
-        self._stop_ordered = not self._idle.is_set()
-        await run_to_end(self._halt_for_stop())
-
     # a move
 
-    def _check_target(self, target_rad: Joints, speed_rad_s: float) -> tuple[Array, float]:
-        if len(target_rad) != AXES or not all(map(math.isfinite, target_rad)):
-            raise RefusedError(self.name, "a target needs six finite joint angles.")
-        if not (math.isfinite(speed_rad_s) and speed_rad_s > 0):
-            raise RefusedError(self.name, "a speed must be finite and above zero.")
-        return np.array(target_rad, dtype=float), min(speed_rad_s, self._options.speed_limit_rad_s)
+    async def _read_angles(self) -> Joints:
+        return (await read_joint_angles(self._link))[0]
 
-    async def _move_in_steps(self, target: Array, speed_rad_s: float) -> None:
-        await self._raise_unless_ready()
-        async with self._answer_deadline("starting remote motion", times=2):
-            await self._initialise()
-            joints, _ = await read_joint_angles(self._link)
-        start = np.array(joints)
-        for step in step_targets(start, target, speed_rad_s * self._options.step_s):
-            self._raise_if_stopped()
-            await self._follow_step(step, float(np.abs(step - start).max()) / speed_rad_s)
-            start = step
-        await asyncio.sleep(self._options.settle_s)
-        await self._check_arrival(target)
-
-    async def _initialise(self) -> None:
-        """Start RMI_MOVE, where it does not run on this connection already."""
-        status = await read_status(self._link)
-        if not status.motion_runs:
+    async def _begin_motion(self, speed_rad_s: float) -> None:
+        """Start RMI_MOVE, where it does not run already."""
+        if not (await read_status(self._link)).motion_runs:
             await self._link.send_command("FRC_Initialize")
 
-    async def _follow_step(self, target: Array, at_speed_s: float) -> None:
-        """Order one step and wait for its reply; as long as the arm moves, however slowly."""
-        async with self._answer_deadline("ordering a move"):
-            sequence_id = (await read_status(self._link)).next_sequence_id
-        angles = {f"J{axis + 1}": math.degrees(value) for axis, value in enumerate(target)}
-        order = asyncio.create_task(
-            self._link.send_instruction(
-                "FRC_JointMotionJRep",
-                sequence_id,
-                JointAngle=angles,
-                SpeedType="mSec",
-                Speed=max(1, math.ceil(at_speed_s * 1000.0)),
-                TermType="FINE",
-                TermValue=0,
-            )
+    async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
+        sequence_id = (await read_status(self._link)).next_sequence_id
+        angles = {f"J{axis + 1}": math.degrees(value) for axis, value in enumerate(target_rad)}
+        reply = await self._link.send_instruction(
+            "FRC_JointMotionJRep",
+            sequence_id,
+            JointAngle=angles,
+            SpeedType="mSec",
+            Speed=max(1, math.ceil(duration_s * 1000.0)),
+            TermType="FINE",
+            TermValue=0,
         )
-        try:
-            await self._wait_for_step(order, target)
-        finally:
-            order.cancel()
-            with contextlib.suppress(asyncio.CancelledError, DeviceError):
-                await order
+        return partial(self._is_executed, reply)
 
-    async def _wait_for_step(self, order: "asyncio.Task[object]", target: Array) -> None:
-        loop = asyncio.get_running_loop()
-        before: tuple[float, ...] = ()
-        moved_at_s = loop.time()
-        while not (await asyncio.wait({order}, timeout=_POLL_S))[0]:
-            async with self._answer_deadline("following the move"):
-                joints, _ = await read_joint_angles(self._link)
-            self._raise_if_stopped()
-            if joints != before:
-                before, moved_at_s = joints, loop.time()
-            elif loop.time() - moved_at_s > self._options.stuck_s:
-                await self._raise_unless_ready()
-                raise self._short_of_target_error(joints, target)
-        try:
-            await order
-        except RefusedError as refused:
-            await self._raise_unless_ready()  # what stops the robot says more than its refusal
-            self._raise_if_stopped()
-            raise refused from None
+    async def _is_executed(self, reply: "asyncio.Future[Packet]") -> bool:
+        """Return whether the reply to a step has come; raise what it says."""
+        if not (await asyncio.wait({reply}, timeout=_POLL_S))[0]:
+            return False
+        self._link.accept_reply(reply.result())
+        return True
 
-    async def _check_arrival(self, target: Array) -> None:
-        async with self._answer_deadline("reading the joints"):
-            joints, _ = await read_joint_angles(self._link)
-        if float(np.abs(np.array(joints) - target).max()) > self._options.tolerance_rad:
-            await self._raise_unless_ready()
-            raise self._short_of_target_error(joints, target)
+    async def _halt_arm(self) -> None:
+        await self._link.send_command("FRC_Abort")
 
-    async def _raise_unless_ready(self) -> None:
-        condition = await self.read_condition()
-        if condition.readiness is Readiness.READY:
-            return
-        kinds: dict[Readiness, type[DeviceError]] = {Readiness.STOPPED: MotionStoppedError}
-        kind = kinds.get(condition.readiness, RefusedError)
-        raise kind(self.name, condition.message, remedy=condition.remedy)
-
-    def _raise_if_stopped(self) -> None:
-        if self._stop_ordered:
-            raise MotionStoppedError(
-                self.name,
-                "the move was stopped because a stop was asked for.",
-                remedy="Repeat the step when the arm may move on.",
-            )
-
-    def _short_of_target_error(self, joints: Joints, target: Array) -> MotionStoppedError:
-        errors = np.abs(np.array(joints) - target)
-        axis = int(errors.argmax())
-        return MotionStoppedError(
-            self.name,
-            f"the arm stands, but joint {axis + 1} is {math.degrees(errors[axis]):.2f} deg from its target.",
-            remedy="Look whether something blocks the arm or its speed is at zero, then repeat the step.",
-        )
-
-    # ending a move
-
-    async def _halt_quietly(self) -> None:
-        try:
-            await self._abort_motion()
-        except DeviceError as error:
-            _LOG.warning("%s: the move failed: %s", self.name, error)
-
-    async def _halt_for_stop(self) -> None:
-        try:
-            await self._abort_motion()
-        except DeviceError as error:
-            error.remedy = f"{_LOOK} {error.remedy}".strip()
-            raise
-        finally:
-            if self._stop_ordered:
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(self._options.deadline_s):
-                        await self._idle.wait()
-            self._stop_ordered = False
-
-    async def _abort_motion(self) -> None:
-        """End remote motion and wait for standstill; what was ordered before is given up by the controller."""
-        async with self._answer_deadline("stopping", times=2):
-            await self._link.send_command("FRC_Abort")
-            before: tuple[float, ...] = ()
-            while (joints := (await read_joint_angles(self._link))[0]) != before:
-                before = joints
-                await asyncio.sleep(_POLL_S)
+    async def _release_arm(self) -> None:
+        """Do nothing: the next motion starts RMI_MOVE again."""
 
     # inside
 
@@ -327,18 +202,3 @@ class FanucRmiRobot:
                 remedy="Check that the frame is not locked on the controller, then write again.",
             )
         return found
-
-    @contextmanager
-    def _exclusive_use(self, doing: str) -> Iterator[None]:
-        if self._doing:
-            raise BusyError(self.name, f"a {self._doing} is under way, a {doing} was asked for.")
-        self._doing, self._stop_ordered = doing, False
-        self._idle.clear()
-        try:
-            yield
-        finally:
-            self._doing = ""
-            self._idle.set()
-
-    def _answer_deadline(self, doing: str, *, times: int = 1) -> AbstractAsyncContextManager[None]:
-        return answer_deadline(self.name, times * self._options.deadline_s, doing)
