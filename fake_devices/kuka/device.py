@@ -18,7 +18,7 @@ from typing import Any
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
-from cellcal.fake_devices.kuka.server import LINK_FAULTS, VariableServer
+from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
 from cellcal.fake_devices.kuka.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.world import World
@@ -40,7 +40,7 @@ class FakeKukaRobot:
         self.controller.heartbeat_s *= world.watchdog_factor
         self._faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
-        self.server = VariableServer(host, port, VariableTable(self.controller), self._faults)
+        self.server = ProxyPort(host, port, VariableTable(self.controller), self._faults)
         self._ticks: list[asyncio.Task[None]] = []
         c = self.controller
         self._events: dict[str, Callable[[dict[str, Any]], None]] = {

@@ -23,7 +23,7 @@ LINK_FAULTS = ("silent", "refuse", "reset", "split", "stale", "short")
 _VERSION = "@PROXY_VERSION"
 
 
-class VariableServer:
+class ProxyPort:
     """One listening port."""
 
     def __init__(self, host: str, port: int, table: VariableTable, faults: LinkFaults) -> None:

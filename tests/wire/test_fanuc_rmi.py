@@ -109,6 +109,7 @@ async def test_the_client_fanuc_rmi_reads_frames_moves_and_leaves(
     cell: CellConfig, fake_client: FakeCellClient, tmp_path: Any
 ) -> None:
     await fake_client.inject_fault("clear_alarms", device=CASE.name)
+    await fake_client.inject_fault("sequence_restarts", device=CASE.name, on=False)
     config = cell.robot_named(CASE.name)
     status = await truth_of(fake_client)
 
