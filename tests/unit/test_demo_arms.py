@@ -1,6 +1,7 @@
 """Any six-axis robot behind the fakes: the world puts it where the catalogue does, by arithmetic of its own."""
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
