@@ -5,6 +5,7 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
+from cellcal.drivers.abb.robot_web_services.config import AbbWebServicesConfig
 from cellcal.drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
 from cellcal.drivers.fanuc.rmi.config import FanucRmiConfig
 from cellcal.drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
@@ -19,7 +20,12 @@ from cellcal.drivers.wire.program_file import ProgramWriter
 from cellcal.drivers.yaskawa.config import YaskawaConfig
 
 RobotConfig: TypeAlias = Annotated[
-    ModbusRobotConfig | UniversalRobotConfig | FanucRmiConfig | KukaVariablesConfig | YaskawaConfig,
+    ModbusRobotConfig
+    | UniversalRobotConfig
+    | AbbWebServicesConfig
+    | FanucRmiConfig
+    | KukaVariablesConfig
+    | YaskawaConfig,
     Field(discriminator="driver"),
 ]
 _AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import cellcal.fake_devices.abb.device
 import cellcal.fake_devices.draw_wire.device
 import cellcal.fake_devices.fanuc_rmi.device
 import cellcal.fake_devices.kuka.device
@@ -36,6 +37,7 @@ FACTORIES: dict[str, Factory] = {
     "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
     "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
     "kuka_variables": cellcal.fake_devices.kuka.device.create_kuka_robot,
+    "abb_web_services": cellcal.fake_devices.abb.device.create_abb_robot,
     "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
     "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
     "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,

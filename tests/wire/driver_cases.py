@@ -162,6 +162,14 @@ async def _heal_kuka(fake_client: FakeCellClient, robot: Any) -> None:
     await robot.stop()
 
 
+async def _heal_abb(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    await fake_client.inject_fault("mend", device="abb")
+    await fake_client.inject_fault("override", device="abb", percent=100)
+    await fake_client.inject_fault("tool_switched", device="abb", tool="tGripper")
+    await robot.stop()
+
+
 async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
     await fake_client.send_command("clear")
     for fault in (
@@ -246,6 +254,17 @@ ROBOTS: dict[str, RobotCase] = {
         heal=_heal_kuka,
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("open_gate", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+    ),
+    "abb_web_services": RobotCase(
+        name="abb",
+        home_rad=(-0.9, 0.17, 0.2, 0.26, 0.85, 0.35),
+        away_rad=(0.9, 0.3, 0.3, 0.3, 0.9, 0.2),
+        slow_rad_s=0.03,
+        heal=_heal_abb,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
         impatient={"stuck_s": 1.0},
     ),

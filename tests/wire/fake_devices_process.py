@@ -94,6 +94,24 @@ point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
 
 [[robot]]
+name = "abb"
+driver = "abb_web_services"
+address = "{address}"
+port = 8080
+model = "abb_irb1600_6_12"
+motion = "commanded"
+serial = "1600-500123"
+deadline_s = 3.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
 name = "motoman"
 driver = "yaskawa"
 address = "{address}"
