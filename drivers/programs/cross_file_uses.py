@@ -11,7 +11,9 @@ from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
+from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
 
@@ -292,6 +294,7 @@ def settle_positions(
     tool or frame depends on it; rows ``taught`` hold their own tool and frame.
     """
     tools, frames, barred = list(positions.tools), list(positions.user_frames), dict(positions.barred)
+    conditions = dict(positions.conditions)
     unused: list[int] = []
     for row, kind in enumerate(positions.kinds):
         if kind != CARTESIAN or row in barred:
@@ -307,10 +310,23 @@ def settle_positions(
             why = external_uses.reached(external_uses.file, routines.get(row, ""))
         elif array_name_of(keys[row]) in external_uses.visible:
             unused.append(row)
-        if why := why or external_uses.doubt_reason(tools[row], frames[row]):
-            barred[row] = why
+        why = why or external_uses.doubt_reason(tools[row], frames[row])
+        _settle_reason(positions, row, why, (barred, conditions))
     remarks = _unused_remarks(positions, unused)
-    return replace(positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred), remarks
+    settled = replace(
+        positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred, conditions=conditions
+    )
+    return settled, remarks
+
+
+def _settle_reason(
+    positions: Positions, row: int, why: str, found: tuple[dict[int, str], dict[int, ConditionalBar]]
+) -> None:
+    barred, conditions = found
+    if why == MOVED_BY_UNIT:
+        conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
+    elif why and not (why == SEEN_FROM_FLANGE and row in positions.held_work):
+        barred[row] = why
 
 
 def _unused_remarks(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...]:

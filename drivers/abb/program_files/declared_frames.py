@@ -76,6 +76,7 @@ class DeclaredFrames:
         user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
         if found[1].upper() == "TRUE":
             self.uses.seen_from_flange.add(name.lower())
+            self.uses.held_objects.add(name.lower())
             self.found.add_remark(found.start(), "foreign", _HELD_TEXT.format(name))
         elif found[2].upper() == "FALSE":
             self.uses.moved.add(name.lower())
