@@ -1,0 +1,155 @@
+"""Programs with a rail or a positioner, moved, against a calculation by plain numpy: 1e-3 mm and 1e-4 deg."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.drivers.program_registry import brand_named
+from cellcal.service.engineering.programs.move import move_transfer
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.result import LEFT, ProgramResult
+from cellcal.service.exit_codes import ExitCode
+from tests.programs.external.brands import BRANDS, BrandSpelling, WrittenPoint, write_fanuc
+from tests.programs.external.cells import FRAME, ON_TABLE, TOOL, HandCell, rail, table
+from tests.programs.external.hand_geometry import Array, apart, arm, flange_of, pose
+
+CHANGE = pose((0.012, -0.008, 0.006), (0.01, -0.02, 0.06))
+WITHIN_MM, WITHIN_DEG = 1e-3, 1e-4
+brands = pytest.mark.parametrize("name", list(BRANDS))
+coordination = pytest.mark.parametrize("coordinated", [True, False])
+
+
+def move(project: Project, spelling: BrandSpelling, text: str, change: Array = CHANGE) -> ProgramResult:
+    brand = brand_named(spelling.brand)
+    program = brand.read(spelling.file, text.encode())
+    return move_transfer(project, change, brand.configurations, joints="move").transfer_programs([program])[0]
+
+
+def moved_points(result: ProgramResult, spelling: BrandSpelling) -> list[WrittenPoint]:
+    return spelling.read(result.after.to_bytes().decode())
+
+
+def expected_tips(cell: HandCell, points: list[WrittenPoint], change: Array) -> list[Array]:
+    """Return where each tip shall be in its user frame."""
+    found = []
+    for point in points:
+        frame = cell.entered_frame(point.axes)
+        assert point.tip is not None
+        in_cell = cell.base(point.axes) @ frame @ point.tip
+        work = cell.work(point.axes)
+        new = work @ change @ np.linalg.inv(work) @ in_cell
+        found.append(np.linalg.inv(frame) @ np.linalg.inv(cell.base(point.axes)) @ new)
+    return found
+
+
+def assert_moved(cell: HandCell, result: ProgramResult, before: list[WrittenPoint]) -> None:
+    after = moved_points(result, cell.spelling)
+    assert not result.excluded_points
+    assert result.exit_code is ExitCode.PASS
+    assert len(after) == len(before)
+    for old, new, tip in zip(before, after, expected_tips(cell, before, CHANGE), strict=True):
+        assert new.axes == old.axes
+        assert new.tip is not None
+        distance, angle = apart(new.tip, tip)
+        assert distance < WITHIN_MM
+        assert angle < WITHIN_DEG
+        assert apart(new.tip, old.tip)[0] > 1  # type: ignore[arg-type]
+
+
+@brands
+@coordination
+def test_a_rail_s_points_go_along_with_the_work(name: str, coordinated: bool, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    cell = HandCell(spelling, (rail(spelling, coordinated=coordinated, sign=-1, zero=150.0),))
+    values = [{spelling.rail: value} for value in (150.0, 400.0, -220.5, 1250.25, 80.0)]
+    text = spelling.write(cell.points(values), spelling.frame)
+    result = move(cell.project(tmp_path), spelling, text)
+    assert_moved(cell, result, spelling.read(text))
+
+
+@brands
+@coordination
+def test_a_positioner_s_points_go_along_with_the_work(name: str, coordinated: bool, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    axis = table(spelling, coordinated=coordinated, zero=30.0)
+    cell = HandCell(spelling, (axis,), frame=axis.frame @ ON_TABLE if coordinated else FRAME)
+    values = [{spelling.table: value} for value in (30.0, 75.0, -40.25, 120.0, 0.0)]
+    text = spelling.write(cell.points(values), spelling.frame)
+    result = move(cell.project(tmp_path), spelling, text)
+    assert_moved(cell, result, spelling.read(text))
+
+
+@brands
+def test_a_robot_on_a_rail_beside_a_table(name: str, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    axes = (rail(spelling), table(spelling, coordinated=False, sign=-1))
+    cell = HandCell(spelling, axes)
+    values = [{spelling.rail: 300.0 * k, spelling.table: 25.0 * k - 40} for k in range(5)]
+    text = spelling.write(cell.points(values), spelling.frame)
+    result = move(cell.project(tmp_path), spelling, text)
+    assert_moved(cell, result, spelling.read(text))
+
+
+@pytest.mark.parametrize("name", [name for name, one in BRANDS.items() if one.in_joints])
+def test_joint_points_on_a_rail_go_along(name: str, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    unsaid = '[unsaid]\ntool = "tGrip"\n' if name == "abb" else ""
+    cell = HandCell(spelling, (rail(spelling, sign=-1),), lines=unsaid)
+    values = [{spelling.rail: value} for value in (0.0, 400.0, -220.5, 1250.25, 80.0)]
+    text = spelling.write(cell.points(values, joints=True), spelling.frame)
+    result = move(cell.project(tmp_path), spelling, text)
+    assert not result.excluded_points
+    model = arm(spelling.model)
+    for old, new in zip(spelling.read(text), moved_points(result, spelling), strict=True):
+        assert old.joints is not None
+        assert new.joints is not None
+        base = cell.base(old.axes)
+        before, after = (base @ flange_of(model, joints) @ TOOL for joints in (old.joints, new.joints))
+        distance, angle = apart(CHANGE @ before, after)
+        assert distance < WITHIN_MM
+        assert angle < WITHIN_DEG
+        assert new.axes == old.axes
+
+
+@brands
+@pytest.mark.parametrize("sort", ["rail", "table"])
+def test_axes_that_the_project_does_not_state_leave_their_points(name: str, sort: str, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    axis = rail(spelling) if sort == "rail" else table(spelling, coordinated=False)
+    cell = HandCell(spelling, (axis,))
+    text = spelling.write(cell.points([{axis.axis: 100.0}]), spelling.frame)
+    result = move(HandCell(spelling, ()).project(tmp_path), spelling, text)
+    assert result.after.to_bytes() == text.encode()
+    assert set(result.status) == {LEFT}
+    assert any("external axes" in reason for reason in result.reason)
+    assert result.exit_code is ExitCode.REFUSED
+
+
+@brands
+def test_a_point_that_states_no_value_or_one_beyond_the_range_is_left(name: str, tmp_path: Path) -> None:
+    spelling = BRANDS[name]
+    cell = HandCell(spelling, (rail(spelling),))
+    points = cell.points([{spelling.rail: 100.0}])
+    points[2] = WrittenPoint(points[2].tip, None, {spelling.rail: 4000.5})
+    if name != "yaskawa":
+        points[3] = WrittenPoint(points[3].tip, None, {})
+    text = spelling.write(points, spelling.frame)
+    result = move(cell.project(tmp_path), spelling, text)
+    reasons = dict(result.excluded_points)
+    assert "beyond its range" in result.reason[2]
+    assert len(reasons) == (1 if name == "yaskawa" else 2)
+    if name != "yaskawa":
+        assert "does not say where" in result.reason[3]
+    assert result.exit_code is ExitCode.REFUSED
+
+
+def test_a_led_motion_goes_along_where_the_project_states_the_leader(tmp_path: Path) -> None:
+    spelling = BRANDS["fanuc"]
+    cell = HandCell(spelling, (table(spelling, coordinated=False),))
+    text = write_fanuc(cell.points([{spelling.table: 20.0 * k} for k in range(5)]), spelling.frame, "COORD")
+    result = move(cell.project(tmp_path), spelling, text)
+    assert_moved(cell, result, spelling.read(text))
+    unstated = move(HandCell(spelling, ()).project(tmp_path / "other"), spelling, text)
+    assert unstated.after.to_bytes() == text.encode()
+    assert unstated.exit_code is ExitCode.REFUSED
