@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 
 
 class AxisUnit(StrEnum):
@@ -24,12 +24,12 @@ class ExternalColumn:
     other_group: bool = False  # of another motion group, whose records stand beside the robot's
 
 
-class ProjectNeed(StrEnum):
+class ProjectNeed(Enum):
     """What a project must state before a position may be changed."""
 
-    LEADER = "leader"  # of a motion that another group leads: a coordinated positioner
-    MOVED_FRAME = "moved_frame"  # of a frame that an axis moves: a coordinated positioner that carries it
-    STANDING_TOOL = "standing_tool"  # a tool that stands in the cell
+    LEADER = auto()  # of a motion that another group leads: a coordinated positioner
+    MOVED_FRAME = auto()  # of a frame that an axis moves: a coordinated positioner that carries it
+    STANDING_TOOL = auto()  # a tool that stands in the cell
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ _T = TypeVar("_T")
 
 _EXTERNAL = (
     "{} holds values of external axes. Whether they are millimetres or degrees stands in the configuration; "
-    "they are taken as millimetres, and never changed."
+    "what they move stands in the project."
 )
 
 

@@ -244,22 +244,23 @@ class TargetUses:
 
     def _barred_reason(self, uses: frozenset[ToolAndFrame]) -> str:
         """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
-        if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
-            return MOVED_BY_UNIT
         if any(part is not None and part.lower() in self.several for use in uses for part in use):
             return _BARRED_SEVERAL
         if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
             return BARRED_SET
         if len(uses) > 1:
             return _BARRED_DIFFERENT
-        return _BARRED_COMPUTED if None in next(iter(uses)) else ""
+        tool, frame = next(iter(uses))
+        if tool is None or frame is None:
+            return _BARRED_COMPUTED
+        return MOVED_BY_UNIT if frame.lower() in self.moved else ""
 
     def doubtful_frames(self) -> dict[str, str]:
         """Return tools and work objects in which no target may be carried, and why."""
         return (
-            dict.fromkeys(self.set_while_running, BARRED_SET)
-            | dict.fromkeys(self.moved, MOVED_BY_UNIT)
+            dict.fromkeys(self.moved, MOVED_BY_UNIT)
             | dict.fromkeys(self.seen_from_flange, SEEN_FROM_FLANGE)
+            | dict.fromkeys(self.set_while_running, BARRED_SET)
         )
 
     def _spell_use(self, tool: str | None, frame: str | None) -> ToolAndFrame:

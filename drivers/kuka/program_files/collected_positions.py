@@ -41,7 +41,7 @@ _T = TypeVar("_T")
 _PARTIAL = "{} leaves coordinates to what the robot has at that moment; it is not changed."
 _EXTERNAL = (
     "{} holds values of external axes. Whether they are millimetres or degrees stands in the machine data; "
-    "they are taken as millimetres, and never changed."
+    "what they move stands in the project."
 )
 
 

@@ -37,7 +37,8 @@ FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
 FRAME_SET = "it is a FRAME without status and turn that the program sets while it runs"
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
-    "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. It is not changed."
+    "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. "
+    "It needs [held_work] in the project."
 )
 
 

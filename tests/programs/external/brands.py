@@ -73,7 +73,9 @@ def write_fanuc(points: Sequence[WrittenPoint], frame: str, option: str = "") ->
             )
         else:
             assert point.joints is not None
-            angles = ",\n".join(f"\tJ{i}= {v:.6f} deg" for i, v in enumerate(np.degrees(point.joints), start=1))
+            angles = ",\n".join(
+                f"\tJ{i}= {v:.6f} deg" for i, v in enumerate(np.degrees(point.joints), start=1)
+            )
             text = f"\tUF : {frame}, UT : 1,\n{angles}{own}"
         body = f"   GP1:\n{text}\n"
         for group, axes in sorted(groups.items()):
@@ -219,9 +221,15 @@ def read_yaskawa(text: str) -> list[WrittenPoint]:
     return found
 
 
-_UP = tuple((8.0 * k + 6, 6.0 - 4 * k, -6.0 + 3 * k, 12 + 5 * k, -52.0 - 3 * k, 10.0 + 4 * k) for k in range(5))
-_KUKA = tuple((-8.0 * k - 6, -92.0 + 4 * k, 96.0 - 3 * k, -12.0 - 5 * k, 48.0 + 3 * k, -10.0 - 4 * k) for k in range(5))
-_ABB = tuple((8.0 * k + 6, 6.0 - 4 * k, 6.0 + 3 * k, 12 + 5 * k, 48.0 + 3 * k, 10.0 + 4 * k) for k in range(5))
+_UP = tuple(
+    (8.0 * k + 6, 6.0 - 4 * k, -6.0 + 3 * k, 12 + 5 * k, -52.0 - 3 * k, 10.0 + 4 * k) for k in range(5)
+)
+_KUKA = tuple(
+    (-8.0 * k - 6, -92.0 + 4 * k, 96.0 - 3 * k, -12.0 - 5 * k, 48.0 + 3 * k, -10.0 - 4 * k) for k in range(5)
+)
+_ABB = tuple(
+    (8.0 * k + 6, 6.0 - 4 * k, 6.0 + 3 * k, 12 + 5 * k, 48.0 + 3 * k, 10.0 + 4 * k) for k in range(5)
+)
 KUKA_TURN = 0b101011
 BRANDS = {
     "fanuc": BrandSpelling(
@@ -234,7 +242,16 @@ BRANDS = {
         "abb", "abb_irb120", "rail.mod", "eax_a", "eax_b", "tGrip", "wTab", _ABB, write_abb, read_abb
     ),
     "yaskawa": BrandSpelling(
-        "yaskawa", "yaskawa_ar2010", "rail.jbi", "B1", "S1", "1", "2", _UP, write_yaskawa, read_yaskawa,
+        "yaskawa",
+        "yaskawa_ar2010",
+        "rail.jbi",
+        "B1",
+        "S1",
+        "1",
+        "2",
+        _UP,
+        write_yaskawa,
+        read_yaskawa,
         in_joints=False,
-    ),  # fmt: skip
+    ),
 }

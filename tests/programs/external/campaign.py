@@ -99,16 +99,16 @@ def _held_cell(name: str, rng: np.random.Generator, change: Array) -> GeneratedC
     points = []
     for posture in spelling.postures:
         values = _any_values(axes, rng, still=False)
-        stand = _STAND if not true.axes or not axes[0].coordinated else np.linalg.inv(true.base(values)) @ _STAND
+        stand = (
+            _STAND if not true.axes or not axes[0].coordinated else np.linalg.inv(true.base(values)) @ _STAND
+        )
         tip = np.linalg.inv(flange_of(arm(spelling.model), np.radians(posture)) @ _WORK) @ stand
         points.append(WrittenPoint(tip, None, values))
     text = (
         write_kuka(points, "2", "#TCP") if name == "kuka" else write_abb(points, "wHeld", "tStand", _DECLARED)
     )
     lines = _STATED_TOOLS[name] if rng.random() < 0.7 else ""
-    return GeneratedCell(
-        true, replace(true, lines=lines), spelling.read(text), text, change, held=True
-    )
+    return GeneratedCell(true, replace(true, lines=lines), spelling.read(text), text, change, held=True)
 
 
 def _any_axes(name: str, rng: np.random.Generator, *, zeros: bool) -> list[HandAxis]:
@@ -140,7 +140,9 @@ def try_cell(name: str, seed: int, tally: ExternalTally) -> None:
     with tempfile.TemporaryDirectory() as folder:
         project = made.project.project(Path(folder))
     program = brand.read(spelling.file, made.text.encode())
-    result = move_transfer(project, made.change, brand.configurations, joints="move").transfer_programs([program])[0]
+    result = move_transfer(project, made.change, brand.configurations, joints="move").transfer_programs(
+        [program]
+    )[0]
     after = spelling.read(result.after.to_bytes().decode())
     rows = [row for row, group in enumerate(program.positions.groups.tolist()) if group == 1]
     tally.programs += 1
@@ -169,6 +171,7 @@ def find_wrong_point(made: GeneratedCell, old: WrittenPoint, new: WrittenPoint, 
         return "an external axis changed"
     if left:
         return "" if _same(old, new) else "it is left, and changed"
+    old, new = (replace(one, axes={**_still_axes(made), **one.axes}) for one in (old, new))
     missing = [axis.axis for axis in made.true.axes if axis.axis not in old.axes]
     if missing:
         return f"it moved, and nothing says where {missing[0]} stands"
@@ -183,6 +186,11 @@ def find_wrong_point(made: GeneratedCell, old: WrittenPoint, new: WrittenPoint, 
     return f"it is {distance:.4f} mm and {angle:.5f} deg off"
 
 
+def _still_axes(made: GeneratedCell) -> dict[str, float]:
+    """Return axes that the project does not state and the program never moves: they stand at zero."""
+    stated = {axis.axis for axis in made.project.axes}
+    moved = {name for point in made.points for name, value in point.axes.items() if value}
+    return {axis.axis: 0.0 for axis in made.true.axes if axis.axis not in stated | moved}
 
 
 def _tip(made: GeneratedCell, point: WrittenPoint) -> Array:

@@ -84,15 +84,17 @@ def test_a_table_that_cannot_be_used(old: str, new: str, says: str, tmp_path: Pa
 
 
 def test_an_axis_in_the_unit_of_the_other_kind_leaves_its_points(tmp_path: Path) -> None:
-    from cellcal.drivers.program_registry import brand_named  # noqa: PLC0415
-    from cellcal.service.engineering.programs.move import move_transfer  # noqa: PLC0415
+    from cellcal.drivers.program_registry import brand_named
+    from cellcal.service.engineering.programs.move import move_transfer
 
     spelling = BRANDS["fanuc"]
     cell = HandCell(spelling, (rail(spelling),))
     text = spelling.write(cell.points([{"E1": 100.0}]), spelling.frame).replace("100.000000 mm", "100.0 deg")
     brand = brand_named("fanuc")
     program = brand.read(spelling.file, text.encode())
-    result = move_transfer(cell.project(tmp_path), np.eye(4), brand.configurations).transfer_programs([program])[0]
+    result = move_transfer(cell.project(tmp_path), np.eye(4), brand.configurations).transfer_programs(
+        [program]
+    )[0]
     assert "in deg" in result.reason[0]
     assert "prismatic" in result.reason[0]
 

@@ -114,7 +114,9 @@ def test_joint_points_on_a_rail_go_along(name: str, tmp_path: Path) -> None:
 
 @brands
 @pytest.mark.parametrize("sort", ["rail", "table"])
-def test_axes_that_the_project_does_not_state_leave_their_points(name: str, sort: str, tmp_path: Path) -> None:
+def test_axes_that_the_project_does_not_state_leave_their_points(
+    name: str, sort: str, tmp_path: Path
+) -> None:
     spelling = BRANDS[name]
     axis = rail(spelling) if sort == "rail" else table(spelling, coordinated=False)
     cell = HandCell(spelling, (axis,))

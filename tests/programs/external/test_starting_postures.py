@@ -18,7 +18,9 @@ from tests.programs.external.cells import TOOL, HandCell
 from tests.programs.external.hand_geometry import apart, arm, flange_of
 from tests.programs.external.test_clones_and_compensation import joints_of, real_arm, write_project
 
-POSTURES = np.radians([[10, -80, 90, -100, -85, 15], [25, -70, 80, -95, -80, 30], [-15, -95, 105, -100, -95, 5]])
+POSTURES = np.radians(
+    [[10, -80, 90, -100, -85, 15], [25, -70, 80, -95, -80, 30], [-15, -95, 105, -100, -95, 5]]
+)
 ELBOW_DOWN = np.radians([10, 5, -90, -10, -85, 15])
 
 
