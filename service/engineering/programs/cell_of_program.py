@@ -12,6 +12,7 @@ from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.external_settings import sets_external_axes
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
 from cellcal.service.engineering.programs.external.point_reasons import external_reasons
 from cellcal.service.engineering.programs.external.point_values import PointAxes
@@ -128,7 +129,11 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         A program of an arm with another number of joints: every joint position says so.
     """
     axes = cell.nominal.axis_count
-    found = [external_reasons(program, cell.axes, cell.standing_tools, axes) for program in programs]
+    set_later = len(cell.axes) > 0 and any(sets_external_axes(one.brand, one.to_bytes()) for one in programs)
+    found = [
+        external_reasons(program, cell.axes, cell.standing_tools, axes, set_later=set_later)
+        for program in programs
+    ]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
     return ProgramPoints(
@@ -242,6 +247,13 @@ def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     return name is None or _is_same_name(name, base_of(program.brand), program.brand)
 
 
+def _entered_frame(project: Project, frame: str | None, brand: str) -> Array | None:
+    """Return a user frame as its controller has it: from the axis, where an axis turns it."""
+    found = entry_named(project.frames, frame or "", brand)
+    table = entry_named(project.table_frames, frame or "", brand)
+    return found if found is None or table is None else inverse_transform(table) @ found
+
+
 def find_contradiction(
     project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
 ) -> str:
@@ -257,7 +269,7 @@ def find_contradiction(
         (
             "user frame",
             frame,
-            entry_named(project.frames, frame or "", brand),
+            _entered_frame(project, frame, brand),
             frames,
             (base_of(brand), *_ALWAYS.get(brand, ())),
         ),

@@ -155,3 +155,53 @@ def test_a_led_motion_goes_along_where_the_project_states_the_leader(tmp_path: P
     unstated = move(HandCell(spelling, ()).project(tmp_path / "other"), spelling, text)
     assert unstated.after.to_bytes() == text.encode()
     assert unstated.exit_code is ExitCode.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("abb", "PROC main()", "PROC main()\np1.extax.eax_a:=500;"),
+        ("fanuc", "/POS", "   9:  PR[1,7]=500    ;\n/POS"),
+        ("yaskawa", "NOP", "NOP\nSETE BP001 (1) 500"),
+    ],
+)
+def test_a_program_that_sets_an_axis_while_it_runs_leaves_its_points(
+    name: str, old: str, new: str, tmp_path: Path
+) -> None:
+    spelling = BRANDS[name]
+    cell = HandCell(spelling, (rail(spelling),))
+    text = spelling.write(cell.points([{spelling.rail: 100.0}]), spelling.frame).replace(old, new, 1)
+    result = move(cell.project(tmp_path), spelling, text)
+    assert set(result.status) == {LEFT}
+    assert "sets values of external axes" in result.reason[0]
+    assert result.exit_code is ExitCode.REFUSED
+
+
+@pytest.mark.parametrize("turned", [True, False])
+def test_krl_that_takes_its_base_from_a_turning_table(turned: bool, tmp_path: Path) -> None:
+    spelling = BRANDS["kuka"]
+    axis = table(spelling)
+    cell = HandCell(spelling, (axis,), frame=axis.frame @ ON_TABLE)
+    point = spelling.read(spelling.write(cell.points([{"E2": 40.0}]), "2"))[0]
+    assert point.tip is not None
+    data = spelling.write([point], "2").splitlines()[1].partition("=")[2]
+    text = (
+        "DEF RAIL()\n$BASE = EK(MACHINE_DEF[2].ROOT, MACHINE_DEF[2].MECH_TYPE, BASE_DATA[2])\n"
+        f"$TOOL = TOOL_DATA[1]\nLIN {data}\nEND\n"
+    )
+    brand = brand_named("kuka")
+    stated = cell if turned else HandCell(spelling, (table(spelling, coordinated=False),))
+    program = brand.read("rail.src", text.encode())
+    result = move_transfer(
+        stated.project(tmp_path), CHANGE, brand.configurations, joints="move"
+    ).transfer_programs([program])[0]
+    if not turned:
+        assert result.reason == ("an external axis turns its base, and no program file holds how",)
+        return
+    assert not result.excluded_points
+    moved = result.after.to_bytes().decode().replace("LIN {", "DECL E6POS X={")
+    new = spelling.read(moved)[0]
+    assert new.tip is not None
+    distance, angle = apart(new.tip, expected_tips(cell, [point], CHANGE)[0])
+    assert distance < WITHIN_MM
+    assert angle < WITHIN_DEG

@@ -28,6 +28,7 @@ from cellcal.service.engineering.programs.other_axes import (
 
 OTHER_GROUP = "belongs to another motion group than the robot"
 NOT_SAID = "does not say where {} stands"
+SET_LATER = "a program sets values of external axes while it runs"
 NO_FRAME = "its program names no user frame, so nothing tells whether its work is on {}"
 
 
@@ -41,9 +42,9 @@ class ExternalReasons:
 
 
 def external_reasons(
-    program: ProgramFile, axes: CellAxes, tools: StandingTools, joint_count: int
+    program: ProgramFile, axes: CellAxes, tools: StandingTools, joint_count: int, *, set_later: bool
 ) -> ExternalReasons:
-    """Return why positions of a program are left.
+    """Return why positions of a program are left; ``set_later`` where a program of its batch sets external axes.
 
     Raises
     ------
@@ -70,6 +71,8 @@ def external_reasons(
             reasons[row] = condition.why
     if len(axes):
         _add_axis_reasons(program, axes, point_axes, reasons, stays)
+        if set_later:
+            _add_set_later(program, axes, reasons, stays)
     return ExternalReasons(reasons, stays, point_axes)
 
 
@@ -130,6 +133,17 @@ def _add_axis_reasons(
         joint_point = np.isfinite(positions.joints[row]).any() if positions.joints.shape[1] else False
         if not reasons[row] and frame is None and joint_point and tables and not carriers:
             reasons[row] = NO_FRAME.format(axes.axes[tables[0]].name)
+
+
+def _add_set_later(
+    program: ProgramFile, axes: CellAxes, reasons: list[str], stays: NDArray[np.bool_]
+) -> None:
+    """Leave points whose place depends on axes that a program sets: the file's value is not where they stand."""
+    is_any_track = any(axis.carries_robot for axis in axes.axes)
+    for row, frame in enumerate(program.positions.user_frames):
+        depends = is_any_track or axes.carriers_of(frame, caseless=_is_caseless(program))
+        if depends and not stays[row]:
+            reasons[row] = reasons[row] or SET_LATER
 
 
 def _axis_reason(row: int, needed: Sequence[int], axes: CellAxes, point_axes: PointAxes) -> str:
