@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from cellcal.service.exit_codes import ExitCode
-from tests.programs.external.brands import BRANDS, BrandSpelling, WrittenPoint, write_fanuc
+from tests.programs.external.brands import BRANDS, BrandSpelling, WrittenPoint, write_abb, write_fanuc
 from tests.programs.external.cells import FRAME, ON_TABLE, TOOL, HandCell, rail, table
 from tests.programs.external.hand_geometry import Array, apart, arm, flange_of, pose
 
@@ -205,3 +206,33 @@ def test_krl_that_takes_its_base_from_a_turning_table(turned: bool, tmp_path: Pa
     distance, angle = apart(new.tip, expected_tips(cell, [point], CHANGE)[0])
     assert distance < WITHIN_MM
     assert angle < WITHIN_DEG
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_work_object_that_a_mechanical_unit_moves(elsewhere: bool, tmp_path: Path) -> None:
+    """The work object may stand in another module; without a coordinated positioner its targets are left."""
+    spelling = BRANDS["abb"]
+    axis = table(spelling)
+    cell = HandCell(spelling, (axis,), frame=axis.frame @ ON_TABLE)
+    declared = 'PERS wobjdata wTab:=[FALSE,FALSE,"STN1",[[0,0,0],[1,0,0,0]],[[30,20,50],[1,0,0,0]]];'
+    points = cell.points([{spelling.table: 30.0 * k} for k in range(5)])
+    text = write_abb(points, "wTab", declarations=() if elsewhere else (declared,))
+    files = {"cell.mod": f"MODULE CELL\n{declared}\nENDMODULE\n"} if elsewhere else {}
+    files[spelling.file] = text
+    brand = brand_named("abb")
+
+    def run(project: Project) -> ProgramResult:
+        read = [brand.read(name, one.encode()) for name, one in files.items()]
+        across = BatchDeclarations({name: one.declarations for name, one in zip(files, read, strict=True)})  # type: ignore[attr-defined]
+        read = [
+            one.with_external_uses(across.uses_of_file(name))  # type: ignore[attr-defined]
+            for name, one in zip(files, read, strict=True)
+        ]
+        return move_transfer(project, CHANGE, brand.configurations, joints="move").transfer_programs(read)[-1]
+
+    assert_moved(cell, run(cell.project(tmp_path / "stated")), spelling.read(text))
+    still = HandCell(spelling, (table(spelling, coordinated=False),), frame=cell.frame)
+    left = run(still.project(tmp_path / "still"))
+    assert set(left.status) == {LEFT}
+    assert "mechanical unit" in left.reason[0]
+    assert left.after.to_bytes() == text.encode()
