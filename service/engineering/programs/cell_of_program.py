@@ -13,9 +13,10 @@ from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.external_settings import sets_external_axes
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
 from cellcal.service.engineering.programs.external.point_reasons import external_reasons
 from cellcal.service.engineering.programs.external.point_values import PointAxes
+from cellcal.service.engineering.programs.point_columns import held_rows, joints_of, side_by_side
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
@@ -28,7 +29,6 @@ from cellcal.service.engineering.programs.robot_makes import (
 from cellcal.service.engineering.programs.starting_postures import StartingPostures
 
 Rows = NDArray[np.intp]
-Some = TypeVar("Some", bound=np.generic)
 Entry = TypeVar("Entry")
 CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
@@ -152,7 +152,7 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
             for p, each in zip(all_of, found, strict=True)
             for row, kind in enumerate(p.kinds)
         ],
-        held=np.array([row in p.held_work for p in all_of for row in range(len(p))], dtype=bool),
+        held=side_by_side([held_rows(p) for p in all_of], np.zeros(0, dtype=bool)),
         axis_values=side_by_side([each.point_axes.values for each in found], np.zeros((0, len(cell.axes)))),
         axes_of=tuple(each.point_axes for each in found),
         solved=np.full((sum(count), axes), np.nan),
@@ -367,11 +367,6 @@ def arm_length(model: RobotModel) -> float:
     return float(np.sqrt((places * places).sum(axis=1)).sum())
 
 
-def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
-    """Return columns of some programs one after the other."""
-    return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
-
-
 def _own_pose(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
     pose = entry_named(poses, name, brand)
     if pose is not None:
@@ -381,16 +376,6 @@ def _own_pose(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> 
 
 def _is_same_name(name: str, other: str, brand: str) -> bool:
     return name == other or (brand in CASELESS and name.lower() == other.lower())
-
-
-def joints_of(positions: Positions, axes: int) -> Array:
-    """Return the joints (N, axes) of a program's positions, NaN where it holds none."""
-    joints = positions.joints
-    if joints.shape[1] == axes:
-        return joints
-    wide = np.full((len(joints), axes), np.nan)
-    wide[:, : min(axes, joints.shape[1])] = joints[:, :axes]
-    return wide
 
 
 def _first_reason(kind: str, barred: str, axes: int) -> str:
