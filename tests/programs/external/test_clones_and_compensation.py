@@ -16,6 +16,7 @@ from cellcal.service.engineering.parameters.calibrated_models import nominal_sha
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, to_text
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
+from cellcal.service.engineering.programs.move import change_at_zero, instead_of_moving
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.external.brands import BRANDS, WrittenPoint
@@ -243,3 +244,29 @@ def test_a_cell_without_the_axis_gets_no_point(tmp_path: Path) -> None:
     assert len(result.excluded_points) == 5
     assert "one of the cells only" in result.reason[0]
     assert result.after.to_bytes() == text.encode()
+
+
+def test_a_move_that_was_measured_with_the_robot_elsewhere_on_its_rail(tmp_path: Path) -> None:
+    spelling = BRANDS["kuka"]
+    axis, nominal = rail(spelling), arm(spelling.model)
+    at = "at = { rail = 450.0 }\n"
+    cell = HandCell(spelling, (axis,))
+    project = write_project(
+        cell, tmp_path / "a", real=nominal, serial="A", fixture=pose((0.7, 0.2, 0.1)), at=at
+    )
+    seen = pose((0.01, -0.02, 0.005), (0.0, 0.01, 0.05))
+    carrier = axis.motion(450.0)
+    assert np.allclose(change_at_zero(project, seen), carrier @ seen @ np.linalg.inv(carrier), atol=1e-12)
+
+
+@pytest.mark.parametrize("coordinated", [True, False])
+def test_the_frame_that_could_be_entered_instead(coordinated: bool, tmp_path: Path) -> None:
+    """A frame on a table is typed as its controller has it; none makes up for a table that the controller ignores."""
+    spelling = BRANDS["kuka"]
+    axis = table(spelling, coordinated=coordinated)
+    cell = HandCell(spelling, (axis,), frame=axis.frame if coordinated else FRAME)
+    project = cell.project(tmp_path)
+    change = axis.frame @ pose((0.01, 0.02, 0.03)) @ np.linalg.inv(axis.frame)
+    said = instead_of_moving(project, spelling.frame, change)
+    assert ("X 10.000, Y 20.000, Z 30.000 mm" in said) == coordinated
+    assert bool(said) == coordinated
