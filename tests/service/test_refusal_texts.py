@@ -75,6 +75,8 @@ WHOLE = (
     "service/people",
     "service/engineering/programs/cell_of_program.py",
     "service/engineering/programs/point_checks.py",
+    "service/engineering/programs/external/point_reasons.py",
+    "service/engineering/programs/other_axes.py",
     "service/engineering/programs/postures.py",
     "service/engineering/programs/turned_shifts.py",
     "service/record",

@@ -16,6 +16,7 @@ from tests.soak import (
     day,
     desk_kills,
     durability,
+    external_axes,
     few_rows,
     fixtures,
     fleet_page,
@@ -105,7 +106,10 @@ def main() -> int:
     """Run the campaigns that are named, or all."""
     words = [word.partition("=") for word in sys.argv[1:] or CAMPAIGNS]
     parts = (
-        programs.of_one_generator() | program_speed.of_one_brand() | program_motion.of_one_language()
+        programs.of_one_generator()
+        | program_speed.of_one_brand()
+        | program_motion.of_one_language()
+        | external_axes.of_one_brand()
     )  # which run when they are named
     campaigns = CAMPAIGNS | parts
     unknown = [name for name, _, _ in words if name not in campaigns]
