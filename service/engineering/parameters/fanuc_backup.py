@@ -108,7 +108,7 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
         raise RecordFileError(
             f"group {group} has no axes in {backup.folder}; there are: {there}.", code="usage"
         )
-    if mastering.drives is None or not mastering.mastered or 0 in mastering.states:
+    if mastering.drives is None or not mastering.is_valid:
         raise RecordFileError(
             f"{backup.folder} was not imported: {'; '.join(mastering.findings)}.",
             remedy="Take a backup from a time when the robot was mastered on every axis.",
