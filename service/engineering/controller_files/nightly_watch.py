@@ -12,6 +12,7 @@ from cellcal.drivers.fanuc.controller_files.controller_address import parse_addr
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles, read_controller_files
 from cellcal.drivers.fanuc.controller_files.file_sources import FileSource, FolderSource
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.file_changes import (
     ChangeKind,
     FileChange,
@@ -85,7 +86,11 @@ def open_source(text: str, login: FtpLogin) -> Iterator[FileSource]:
 def read_controller(text: str, login: FtpLogin, *, with_programs: bool = True) -> ControllerFiles:
     """Read the files of a controller, or of a folder with its backup."""
     with open_source(text, login) as source:
-        return read_controller_files(source, with_programs=with_programs)
+        try:
+            return read_controller_files(source, with_programs=with_programs)
+        except ProgramFileError as error:
+            error.message = f"{source.device}: {error.message}"
+            raise
 
 
 def watch_controllers(

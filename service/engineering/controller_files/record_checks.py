@@ -247,11 +247,17 @@ def _pulses_of_group(
 
 
 def _shown_joints(files: ControllerFiles, mastering: GroupMastering) -> tuple[float, ...]:
-    """Return the shown joints; empty where no file tells them."""
-    found = None if files.position is None else files.position.find_group(mastering.group)
-    axes = len(mastering.counts_at_zero)
-    if found is None or len(found.joints_deg) < axes:
+    """Return the shown joints; empty where there is no file that tells them."""
+    if files.position is None:
         return ()
+    found = files.position.find_group(mastering.group)
+    axes, shown = len(mastering.counts_at_zero), 0 if found is None else len(found.joints_deg)
+    if found is None or shown < axes:
+        raise ControllerRecordError(
+            files.device,
+            f"{POSITION} shows {shown} joints of group {mastering.group}, and {axes} axes are mastered.",
+            remedy="Read it from the controller again, whole.",
+        )
     angles = [angle for angle in found.joints_deg[:axes] if angle is not None]
     if len(angles) != axes:
         raise ControllerRecordError(
