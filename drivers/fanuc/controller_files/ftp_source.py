@@ -42,7 +42,7 @@ class ReadOnlyFtp(ftplib.FTP):
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
         if verb not in READING_COMMANDS:
-            raise AssertionError(f"{verb} does not only read")
+            raise AssertionError(verb)
         super().putcmd(line)
 
 
