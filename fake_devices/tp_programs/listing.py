@@ -58,7 +58,7 @@ class Jump:
 
 
 @dataclass(frozen=True)
-class Condition:
+class ConditionalStep:
     """``IF …,`` an assignment or a jump."""
 
     holds: Expression
@@ -99,7 +99,7 @@ Instruction = (
     Assignment
     | PresentPosition
     | Jump
-    | Condition
+    | ConditionalStep
     | WaitUntil
     | WaitTime
     | SkipCondition
@@ -174,7 +174,7 @@ def _parse(statement: str) -> Instruction:
         then = _parse(action)
         if not isinstance(then, Assignment | Jump):
             raise TpSyntaxError(f"{statement!r}: only a jump or an assignment may follow")
-        return Condition(condition, then)
+        return ConditionalStep(condition, then)
     return _parse_assignment(statement)
 
 
@@ -215,7 +215,7 @@ def _parse_assignment(statement: str) -> Instruction:
 def _refuse_missing_labels(listing: TpListing) -> None:
     used = set()
     for instruction in listing.instructions:
-        then = instruction.then if isinstance(instruction, Condition) else instruction
+        then = instruction.then if isinstance(instruction, ConditionalStep) else instruction
         if isinstance(then, Jump | JointMotion):
             used.add(then.label)
     missing = sorted(used - listing.labels.keys())

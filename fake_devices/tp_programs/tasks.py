@@ -19,7 +19,7 @@ from typing import Protocol
 from cellcal.fake_devices.tp_programs.expressions import TpState, TpSyntaxError, Value
 from cellcal.fake_devices.tp_programs.listing import (
     Assignment,
-    Condition,
+    ConditionalStep,
     Instruction,
     JointMotion,
     Jump,
@@ -63,7 +63,7 @@ def run_background(listing: TpListing, machine: TpMachine) -> None:
         The program would wait, move or jump, or has a motion group.
     """
     for instruction in listing.instructions:
-        if isinstance(instruction, Condition) and isinstance(instruction.then, Assignment):
+        if isinstance(instruction, ConditionalStep) and isinstance(instruction.then, Assignment):
             if instruction.holds(machine):
                 execute_assignment(instruction.then, machine)
         elif isinstance(instruction, Assignment):
@@ -128,7 +128,7 @@ class ForegroundTask:
             case Jump():
                 self.line = self.listing.labels[instruction.label]
                 return True
-            case Condition():
+            case ConditionalStep():
                 return self._decide(instruction, real_s)
             case JointMotion():
                 return self._move(instruction, real_s)
@@ -147,7 +147,7 @@ class ForegroundTask:
             case SkipCondition():
                 self.skip_flag = instruction.flag
 
-    def _decide(self, instruction: Condition, real_s: float) -> bool:
+    def _decide(self, instruction: ConditionalStep, real_s: float) -> bool:
         if instruction.holds(self.machine):
             return self._execute(instruction.then, real_s)
         self.line += 1
