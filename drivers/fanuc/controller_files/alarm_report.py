@@ -19,6 +19,7 @@ from cellcal.drivers.fanuc.controller_files.report_text import (
 
 _LINE = re.compile(r'\s*(\d+)\s*"([^"]*)"\s*([^"]*?)\s*"(.*)\Z')
 _CODE = re.compile(r"([A-Z]{2,5}\d?)-\s?(\d{3})\b[ \t]*(.*)\Z")
+_ANY_CODE = re.compile(r"\b[A-Z]{4}-\d{3}\b")
 _AXIS = re.compile(r"\(?\s*G(?:roup)?\s*:\s*(\d+)[\s,]*A(?:xis)?\s*:\s*(\d+)", re.IGNORECASE)
 _NAME = re.compile(r"ROBOT\s+NAME\s+(.*?)\s+\d{1,2}-[A-Z]{3}-\d{2}", re.IGNORECASE)
 _HEADING_LINES = 3
@@ -56,8 +57,8 @@ def read_alarm_report(data: bytes, file: str = "erract.ls") -> AlarmReport:
     lines = decode_report(file, data)
     alarms = []
     for number, line in enumerate(lines, 1):
-        if not line.strip() or (number <= _HEADING_LINES and '"' not in line):
-            continue
+        if '"' not in line and _ANY_CODE.search(line) is None:
+            continue  # blank, or a heading
         alarms.append(_parse_line(line, file, number))
     head = " ".join(lines[:_HEADING_LINES])
     name = _NAME.search(head)

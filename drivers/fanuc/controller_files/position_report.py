@@ -1,4 +1,4 @@
-"""CURPOS.DG: the joints that the controller shows, to a hundredth of a degree and cut off, not rounded.
+"""CURPOS.DG: the joints that the controller shows, to a hundredth of a degree.
 
 ::
 

@@ -6,6 +6,7 @@ motor of axis 3 follows axis 2 (seen in a public backup of an R-1000iA with V9.4
 shown joints.
 """
 
+import math
 import re
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -25,6 +26,7 @@ from cellcal.drivers.fanuc.program_files.va_spots import (
 from cellcal.drivers.fanuc.program_files.va_text import VaFile, VaVariable
 
 COUNTS_PER_TURN = 2**19  # of every axis on 27 public backups
+_TURN_RANGE = range(2**16, 2**24 + 1)  # encoders of other robots than those 27
 _TURN_TOLERANCE = 1.0  # counts: seven digits of a scale and of a ratio
 _REFERENCE_TOLERANCE = 2.0  # counts
 _SEVENTH_DIGIT = 5e-7  # a REAL is printed with seven digits: half of the last one, at worst
@@ -246,12 +248,18 @@ def _consistent_drives(drives: GroupDrives, group: int) -> tuple[int, GroupDrive
     return axes, drives, ""
 
 
+def _is_whole_turn(counts: float) -> bool:
+    """Tell whether a motor turn has as many counts as an encoder of this maker: a power of two."""
+    power = 2 ** round(math.log2(counts)) if counts > 1 else 0
+    return power in _TURN_RANGE and abs(counts - power) <= _TURN_TOLERANCE * max(1.0, power / COUNTS_PER_TURN)
+
+
 def _find_contradiction(drives: GroupDrives) -> str:
     """Return why scale, ratio and interaction cannot all be right; "" where they agree."""
     for axis, (turn, scale) in enumerate(
         zip(drives.counts_per_turn(), drives.counts_per_degree, strict=True)
     ):
-        if abs(turn - COUNTS_PER_TURN) > _TURN_TOLERANCE:
+        if not _is_whole_turn(turn):
             return f"$ENCSCALES * 360 * $GEAR_RATIO of axis {axis + 1} is {turn:.1f} counts, not {COUNTS_PER_TURN}"
         product = abs(drives.radians_per_count[axis][axis]) * np.degrees(1.0) * scale
         if abs(product - 1) > _INTERACTION_TOLERANCE:

@@ -14,7 +14,7 @@ from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 
-TOLERANCE_DEG = 0.01  # the controller cuts its angles off at a hundredth
+TOLERANCE_DEG = 0.01  # the controller shows hundredths, rounded or cut off
 _DIGITS_DEG = 5e-4  # seven printed digits of a scale, over a whole turn
 _SRVO = 11_000
 _POSITION_KINDS = frozenset(("lost", "index", "encoder"))

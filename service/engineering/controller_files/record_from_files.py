@@ -132,7 +132,11 @@ def _list_checked(
         if files.alarms
         else "every axis is mastered"
     ]
-    found.append("scale, gear ratio and interaction of each axis agree, and a motor turn has 524288 counts")
+    turns = sorted({round(turn) for turn in mastering.drives.counts_per_turn()}) if mastering.drives else []
+    counts = " or ".join(map(str, turns))
+    found.append(
+        f"scale, gear ratio and interaction of each axis agree, and a motor turn has {counts} counts"
+    )
     if files.axes_again is not None:
         found.append(f"the robot stood still: {AXES} showed the same counts before and after {POSITION}")
     if angles.is_compared:
