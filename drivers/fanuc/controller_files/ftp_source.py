@@ -18,6 +18,8 @@ from cellcal.drivers.fanuc.controller_files.file_sources import MAX_FILE_BYTES, 
 
 READING_COMMANDS = frozenset(("USER", "PASS", "TYPE", "CWD", "PASV", "EPSV", "NLST", "RETR", "QUIT"))
 _CHUNK = 65_536
+_FAILURES = (OSError, EOFError, ValueError, OverflowError)  # the last two of a port that is none
+_MOST_REPLY_LINES = 500
 _CABLE = "Check the cable and the address, and that the controller's FTP server is on (SETUP > Host Comm)."
 _AGAIN = "Read it once more; if it happens again, look at the network."
 _NOT_THERE = "550"
@@ -36,13 +38,23 @@ class FtpLogin:
 
 
 class ReadOnlyFtp(ftplib.FTP):
-    """The standard client without any command that changes something."""
+    """The standard client without any command that changes something, and with an end to every reply."""
+
+    _reply_lines = 0
+
+    def getline(self) -> str:
+        """Read a line of a reply; one without an end is no reply."""
+        self._reply_lines += 1
+        if self._reply_lines > _MOST_REPLY_LINES:
+            raise ftplib.error_proto(f"a reply of more than {_MOST_REPLY_LINES} lines")
+        return super().getline()
 
     def putcmd(self, line: str) -> None:
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
         if verb not in READING_COMMANDS:
             raise AssertionError(verb)
+        self._reply_lines = 0
         super().putcmd(line)
 
 
@@ -51,7 +63,7 @@ class FtpSource:
 
     def __init__(self, address: ControllerAddress, login: FtpLogin | None = None) -> None:
         self._address, self._login = address, login or FtpLogin()
-        self._ftp = ReadOnlyFtp()
+        self._ftp = ReadOnlyFtp(encoding="latin-1")  # any byte is a character
         self._names: dict[str, str] | None = None
 
     @property
@@ -73,8 +85,10 @@ class FtpSource:
     def __exit__(self, *_exc: object) -> None:
         try:
             self._ftp.quit()
-        except (OSError, EOFError, ftplib.Error):
-            self._ftp.close()  # it has hung up first; what was read was read whole
+        except (*_FAILURES, ftplib.Error):
+            pass  # it has hung up first; what was read was read whole
+        finally:
+            self._ftp.close()
 
     def read_file(self, name: str) -> bytes | None:
         found = self._index_names().get(name.lower())
@@ -96,7 +110,7 @@ class FtpSource:
             raise UnreachableError(
                 device, f"no FTP server answers within {login.timeout_s:g} s.", remedy=_CABLE
             ) from error
-        except (OSError, EOFError, ftplib.Error) as error:
+        except (*_FAILURES, ftplib.Error) as error:
             raise UnreachableError(
                 device, f"no FTP server answers: {_reason(error)}.", remedy=_CABLE
             ) from error
@@ -118,16 +132,22 @@ class FtpSource:
     def _index_names(self) -> dict[str, str]:
         if self._names is None:
             names: list[str] = []
+
+            def take_name(name: str) -> None:
+                names.append(name)
+                if len(names) > MAX_NAMES:
+                    raise WireProtocolError(
+                        self.device,
+                        f"it lists {len(names)} files, more than a controller has.",
+                        remedy=_CABLE,
+                    )
+
             with self._named_failures("listing its files"):
                 try:
-                    self._ftp.retrlines("NLST", names.append)
+                    self._ftp.retrlines("NLST", take_name)
                 except ftplib.error_perm as error:
                     if not str(error).startswith(_NOT_THERE):
                         raise  # an empty folder answers 550; then names are tried one by one
-            if len(names) > MAX_NAMES:
-                raise WireProtocolError(
-                    self.device, f"it lists {len(names)} files, more than a controller has.", remedy=_CABLE
-                )
             ends = [end[0] for name in names if (end := _NAME_END.search(name.strip()))]
             self._names = {end.lower(): end for end in ends}
         return self._names
@@ -185,7 +205,7 @@ class FtpSource:
             raise RefusedError(
                 self.device, f"the FTP {code} was refused while {doing}: {_reason(error)}.", remedy=_AGAIN
             ) from error
-        except (EOFError, ConnectionError, ftplib.Error, OSError) as error:
+        except (*_FAILURES, ftplib.Error) as error:
             raise UnreachableError(
                 self.device, f"the FTP connection was lost while {doing}: {_reason(error)}.", remedy=_AGAIN
             ) from error
