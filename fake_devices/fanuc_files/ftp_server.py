@@ -54,6 +54,7 @@ class FtpFaults:
     drop_in_file: str = ""  # the link is lost in the middle of it
     slow_s: float = 0.0  # before each reply
     missing: frozenset[str] = frozenset()
+    lists_nothing: bool = False
     one_segment: bool = False  # 150 and 226 together, before the file
 
 
@@ -194,6 +195,9 @@ class _FtpSession:
         await self._reply(f"227 Entering passive mode ({host},{port >> 8},{port & 255}).")
 
     async def _transfer(self, verb: str, argument: str) -> None:
+        if verb != "RETR" and self._server.faults.lists_nothing:
+            await self._reply("502 Command not implemented.")
+            return
         content = self._content_of(verb, argument)
         if self._listener is None:
             await self._reply("425 No data connection.")

@@ -83,7 +83,13 @@ def test_nothing_is_ever_written(served: FanucFtpServer, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     "fault",
-    [{"wants_password": True}, {"names_wrong_address": True}, {"upper_case": True}, {"one_segment": True}],
+    [
+        {"wants_password": True},
+        {"names_wrong_address": True},
+        {"upper_case": True},
+        {"one_segment": True},
+        {"lists_nothing": True},
+    ],
 )
 def test_other_servers_are_read_alike(served: FanucFtpServer, tmp_path: Path, fault) -> None:
     for name, value in fault.items():

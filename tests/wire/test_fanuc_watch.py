@@ -45,6 +45,14 @@ def test_nothing_happened(served: FanucFtpServer, tmp_path: Path, capsys) -> Non
     assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})
 
 
+def test_programs_that_cannot_be_listed_are_not_said_to_be_gone(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    take_record(address_of(served), tmp_path)
+    served.faults.lists_nothing = True
+    assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})
+
+
 def lose_position(cabinet: FanucCabinet) -> None:
     cabinet.lose_position([2, 3])
 

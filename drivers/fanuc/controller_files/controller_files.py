@@ -38,7 +38,7 @@ class ControllerFiles:
     alarms: AlarmReport | None
     version: VersionReport | None
     variables: FanucBackup
-    programs: Mapping[str, str] | None  # hash by name; None where they were not read
+    programs: Mapping[str, str] | None  # hash by name; None where they were not read, or nothing is listed
     missing: tuple[str, ...]
 
     @property
@@ -108,7 +108,7 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         alarms=alarms,
         version=version,
         variables=assemble_backup(source.device, files),
-        programs=read_program_digests(source) if with_programs else None,
+        programs=read_program_digests(source) if with_programs and source.list_names() else None,
         missing=tuple(dict.fromkeys(missing)),
     )
 

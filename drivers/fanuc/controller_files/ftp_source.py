@@ -145,9 +145,8 @@ class FtpSource:
             with self._named_failures("listing its files"):
                 try:
                     self._ftp.retrlines("NLST", take_name)
-                except ftplib.error_perm as error:
-                    if not str(error).startswith(_NOT_THERE):
-                        raise  # an empty folder answers 550; then names are tried one by one
+                except ftplib.error_perm:
+                    names.clear()  # an empty folder, or a server that lists nothing: names are tried one by one
             ends = [end[0] for name in names if (end := _NAME_END.search(name.strip()))]
             self._names = {end.lower(): end for end in ends}
         return self._names
