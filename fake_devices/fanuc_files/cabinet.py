@@ -60,6 +60,7 @@ class FanucCabinet:
     positioner_ratio: float = 121.0
     stale: "FanucCabinet | None" = None  # what its files say in place of what is so
     moves_counts_each_reading: int = 0
+    stands_after_readings: int | None = None  # of AXIS.DG, by when it has come to rest
     readings: int = 0
 
     @property
@@ -99,7 +100,10 @@ class FanucCabinet:
         for row in range(self.axes):
             along = sum(matrix[row, column] * moved[column] for column in range(row))
             moved.append((links[row] - along) / matrix[row, row])
-        drift = self.moves_counts_each_reading * self.readings
+        readings = self.readings
+        if self.stands_after_readings is not None:
+            readings = min(readings, self.stands_after_readings)
+        drift = self.moves_counts_each_reading * readings
         return [round(count + turned) + drift for count, turned in zip(zero, moved, strict=True)]
 
     def shown_deg(self) -> list[float]:

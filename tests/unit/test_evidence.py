@@ -26,6 +26,14 @@ def test_every_kind_of_controller_says_what_stands_behind_it(driver: str, profil
             assert row.robot == NOT_CONFIRMED  # the driver itself says that it has run on no robot
 
 
+@pytest.mark.parametrize(("driver", "profile"), KINDS)
+def test_the_set_up_page_shows_the_same(driver: str, profile: str) -> None:
+    page = (Path(__file__).parents[2] / "deploy/controller_setup/README.md").read_text(encoding="utf-8")
+    name = f"{driver} {profile}".strip()
+    for row in driver_evidence(driver, profile):
+        assert f"| {name} | {row.ability} | {row.document} | {row.client} | {row.robot} |" in page
+
+
 def test_what_is_not_offered_says_so() -> None:
     abilities = load_profile("fanuc_tp").abilities
     assert not abilities.jogs_single_axes

@@ -189,6 +189,29 @@ def test_a_robot_that_is_not_healthy_or_not_still_gets_no_record(
     assert not list(tmp_path.glob("*.json"))
 
 
+def test_a_motor_that_flickers_by_a_count_is_read_again(served: FanucFtpServer, tmp_path: Path) -> None:
+    served.cabinet.moves_counts_each_reading, served.cabinet.stands_after_readings = 1, 2
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    assert served.transfers.count("axis.dg") == 4
+    assert list_records(tmp_path)[0].record.reference_counts == tuple(served.cabinet.pulses())
+
+
+@pytest.mark.parametrize(("robot", "code"), [("R-1000iA/80F", ExitCode.PASS), ("X-1/2", ExitCode.REFUSED)])
+def test_while_j2_stands_at_zero_the_model_says_how_j3_is_counted(
+    served: FanucFtpServer, tmp_path: Path, capsys, robot: str, code: ExitCode
+) -> None:
+    cabinet = served.cabinet
+    cabinet.states_coupling, cabinet.robot, cabinet.joints_deg[1] = False, robot, 0.0
+    assert take_record(address_of(served), tmp_path) == code
+    if code != ExitCode.PASS:
+        assert "cannot be seen while J2 stands at zero" in " ".join(capsys.readouterr().err.split())
+        return
+    (stored,) = list_records(tmp_path)
+    cabinet.joints_deg[1] = 30.0
+    there = stored.record.drive.to_joints(np.array(cabinet.pulses()), np.array(cabinet.counts_at_zero))
+    assert np.degrees(there) == pytest.approx(cabinet.joints_deg, abs=2e-4)
+
+
 def test_a_second_motion_group_is_asked_for(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
     served.cabinet.positioner_counts = [70_000]
     assert take_record(address_of(served), tmp_path) == ExitCode.USAGE

@@ -22,6 +22,7 @@ from cellcal.drivers.fanuc.program_files.va_text import VaFile
 
 AXES, POSITION, ALARMS, VERSION = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "VERSION.DG"
 MOST_APART = timedelta(minutes=30)
+_MORE_LOOKS = 2
 _VARIABLES = (MASTERING, DRIVES, FRAMES)
 _Report = TypeVar("_Report")
 
@@ -95,6 +96,11 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
     axes = read_report(AXES, read_axis_report)
     position = read_report(POSITION, read_position_report)
     again = read_report(AXES, read_axis_report) if source.is_live and axes is not None else None
+    for _ in range(_MORE_LOOKS):  # a motor under power may flicker by a count
+        if axes is None or again is None or axes.pulses == again.pulses:
+            break
+        axes, position = again, read_report(POSITION, read_position_report)
+        again = read_report(AXES, read_axis_report)
     alarms = read_report(ALARMS, read_alarm_report)
     version = read_report(VERSION, read_version_report)
     files = {name: file for name in _VARIABLES if (file := _read_variables(source, name)) is not None}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.shown_joints import JointConvention, find_conventions
 from cellcal.drivers.fanuc.controller_files.alarm_report import ControllerAlarm
@@ -13,11 +14,13 @@ from cellcal.drivers.fanuc.controller_files.controller_files import AXES, POSITI
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
 from cellcal.drivers.wire.tables import CodeEntry, code_table
+from cellcal.service.engineering.controller_files.robot_models import name_model
 
 TOLERANCE_DEG = 0.01  # the controller shows hundredths, rounded or cut off
 _DIGITS_DEG = 5e-4  # seven printed digits of a scale, over a whole turn
 _SRVO = 11_000
 _POSITION_KINDS = frozenset(("lost", "index", "encoder"))
+_SIX_AXES = 6
 _READ_AGAIN = "Let the robot stand still, then read it once more."
 
 
@@ -204,11 +207,11 @@ def check_angles(
             remedy="Nothing was recorded. Let the robot stand still and read again; if it stays so, the mastering "
             "data were changed without CALIBRATE, or the files are of different times.",
         )
+    expected = _expected_coupling(files, drives)
     convention = next(
-        (each for each in search.matching if each.third_follows_second == drives.third_follows_second),
-        search.matching[0],
+        (each for each in search.matching if each.third_follows_second == expected), search.matching[0]
     )
-    if _is_undecided(search.matching) and drives.third_follows_second is None:
+    if _is_undecided(search.matching) and expected is None:
         raise ControllerRecordError(
             files.device,
             "whether J3 is counted from J2 cannot be seen while J2 stands at zero.",
@@ -216,6 +219,15 @@ def check_angles(
         )
     joints = convention.to_shown_matrix(np.array(drives.radians_per_count)) @ moved
     return AngleCheck(convention, tuple(map(float, joints)), shown_deg, is_compared=True)
+
+
+def _expected_coupling(files: ControllerFiles, drives: GroupDrives) -> bool | None:
+    """Tell whether J3 is counted from J2 by the variables, else by the named model; None: neither tells."""
+    if drives.third_follows_second is not None or len(drives.reversed) < _SIX_AXES:
+        return drives.third_follows_second
+    robots = () if files.version is None else files.version.robots
+    model = name_model(robots[0]) if len(robots) == 1 else ""
+    return bool(load_model(model).joint_coupling[2, 1]) if model else None
 
 
 def _is_undecided(matching: Sequence[JointConvention]) -> bool:
@@ -270,7 +282,7 @@ def _shown_joints(files: ControllerFiles, mastering: GroupMastering) -> tuple[fl
 
 def _convention_by_variables(files: ControllerFiles, drives: GroupDrives) -> JointConvention:
     """Return the convention that the variables state; refuse where they do not say how J3 is counted."""
-    coupled = drives.third_follows_second
+    coupled = _expected_coupling(files, drives)
     if coupled is None and len(drives.reversed) > 2:
         raise ControllerRecordError(
             files.device,
