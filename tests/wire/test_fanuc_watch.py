@@ -168,6 +168,16 @@ def test_a_record_that_was_changed_by_hand_is_not_compared_with(
     assert "is not used" in " ".join(capsys.readouterr().err.split())
 
 
+def test_records_without_their_key_are_not_signed_anew(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    take_record(address_of(served), tmp_path)
+    (tmp_path / "signing_key.pem").unlink()
+    assert watch_robots(tmp_path, address_of(served)) == ExitCode.SIGNATURE
+    assert "not the key that signed them" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "signing_key.pem").exists()
+
+
 def test_a_robot_without_a_record_is_named(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
     assert watch_robots(tmp_path, address_of(served)) == ExitCode.REFUSED
     assert f"cellcal mastering record {address_of(served)}" in " ".join(capsys.readouterr().err.split())

@@ -21,6 +21,7 @@ from cellcal.service.engineering.controller_files.record_from_files import Files
 from cellcal.service.engineering.parameters.mastering_files import FORMAT, RecordFileError
 from cellcal.service.files import SHARED_FILE, make_private_folder, replace_file
 from cellcal.service.record.signing import (
+    KEY_NAME,
     CheckedDocument,
     CheckFinding,
     check_document,
@@ -30,7 +31,6 @@ from cellcal.service.record.signing import (
 
 _RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)
 _PREFIX = "fanuc_"
-_MOST_RECORDS = 20_000
 
 Numbers = tuple[float, ...]
 
@@ -122,7 +122,13 @@ def list_records(folder: Path) -> tuple[StoredRecord, ...]:
         One was changed since it was signed, another key signed it, or it cannot be read.
     """
     try:
-        paths = sorted(folder.glob(f"{_PREFIX}*.json"))[:_MOST_RECORDS]
+        paths = sorted(folder.glob(f"{_PREFIX}*.json"))
+        if paths and not (folder / KEY_NAME).exists():
+            raise RecordFileError(
+                f"{folder} holds records, and not the key that signed them ({KEY_NAME}).",
+                remedy="Copy the key from where the records were taken, or take new ones into another folder.",
+                code="signature",
+            )
         expected = station_key(folder).public_key if paths else None
     except OSError as error:
         raise RecordFileError(
