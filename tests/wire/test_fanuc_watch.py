@@ -184,6 +184,28 @@ def test_a_robot_without_a_record_is_named(served: FanucFtpServer, tmp_path: Pat
     assert watch_robots(tmp_path) == ExitCode.USAGE
 
 
+def test_controllers_that_share_a_number_are_not_mixed_up(tmp_path: Path, capsys) -> None:
+    cabinets = [FanucCabinet(f_number="F00000"), FanucCabinet(f_number="F00000")]
+    cabinets[1].counts_at_zero[3] += 777
+    with ftp_controllers(*cabinets, FanucCabinet(f_number="F00000")) as (first, second, third):
+        for server in (first, second):
+            assert take_record(address_of(server), tmp_path) == ExitCode.PASS
+        for server in (first, second):
+            assert watched(server, tmp_path, capsys) == (ExitCode.PASS, {})
+        assert (
+            watch_robots(tmp_path, address_of(third)) == ExitCode.REFUSED
+        )  # whose record it would be is not known
+        cabinets[1].counts_at_zero[3] -= 777
+        assert "J4 by -777" in watched(second, tmp_path, capsys)[1]["mastering"]
+
+
+def test_a_robot_that_has_another_address_is_known_by_its_number(tmp_path: Path, capsys) -> None:
+    cabinet = FanucCabinet()
+    with ftp_controllers(cabinet, cabinet) as (first, second):
+        take_record(address_of(first), tmp_path)
+        assert watched(second, tmp_path, capsys) == (ExitCode.PASS, {})
+
+
 def test_a_hundred_controllers_in_one_night(tmp_path: Path, capsys) -> None:
     cabinets = [FanucCabinet(f_number=f"F{100_000 + n}", robot_name=f"R{n:03d}") for n in range(MANY)]
     for n, cabinet in enumerate(cabinets):

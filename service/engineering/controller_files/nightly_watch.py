@@ -134,8 +134,7 @@ def compare_with_records(
     address: str, files: ControllerFiles, stored: Sequence[StoredRecord]
 ) -> WatchedController:
     """Compare the files of one controller with the records of its groups."""
-    ours = [each for each in stored if files.serial and each.record.robot_serial == files.serial]
-    ours = ours or [each for each in stored if each.controller.address == files.device]
+    ours = _records_of(files, stored)
     if not ours:
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
     changes: list[FileChange] = []
@@ -149,6 +148,19 @@ def compare_with_records(
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
     return WatchedController(address, state, files.serial, compared_with, unique)
+
+
+def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[StoredRecord]:
+    """Return the records of a controller: by address, else by its number where no two addresses share that.
+
+    Controllers whose number was never set share one.
+    """
+    here = [each for each in stored if each.controller.address == files.device]
+    ours = [each for each in here if each.record.robot_serial == files.serial]
+    if ours or here:
+        return ours or here
+    alike = [each for each in stored if files.serial and each.record.robot_serial == files.serial]
+    return alike if len({each.controller.address for each in alike}) == 1 else []
 
 
 def gravest_exit_code(found: Sequence[WatchedController]) -> ExitCode:
