@@ -1,9 +1,10 @@
 """What stands behind each ability of a driver: a maker's document, an independent program, a robot. Kept as TSV."""
 
-import csv
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+
+from cellcal.drivers.wire.tables import read_table_rows
 
 _FILE = "evidence.tsv"
 NOT_CONFIRMED = "none"
@@ -22,13 +23,11 @@ class AbilityEvidence:
 @cache
 def driver_evidence(driver: str, profile: str = "") -> tuple[AbilityEvidence, ...]:
     """Return the evidence of a driver, and of its profile where it has several; empty where none is written."""
-    source = files(f"cellcal.drivers.{driver}").joinpath(_FILE)
-    if not source.is_file():
+    package = f"cellcal.drivers.{driver}"
+    if not files(package).joinpath(_FILE).is_file():
         return ()
-    lines = source.read_text(encoding="utf-8").splitlines()
-    rows = csv.DictReader((line for line in lines if not line.startswith("#")), delimiter="\t")
     return tuple(
         AbilityEvidence(row["ability"], row["document"], row["client"], row["robot"])
-        for row in rows
+        for row in read_table_rows(package, _FILE)
         if row["profile"] in ("", profile)
     )
