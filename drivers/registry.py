@@ -35,5 +35,6 @@ ProbeConfig: TypeAlias = Annotated[TouchProbeConfig | DialGaugeConfig, Field(dis
 # Languages of pendants, by the robot's profile or else its driver.
 PROGRAM_WRITERS: Mapping[str, ProgramWriter] = {
     "fanuc_hmi": fanuc_program.PROGRAM_WRITER,
+    "fanuc_tp": fanuc_program.PROGRAM_WRITER,
     "universal_robots": program_file.PROGRAM_WRITER,
 }
