@@ -17,7 +17,7 @@ from typing import Any
 
 from cellcal.fake_devices.abb.controller import AbbController
 from cellcal.fake_devices.abb.resources import ResourceTable
-from cellcal.fake_devices.abb.server import LINK_FAULTS, WebServer
+from cellcal.fake_devices.abb.server import LINK_FAULTS, ServicePort
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
@@ -37,7 +37,7 @@ class FakeAbbRobot:
         self.controller.heartbeat_s *= world.watchdog_factor
         self._faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 80))
-        self.server = WebServer(host, port, ResourceTable(self.controller), self._faults)
+        self.server = ServicePort(host, port, ResourceTable(self.controller), self._faults)
         self._ticks: list[asyncio.Task[None]] = []
         c = self.controller
         self._events: dict[str, Callable[[dict[str, Any]], None]] = {

@@ -39,7 +39,7 @@ _PHRASES = {
 }
 
 
-class WebServer:
+class ServicePort:
     """One listening port."""
 
     def __init__(self, host: str, port: int, table: ResourceTable, faults: LinkFaults) -> None:

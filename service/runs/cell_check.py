@@ -81,7 +81,7 @@ async def check_cell(config: CellConfig) -> CellCheckReport:
         *(_check_device(robot, robot.serial, folder, _report_robot) for robot in config.robots),
         *(_check_device(*pair, folder, _report_device) for pair in pairs),
     )
-    evidence = {robot.name: driver_evidence(robot.driver, _profile_of(robot)) for robot in config.robots}
+    evidence = {robot.name: driver_evidence(_brand_of(robot), _profile_of(robot)) for robot in config.robots}
     devices = [replace(device, evidence=evidence.get(device.name, ())) for device in devices]
     with open_journal(config) as journal:
         damage = journal_flaw(config, journal)
@@ -96,9 +96,14 @@ async def check_cell(config: CellConfig) -> CellCheckReport:
     return CellCheckReport(config.cell.name, tuple(devices), advice)
 
 
-def _profile_of(robot: object) -> str:
+def _brand_of(robot: object) -> str:
+    """Return the package of drivers that a robot's entry belongs to."""
+    return type(robot).__module__.split(".")[2]  # cellcal.drivers.<brand>
+
+
+def _profile_of(robot: Any) -> str:
     """Return which of several kinds of controller a driver talks to."""
-    return str(getattr(robot, "profile", ""))
+    return str(getattr(robot, "profile", robot.driver))
 
 
 def journal_flaw(config: CellConfig, journal: Journal) -> str:

@@ -1,11 +1,13 @@
 """What stands behind each ability is written down for every kind of controller, and agrees with the drivers."""
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from cellcal.drivers.modbus_robot import robot as modbus_robot
 from cellcal.drivers.modbus_robot.profile import load_profile, profile_names
+from cellcal.drivers.registry import RobotConfig
 from cellcal.drivers.universal_robots import robot_connection
 from cellcal.drivers.wire.evidence import NOT_CONFIRMED, driver_evidence
 from cellcal.service.cli.app import run_command_line
@@ -13,7 +15,14 @@ from tests.wire.fake_devices_process import run_fakes
 from tests.wire.tp_cell import TP_CELL
 
 VERIFIED = {"modbus_robot": modbus_robot.VERIFIED_ON, "universal_robots": robot_connection.VERIFIED_ON}
-KINDS = [("modbus_robot", name) for name in profile_names()] + [("universal_robots", ""), ("fanuc", "")]
+KINDS = [("modbus_robot", name) for name in profile_names()] + [
+    ("universal_robots", ""),
+    ("fanuc", ""),
+    ("fanuc", "fanuc_rmi"),
+    ("abb", ""),
+    ("kuka", ""),
+    ("yaskawa", ""),
+]
 
 
 @pytest.mark.parametrize(("driver", "profile"), KINDS)
@@ -32,6 +41,12 @@ def test_the_set_up_page_shows_the_same(driver: str, profile: str) -> None:
     name = f"{driver} {profile}".strip()
     for row in driver_evidence(driver, profile):
         assert f"| {name} | {row.ability} | {row.document} | {row.client} | {row.robot} |" in page
+
+
+def test_every_driver_of_a_robot_has_its_rows() -> None:
+    brands = {model.__module__.split(".")[2] for model in get_args(get_args(RobotConfig)[0])}
+    assert {"abb", "fanuc", "kuka", "modbus_robot", "universal_robots", "yaskawa"} == brands
+    assert all(driver_evidence(brand) or brand == "modbus_robot" for brand in brands)
 
 
 def test_what_is_not_offered_says_so() -> None:

@@ -24,7 +24,7 @@ class ServerState(IntEnum):
 
 
 class MotionServer:
-    """CELLCAL on the controller. The heartbeat is written by whoever waits for a step."""
+    """CELLCAL on the controller. The heartbeat is written while a step is waited for."""
 
     def __init__(self, link: VariableLink) -> None:
         self._link = link
