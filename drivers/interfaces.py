@@ -103,6 +103,7 @@ class RobotCapabilities:
     hand_guiding: bool = False
     jogs_single_axes: bool = False
     reads_encoder_counts: bool = False
+    tells_lost_position: bool = False  # by an alarm, or by a state of each axis, in its condition
     writes_mastering: bool = False
     writes_tool_frame: bool = False
     writes_user_frame: bool = False

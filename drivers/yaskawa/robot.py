@@ -46,7 +46,7 @@ _TOOL_FILE = "TOOL.CND"
 _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 CAPABILITIES = RobotCapabilities(
-    axes=AXES, reads_encoder_counts=True, tells_active_frames=True, tells_mode=True
+    axes=AXES, reads_encoder_counts=True, tells_lost_position=True, tells_active_frames=True, tells_mode=True
 )
 
 

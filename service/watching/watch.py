@@ -1,10 +1,10 @@
 """Follows the robots and sees an encoder loss by itself.
 
-Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
-further between two looks than the arm could have moved. A fourth sees what raises no alarm: mastering data that are
-not the newest record's. A battery that is low is told before it is empty.
-The last healthy counts are kept on disk: after a
-loss they tell to within a few turns where each motor stood.
+Three independent witnesses, each enough: the controller's own words, the encoder epoch, and counts that jump
+further between two looks than the arm could have moved; a robot that tells no counts has the first one only.
+A fourth sees what raises no alarm: mastering data that are not the newest record's. A battery that is low is told
+before it is empty. The last healthy counts are kept on disk: after a loss they tell to within a few turns where each
+motor stood.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
@@ -45,10 +45,6 @@ _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
 
 
-class WatchedRobot(Robot, ReadsEncoderCounts, Protocol):
-    """An arm whose encoders can be lost."""
-
-
 @dataclass(frozen=True, slots=True)
 class PositionLoss:
     """What the watch saw, in words for the technician, and what it knew before."""
@@ -70,7 +66,7 @@ class RobotWatch:
 
     def __init__(
         self,
-        robot: WatchedRobot,
+        robot: Robot,
         memory: LastHealthyCounts,
         on_loss: Callable[[PositionLoss], Awaitable[None]],
         *,
@@ -139,7 +135,7 @@ class RobotWatch:
             self._warn(f"{self._robot.name}: {words}")
         self._warned = words
 
-    def use_connection(self, robot: WatchedRobot) -> None:
+    def use_connection(self, robot: Robot) -> None:
         """Go on with the same robot over another connection."""
         if robot is not self._robot:
             self._robot, self._last_observation, self._drive = robot, None, None
@@ -167,9 +163,12 @@ class RobotWatch:
 
     async def _find_trouble(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""
+        if not self._robot.capabilities.reads_encoder_counts:
+            return None  # its own words are the only witness
+        encoders = cast(ReadsEncoderCounts, self._robot)
         counts, epoch, now_s = (
-            await self._robot.encoder_counts(),
-            await self._robot.encoder_epoch(),
+            await encoders.encoder_counts(),
+            await encoders.encoder_epoch(),
             time.monotonic(),
         )
         if self._saved is not None and epoch != self._saved.epoch:
@@ -204,7 +203,7 @@ class RobotWatch:
 
     async def _drive_train(self) -> DriveTrain:
         if self._drive is None:
-            self._drive = await self._robot.drive_train()
+            self._drive = await cast(ReadsEncoderCounts, self._robot).drive_train()
         return self._drive
 
 

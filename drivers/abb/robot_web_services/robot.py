@@ -36,7 +36,7 @@ VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on;
 _BASE = "wobj0"
 
 CAPABILITIES = RobotCapabilities(
-    axes=AXES, tells_active_frames=True, tells_mode=True, tells_speed_override=True
+    axes=AXES, tells_lost_position=True, tells_active_frames=True, tells_mode=True, tells_speed_override=True
 )
 
 

@@ -45,6 +45,7 @@ CAPABILITIES = RobotCapabilities(
     axes=AXES,
     writes_tool_frame=True,
     writes_user_frame=True,
+    tells_lost_position=True,
     tells_active_frames=True,
     tells_mode=True,
     tells_speed_override=True,
