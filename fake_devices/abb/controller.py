@@ -39,7 +39,7 @@ class AbbController:
 
     def __init__(self, arm: SimulatedArm, serial: str, real_s: Callable[[], float]) -> None:
         self.arm, self.serial = arm, serial
-        self.title = arm.model.title or arm.model.name
+        self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.axis_states = ["Synchronized"] * 6
         self.tool_name, self.work_object = "tGripper", "wobj0"

@@ -33,10 +33,8 @@ class FakeKukaRobot:
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         self._name = str(table["name"])
         arm = world.add_arm(self._name, str(table["model"]))
-        title = arm.model.title or arm.model.name
-        self.controller = KukaController(
-            arm, str(table.get("serial", "0")), title.upper(), world.clock.real_now_s
-        )
+        title = arm.model.name.removeprefix("kuka_").upper()
+        self.controller = KukaController(arm, str(table.get("serial", "0")), title, world.clock.real_now_s)
         self.controller.heartbeat_s *= world.watchdog_factor
         self._faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))

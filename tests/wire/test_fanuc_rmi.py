@@ -1,7 +1,6 @@
 """The driver of the Remote Motion Interface against its simulator, and the simulator against clients of others."""
 
 import asyncio
-import contextlib
 import time
 from collections.abc import AsyncIterator
 from typing import Any
@@ -13,7 +12,6 @@ from fanuc_rmi import RobotClient
 from fanuc_ucl import JointFormat, JointTemplate, rmi
 
 from cellcal.drivers.errors import (
-    DeviceError,
     DeviceTimeoutError,
     MotionStoppedError,
     RefusedError,
@@ -24,6 +22,7 @@ from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+from tests.wire.link_cuts import cut_links
 
 CASE = ROBOTS["fanuc_rmi"]
 CUTS = 25  # a thousand in `make soak`
@@ -187,24 +186,9 @@ async def test_a_lost_encoder_is_named_and_no_move_is_ordered(
 async def test_links_cut_at_any_moment_leave_one_motion_and_the_right_place(
     rmi_robot: Any, fake_client: FakeCellClient
 ) -> None:
-    await cut_links(rmi_robot, fake_client, CUTS)
-
-
-async def cut_links(robot: Any, fake_client: FakeCellClient, count: int) -> None:
-    """Cut the link at random moments of moves; the arm stands soon, and the next move goes where it should."""
-    rng = np.random.default_rng(5)
-    for _ in range(count):
-        target = np.array(CASE.home_rad) + rng.uniform(-0.2, 0.2, 6)
-        move = asyncio.create_task(robot.move_joints(tuple(target), speed_rad_s=0.5))
-        await asyncio.sleep(float(rng.uniform(0.0, 0.05)))
-        await fake_client.inject_fault("hang_up", device=CASE.name)
-        with contextlib.suppress(DeviceError):
-            await move
-        await wait_until(lambda: _stands(fake_client))
-        await robot.move_joints(tuple(target), speed_rad_s=0.5)
-        truth = await truth_of(fake_client)
-        assert truth["joints_rad"] == pytest.approx(list(target), abs=5e-4)
-        assert truth["most_queued"] <= 1
+    missed, most_queued = await cut_links(rmi_robot, CASE, fake_client, CUTS, "hang_up")
+    assert missed == 0
+    assert most_queued <= 1
 
 
 async def test_a_stop_is_seen_standing(rmi_robot: Any, fake_client: FakeCellClient) -> None:

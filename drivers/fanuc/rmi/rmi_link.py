@@ -131,7 +131,7 @@ class RmiLink:
         reader, writer = await self._connect(self._port, _CABLE)
         try:
             writer.write(_encode({"Communication": "FRC_Connect"}))
-            reply = self._decode(await self._read_line(reader))
+            reply = self.decode_packet(await self._read_line(reader))
         finally:
             writer.close()
         self.accept_reply(reply)
@@ -182,7 +182,7 @@ class RmiLink:
             while True:
                 line = await self._read_line(reader)
                 self.trace.add_frame("<", line.decode("ascii", "replace"))
-                self._hand_over(self._decode(line))
+                self._hand_over(self.decode_packet(line))
         except DeviceError as error:
             self._fail(error)
 
@@ -226,7 +226,8 @@ class RmiLink:
                 executed.set_exception(error)
                 executed.exception()  # read here: the motion may have been given up meanwhile
 
-    def _decode(self, line: bytes) -> Packet:
+    def decode_packet(self, line: bytes) -> Packet:
+        """Return the fields of a line; raise WireProtocolError where it is none."""
         try:
             packet = parse_json(line)
         except (DocumentError, ValueError) as error:

@@ -79,9 +79,9 @@ class FanucRmiRobot(StepwiseMotion):
     async def connect(self) -> None:
         """Connect for reading; nothing is initialised, so hand guiding and the pendant are not disturbed."""
         await self._link.open()
-        if not VERIFIED_ON:
-            version = self._link.version
-            _LOG.warning("%s: not verified on controller software %r", self.name, version)
+        firmware = (await self.identify()).firmware
+        if not firmware.startswith(VERIFIED_ON):
+            _LOG.warning("%s: not verified on controller software %r", self.name, firmware)
 
     async def close(self) -> None:
         """Hang up."""

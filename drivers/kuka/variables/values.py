@@ -10,7 +10,8 @@ from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from, values_from
 
 AXES = 6
-_MEMBER = re.compile(r"([A-Za-z]\w*)\s+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?=[,}])")
+_MEMBER = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s++([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?=[,}])")
+_MOST_TEXT = 4096
 _POSE_MEMBERS = ("X", "Y", "Z", "A", "B", "C")
 
 
@@ -32,6 +33,8 @@ def read_flag(text: str) -> bool:
 
 def read_members(text: str) -> Mapping[str, float]:
     """Return the numbers of an aggregate by their names; raise ValueError where there are none."""
+    if len(text) > _MOST_TEXT:
+        raise ValueError(f"{len(text)} characters are more than any aggregate has")
     found = {name.upper(): float(value) for name, value in _MEMBER.findall(text)}
     if not found or not all(map(math.isfinite, found.values())):
         raise ValueError(f"{text[:60]!r} holds no numbers")

@@ -74,7 +74,7 @@ class VariableLink:
     async def _exchange(self, kind: int, variable: str, value: str | None) -> str:
         async with self._lock, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
             reader, writer = await self._open_streams()
-            self._tag = self._tag % 65535 + 1
+            self.expect_tag(self._tag % 65535 + 1)
             body = struct.pack(">B", kind) + _packed(variable)
             if value is not None:
                 body += _packed(value)
@@ -83,7 +83,7 @@ class VariableLink:
             try:
                 writer.write(frame)
                 await writer.drain()
-                return await self._read_answer(reader, kind, variable)
+                return await self.read_answer(reader, kind, variable)
             except (OSError, asyncio.IncompleteReadError) as error:
                 await self.close()
                 raise self._lost(error) from error
@@ -92,7 +92,12 @@ class VariableLink:
                     await self.close()  # what is still on its way must not answer the next question
                 raise
 
-    async def _read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
+    def expect_tag(self, tag: int) -> None:
+        """Let only the answer with this tag count."""
+        self._tag = tag
+
+    async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
+        """Return the value of the answer to a question; answers to earlier ones are passed over."""
         while True:
             tag, length = _HEADER.unpack(await reader.readexactly(_HEADER.size))
             body = await reader.readexactly(length)
