@@ -276,6 +276,11 @@ class ProcedureSeen(ResponseShape):
     version: int
     lacks: list[str] | None
     due: str | None
+    remedies: Annotated[list[str], Field(description="how to get each thing that it lacks")]
+    needs: list[str]
+    intention: str
+    when: Annotated[str, Field(description="to use it")]
+    minutes: Annotated[list[int], Field(description="that it usually takes, from and to")]
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 

@@ -8,8 +8,8 @@
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
 
-const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
-const KINDS = ["procedures", "refusals"];
+const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
+const KINDS = ["procedures", "settings", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
 const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
