@@ -21,78 +21,95 @@ class GuideEntry:
     intention: Intention
     when: str
     minutes: tuple[int, int]  # usually, from start to certificate, with a person at hand
+    uses: str  # what a person has at hand for it
 
 
 GUIDE: Mapping[str, GuideEntry] = {
     "mastering_recovery": GuideEntry(
         "lost",
-        "After an empty encoder battery, an exchanged motor or an alarm about the position: finds the lost zero again.",
+        "After an empty encoder battery, an exchanged motor or an alarm about the position: finds the lost zero "
+        "again.",
         (10, 30),
+        "the draw-wire, or the places of the record",
     ),
     "mastering_record": GuideEntry(
         "lost",
         "While the robot is healthy: takes the record from which a lost position is found again later.",
         (10, 25),
+        "the draw-wire, or places to touch",
     ),
     "mastering_undo": GuideEntry(
         "lost",
         "When a mastering was written that should not have been: puts back the one before.",
         (2, 5),
+        "nothing but the controller",
     ),
     "six_point_tcp": GuideEntry(
         "tool",
         "A tool with a tip was mounted, exchanged or bent: finds the tip by touching a fixed pin from several sides.",
         (8, 15),
+        "a fixed pointed pin",
     ),
     "end_effector_points": GuideEntry(
         "tool",
         "A tool without a tip, or one that must be exact: finds it with the draw-wire at points of the end-effector.",
         (15, 30),
+        "the draw-wire",
     ),
     "three_point_frame": GuideEntry(
         "work",
         "A new workpiece or table: finds its user frame by touching origin, x and surface with a pointer.",
         (5, 10),
+        "a pointer whose tip is known",
     ),
     "frame_offset": GuideEntry(
         "work",
         "The workpiece was clamped anew or moved: finds by how much, from points that were known before.",
         (5, 10),
+        "a pointer whose tip is known",
     ),
     "probed_frame": GuideEntry(
         "work",
         "A workpiece with a corner and a robot with a touch probe: the robot feels the corner by itself.",
         (5, 15),
+        "a touch probe",
     ),
     "fixture_alignment": GuideEntry(
         "work",
         "A fixture was set up or moved: finds with the draw-wire where it stands from the robot.",
         (20, 40),
+        "the draw-wire",
     ),
     "base_to_base": GuideEntry(
         "work",
         "Several robots work at one fixture: tells where their bases stand from each other.",
         (2, 5),
+        "nothing: alignments that were made before",
     ),
     "robot_calibration": GuideEntry(
         "accurate",
-        "Programs from a simulation, or points that miss: finds the arm's own errors so that they can be compensated.",
+        "Programs from a simulation, or points that miss: finds the arm's own errors so that they can be "
+        "compensated.",
         (30, 90),
+        "the draw-wire or a tracker",
     ),
     "simulation_cell": GuideEntry(
         "accurate",
         "The simulation does not fit the real cell: moves its robot, base or workpiece to where they really are.",
         (5, 10),
+        "two files with the same points",
     ),
     "drift_check": GuideEntry(
         "check",
         "Every few weeks, or after a bump: tells in a few poses whether the robot is still as it was.",
         (5, 10),
+        "the draw-wire or a tracker",
     ),
     "accuracy_check": GuideEntry(
         "check",
         "For acceptance or a customer: measures accuracy and repeatability following ISO 9283.",
         (20, 60),
+        "a tracker, or the draw-wire",
     ),
 }
 

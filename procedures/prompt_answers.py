@@ -32,7 +32,7 @@ _PATTERNS: tuple[tuple[str, PromptAnswers], ...] = (
             "Use these counts",
             "I have newer ones",
             "counts",
-            "The recovery starts from the encoder counts that were saved while the robot was healthy.",
+            "Start from the encoder counts that were saved while the robot was healthy?",
             is_folded=True,
         ),
     ),

@@ -53,7 +53,7 @@ class RobotCalibration:
         Annotated[float, Field(gt=0, le=0.1)] | None,
         describe_setting(
             "Certainty of the zeros",
-            "The series ends once the zeros of the axes are known so well (standard deviation); empty: not asked for.",
+            "The series ends once the zeros are known so well (standard deviation); empty: not asked for.",
             "limits",
             unit="rad",
         ),

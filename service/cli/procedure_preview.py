@@ -92,7 +92,12 @@ def _catalogue_row(entry: "ProcedureEntry") -> dict[str, object]:
     from cellcal.procedures.procedure_guide import GUIDE
 
     guide = GUIDE[entry.name]
-    told = {"intention": guide.intention, "when": guide.when, "minutes": list(guide.minutes)}
+    told = {
+        "intention": guide.intention,
+        "when": guide.when,
+        "minutes": list(guide.minutes),
+        "uses": guide.uses,
+    }
     return {**asdict(entry), "lacks": None, "due": None, "remedies": [], **told}
 
 

@@ -14,7 +14,6 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.instruments import instruments_of
 from cellcal.procedures.procedure_definition import (
-    NEEDS,
     Phase,
     ProcedureDefinition,
     all_missing,
@@ -66,7 +65,7 @@ class ProcedureAvailability:
     lacks: tuple[str, ...] | None  # None where no cell was asked about
     due: date | None = None  # when it should be run next
     remedies: tuple[str, ...] = ()  # how to get each thing that it lacks
-    needs: tuple[str, ...] = ()  # all that it uses, there or not
+    uses: str = ""  # what a person has at hand for it
     intention: Intention = "check"
     when: str = ""  # to use it
     minutes: tuple[int, int] = (0, 0)  # that it usually takes
@@ -120,7 +119,7 @@ def _availability(entry: ProcedureDefinition, cell: Cell | None, due: date | Non
         lacks=None if cell is None else all_missing(entry, cell),
         due=due,
         remedies=() if cell is None else missing_remedies(entry, cell),
-        needs=tuple(NEEDS[need][0] for need in (*entry.needs, *entry.wants)),
+        uses=guide.uses,
         intention=guide.intention,
         when=guide.when,
         minutes=guide.minutes,

@@ -277,7 +277,7 @@ class ProcedureSeen(ResponseShape):
     lacks: list[str] | None
     due: str | None
     remedies: Annotated[list[str], Field(description="how to get each thing that it lacks")]
-    needs: list[str]
+    uses: Annotated[str, Field(description="what a person has at hand for it")]
     intention: str
     when: Annotated[str, Field(description="to use it")]
     minutes: Annotated[list[int], Field(description="that it usually takes, from and to")]

@@ -274,7 +274,7 @@ export interface Procedure {
   lacks: string[] | null;
   due: string | null; // when it should be run next (ISO date)
   remedies: string[]; // how to get each thing that it lacks
-  needs: string[];
+  uses: string; // what a person has at hand for it
   intention: "lost" | "tool" | "work" | "accurate" | "check";
   when: string;
   minutes: [number, number];
