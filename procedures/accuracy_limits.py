@@ -26,7 +26,8 @@ class ToolLimits:
     """Of a tool frame: expanded uncertainty of the tip, largest residual, expanded uncertainty of the axes."""
 
     tip_m: Annotated[
-        Length, describe_setting("Tip", "Largest uncertainty of the tip (k = 2).", "limits", unit="m")
+        Length,
+        describe_setting("Place of the tip", "Largest uncertainty of the tip (k = 2).", "limits", unit="m"),
     ]
     residual_m: Annotated[
         Length,
@@ -50,7 +51,10 @@ class FrameLimits:
     """Of a user frame, a fixture or a base: expanded uncertainty of origin and angle."""
 
     origin_m: Annotated[
-        Length, describe_setting("Origin", "Largest uncertainty of the origin (k = 2).", "limits", unit="m")
+        Length,
+        describe_setting(
+            "Place of the origin", "Largest uncertainty of the origin (k = 2).", "limits", unit="m"
+        ),
     ]
     angle_rad: Annotated[
         Angle,

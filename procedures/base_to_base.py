@@ -64,7 +64,7 @@ class BaseToBaseSpec:
         tuple[str, ...],
         Field(max_length=20),
         describe_setting(
-            "Robots",
+            "Robots to compare",
             "Serial numbers; the first one sees the others; empty: all robots aligned with this fixture.",
             "what",
             basic=True,

@@ -9,7 +9,7 @@ PART_TEXTS: Mapping[str, Mapping[str, Any]] = {
     "LinkCapsule": {
         "name": SHAPE_NAME,
         "link": describe_setting(
-            "Link",
+            "Link that carries it",
             "0 is the base; each next one moves with the joint of the same number.",
             "shapes",
             unit="1",
@@ -59,7 +59,7 @@ PART_TEXTS: Mapping[str, Mapping[str, Any]] = {
         ),
     },
     "TagPath": {
-        "source": describe_setting("Source", "The file, or what the points are.", "place"),
+        "source": describe_setting("Where the tags come from", "The file, or what the points are.", "place"),
         "positions_m": describe_setting("Places", "x, y and z of every tag.", "place", unit="m"),
         "names": describe_setting("Names of the tags", "Empty: tags are told apart by their order.", "place"),
         "quaternions": describe_setting(

@@ -208,8 +208,10 @@ MAX_CAPTURES = describe_setting(
 RULES = describe_setting(
     "How the series is measured", "How many poses, how carefully, and what the motion must keep to.", "effort"
 )
-SHAPE_NAME = describe_setting("Name", "What the shape is called on pages and in refusals.", "shapes")
-RADIUS = describe_setting("Radius", "Half the thickness of the shape.", "shapes", unit="m")
+SHAPE_NAME = describe_setting(
+    "Name of the shape", "What the shape is called on pages and in refusals.", "shapes"
+)
+RADIUS = describe_setting("Radius of the shape", "Half the thickness of the shape.", "shapes", unit="m")
 BOX_LOW = describe_setting(
     "Lowest corner of the workspace",
     "Arm and tool stay above these x, y and z of the base; empty: as in the cell file.",

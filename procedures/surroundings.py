@@ -63,7 +63,8 @@ class Surroundings:
         tuple[BoxBlock, ...], describe_setting("Boxes", "Boxes that stand in the cell.", "shapes")
     ] = ()
     balls: Annotated[
-        tuple[SphereObstacle, ...], describe_setting("Balls", "Round obstacles in the cell.", "shapes")
+        tuple[SphereObstacle, ...],
+        describe_setting("Round obstacles", "Round obstacles in the cell.", "shapes"),
     ] = ()
     planes: Annotated[
         tuple[PlaneObstacle, ...],

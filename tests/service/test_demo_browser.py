@@ -75,6 +75,7 @@ async def _check_bar(browser: Browser, url: str) -> None:
         await page.context.close()
     await first.get_by_test_id("demo-battery").click()
     await first.get_by_test_id("loss").wait_for()
+    await first.get_by_test_id("demo-open").click()
     await expect(first.get_by_test_id("demo-pressed").locator("li")).to_have_count(1)
     other = await _open_page(browser, url, "en")
     await expect(other.get_by_test_id("demo-last")).to_contain_text("Encoder battery dies")
@@ -87,5 +88,5 @@ async def _open_page(browser: Browser, url: str, locale: str) -> Page:
     page = await context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     await page.goto(url)
-    await page.get_by_test_id("demo-battery").wait_for()
+    await page.get_by_test_id("demo-open").wait_for()
     return page
