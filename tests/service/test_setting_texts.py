@@ -152,6 +152,17 @@ def test_the_guide_covers_the_catalogue_and_all_that_can_be_missing() -> None:
         assert (ROOT / f"web/public/procedures/{name}.svg").exists()
 
 
+def test_pages_know_what_the_names_in_messages_are_called() -> None:
+    labels: dict[str, set[str]] = {}
+    for procedure in NAMES:
+        for _, name, field in all_fields(procedure):
+            if "_" in name:
+                labels.setdefault(name, set()).add(field["title"])
+    expected = {name: found.pop() if len(found) == 1 else "" for name, found in labels.items()}
+    shown = json.loads((ROOT / "web/src/lib/setting_labels.json").read_text(encoding="utf-8"))
+    assert shown == expected
+
+
 def test_pages_call_procedures_as_the_catalogue_does() -> None:
     titles = json.loads((ROOT / "web/src/lib/procedure_titles.json").read_text(encoding="utf-8"))
     assert titles == {entry.name: entry.title for entry in CATALOGUE_INDEX}

@@ -104,6 +104,20 @@ async def test_what_an_engineer_changed_can_be_set_back_to_the_usual_value(penda
         await expect(page.get_by_test_id("changed-settings")).to_have_count(0)
 
 
+async def test_a_message_that_names_settings_says_what_they_are_called(pendant: FakePendant) -> None:
+    async with pendant.viewer.open_page("#/procedure/mastering_record", locale="de") as page:
+        await wait_for_language(page, "de")
+        await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+        for name, share in (("room.wire_low", "0,9"), ("room.wire_high", "0,5")):
+            await page.get_by_test_id(f"value-{name}").fill(share)
+            await page.get_by_test_id(f"value-{name}").press("Tab")
+        await page.locator("section[aria-live] button").click()
+        refused = page.get_by_test_id("no-outlook")
+        await expect(refused).to_contain_text("Kürzestes Seil, Anteil des Bereichs")
+        await expect(refused).not_to_contain_text("wire_low")
+        pendant.viewer.complaints.clear()  # the browser tells of a refusal, too
+
+
 async def test_a_person_who_left_half_way_finds_where_the_robot_stands_on_every_page_and_one_button(
     pendant: FakePendant,
 ) -> None:
