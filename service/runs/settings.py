@@ -1,6 +1,6 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -16,6 +16,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
 from cellcal.service.engineering.parameters.simulated_cells import with_files
 from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.runs.settings_description import label_of
 
 
 def build_spec(config: CellConfig, robot: str, procedure: str, settings: Mapping[str, object]) -> Any:
@@ -64,7 +65,10 @@ def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_fault_text(e)}" for e in error.errors())
+        faults = "; ".join(
+            f"{_fault_place(procedure, [str(each) for each in fault['loc']])}: {_fault_text(fault)}"
+            for fault in error.errors()
+        )
         raise _settings_error(procedure, faults) from error
     became = asdict(spec)
     endless = [key for key, value in became.items() if not is_finite(value)]
@@ -105,6 +109,12 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
 def _settings_error(procedure: str, faults: str) -> CellError:
     remedy = f"Correct --set; `cellcal procedures {procedure}` shows what each setting takes."
     return CellError(f"{procedure} cannot be run so: {faults}.", remedy=remedy, code="usage")
+
+
+def _fault_place(procedure: str, path: Sequence[str]) -> str:
+    """Return a setting as pages call it and, behind it, as ``--set`` does."""
+    known = [name for name in path if not name.startswith("function-")]
+    return f"{label_of(procedure, known)} ({'.'.join(known)})" if known else ""
 
 
 def _fault_text(fault: ErrorDetails) -> str:

@@ -160,9 +160,9 @@ def refusal_texts(locale: str) -> dict[str, str]:
 
 @cache
 def procedure_texts(locale: str) -> frozenset[str]:
-    """Return what the procedures' own table has already."""
-    file = ROOT / f"web/src/locales/procedures/{locale}.json"
-    return frozenset(json.loads(file.read_text(encoding="utf-8")))
+    """Return what the tables of procedures and of their settings have already."""
+    files = [ROOT / f"web/src/locales/{kind}/{locale}.json" for kind in ("procedures", "settings")]
+    return frozenset(key for file in files for key in json.loads(file.read_text(encoding="utf-8")))
 
 
 ARM_TABLES = ("safety_bits.tsv", "robot_modes.tsv")

@@ -3,7 +3,7 @@
 import { language, type Key } from "./i18n.svelte";
 import { sayings } from "./say.svelte";
 import { unitOf } from "./units";
-import { nameOf, written } from "./values";
+import { written } from "./values";
 
 export interface Fault {
   setting: string;
@@ -11,7 +11,7 @@ export interface Fault {
 }
 
 const ALL = /^\S+ cannot be run so: (.*)\.$/s;
-const ONE = /^([\w.]+): (.*)$/s;
+const ONE = /^(.*) \(([\w.]+)\): (.*)$/s; // what a setting is called and, for the terminal, its name
 const BOUND = /^Input should be (less than or equal to|greater than or equal to|less than|greater than) (-?[\d.e+-]+)$/;
 const BOUNDS: Record<string, Key> = {
   "less than or equal to": "fault_most",
@@ -25,7 +25,10 @@ export function faultsOf(message: string): Fault[] {
   const all = ALL.exec(message)?.[1]?.split("; ") ?? [];
   const found = all.map((each) => ONE.exec(each));
   if (found.includes(null)) return [];
-  return found.map((each) => ({ setting: nameOf(each![1]!), words: inWords(each![1]!, each![2]!) }));
+  return found.map((each) => ({
+    setting: each![1]!.split(" · ").map(sayings.say).join(" · "),
+    words: inWords(each![2]!, each![3]!),
+  }));
 }
 
 function inWords(path: string, words: string): string {

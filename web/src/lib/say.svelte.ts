@@ -7,9 +7,10 @@
 
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
+import labels from "./setting_labels.json";
 
-const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
-const KINDS = ["procedures", "refusals"];
+const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
+const KINDS = ["procedures", "settings", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
 const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
@@ -19,6 +20,11 @@ const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const HOLE = /\{(\d+)\}/;
 // A device's trouble begins with its name, a message's with its key, a step's with its name and number.
 const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)$/s;
+
+// Names of settings in messages, which the terminal needs: a page says what they are called. An empty label is one of
+// a name that stands for several settings: in brackets it is left out.
+const LABELS: Record<string, string> = labels;
+const NAMED = /( ?\()?\b(?:[a-z]+\.)*([a-z0-9]+(?:_[a-z0-9]+)+)\b(\))?/g;
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -63,7 +69,8 @@ class Sayings {
     if (text === "") return [];
     return text.split(SENTENCE).map((part) => {
       const said = this.#one(part);
-      return said === null ? { text: part, english: english && WORD.test(part) } : { text: said, english: false };
+      const text = this.#labelled(said ?? part);
+      return { text, english: said === null && english && WORD.test(part) };
     });
   };
 
@@ -80,6 +87,15 @@ class Sayings {
     const numbered = /^(.*?),? (\d+)$/.exec(name);
     return numbered ? `${this.step(numbered[1]!)} ${numbered[2]}` : name;
   };
+
+  #labelled(text: string): string {
+    return text.replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
+      const label = LABELS[name];
+      if (label === undefined) return whole;
+      if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;
+      return `${before ?? ""}“${this.#one(label) ?? label}”${after ?? ""}`;
+    });
+  }
 
   #one(text: string): string | null {
     const table = this.#table; // read first: who asks is told when another language has come
