@@ -7,6 +7,7 @@ flag                           Protocol
 =============================  ==========================
 ``moves_joints``               ``MovesJoints``
 ``jogs_single_axes``           ``JogsAxes``
+``reads_encoder_counts``       ``ReadsEncoderCounts``
 ``writes_mastering``           ``MasteringStore``
 ``writes_tool_frame``          ``ToolFrameStore``
 ``writes_user_frame``          ``UserFrameStore``
@@ -102,6 +103,7 @@ class RobotCapabilities:
     hand_guiding: bool = False
     jogs_single_axes: bool = False
     reads_encoder_counts: bool = False
+    tells_lost_position: bool = False  # by an alarm, or by a state of each axis, in its condition
     writes_mastering: bool = False
     writes_tool_frame: bool = False
     writes_user_frame: bool = False
@@ -158,19 +160,23 @@ class JogsAxes(Protocol):
         ...
 
 
-class MasteringStore(Protocol):
-    """Robots with capabilities.writes_mastering."""
+class ReadsEncoderCounts(Protocol):
+    """Robots with capabilities.reads_encoder_counts."""
 
     async def encoder_counts(self) -> Counts:
         """Read the pulse coder counts of all axes in one telegram."""
         ...
 
-    async def read_mastering(self) -> MasteringData: ...
     async def drive_train(self) -> DriveTrain: ...
     async def encoder_epoch(self) -> int:
         """Return a number that changes when the encoders may have lost their position."""
         ...
 
+
+class MasteringStore(ReadsEncoderCounts, Protocol):
+    """Robots with capabilities.writes_mastering; these read their encoder counts, too."""
+
+    async def read_mastering(self) -> MasteringData: ...
     async def write_mastering(self, counts_at_zero: Counts) -> MasteringData:
         """Write, make it effective, read back. All axes or none: on a partial write the old data are restored."""
         ...

@@ -16,11 +16,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import cellcal.fake_devices.abb.device
 import cellcal.fake_devices.draw_wire.device
+import cellcal.fake_devices.fanuc_rmi.device
+import cellcal.fake_devices.kuka.device
 import cellcal.fake_devices.laser_tracker.device
 import cellcal.fake_devices.modbus_robot.device
 import cellcal.fake_devices.touch_probe.device
 import cellcal.fake_devices.universal_robots.device
+import cellcal.fake_devices.yaskawa.device
 from cellcal.fake_devices.arm_models import ArmModel
 from cellcal.fake_devices.described_arms import read_described_arms
 from cellcal.fake_devices.device import FakeDevice
@@ -31,6 +35,10 @@ Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 FACTORIES: dict[str, Factory] = {
     "modbus_robot": cellcal.fake_devices.modbus_robot.device.create_modbus_robot,
     "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
+    "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
+    "kuka_variables": cellcal.fake_devices.kuka.device.create_kuka_robot,
+    "abb_web_services": cellcal.fake_devices.abb.device.create_abb_robot,
+    "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
     "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
     "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,
     "touch_probe": cellcal.fake_devices.touch_probe.device.create_probe,

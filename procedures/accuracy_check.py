@@ -53,6 +53,17 @@ from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    CANDIDATES,
+    INSTRUMENT,
+    OWN_LIMITS,
+    ROOM,
+    RULES,
+    SAMPLES,
+    SEED,
+    describe_setting,
+)
 from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves, plan_page, straight_ways
 from cellcal.procedures.verdict import ProcedureVerdict, ValueChange, judge_value, state_figure
 
@@ -63,28 +74,65 @@ SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
 class CheckRules:
     """Where the cube is, how often it is gone round, how carefully, and what motion must keep to."""
 
-    cycles: Annotated[int, Field(ge=2, le=100)] = 5
-    centre_m: Triple | None = None  # of the cube, base frame; None: the middle of the work
-    side_m: Annotated[float, Field(ge=0.05, le=2)] = 0.4
-    placing: Annotated[int, Field(ge=10, le=100)] = (
-        14  # poses that tell where the device is; not part of the test
-    )
-    candidates: Annotated[int, Field(ge=32, le=1000)] = 150
-    samples: Annotated[int, Field(ge=1, le=1000)] = 3
-    load_share: Annotated[float, Field(ge=0, le=1)] = 0.0  # of the rated load, as mounted
-    warmed_up: bool = False
-    seed: Annotated[int, Field(ge=0)] = 1
-    room: MotionBounds = field(default_factory=MotionBounds)
+    cycles: Annotated[
+        int,
+        Field(ge=2, le=100),
+        describe_setting(
+            "Rounds of the cube", "How often the poses of the test cube are gone round.", "effort", unit="1"
+        ),
+    ] = 5
+    centre_m: Annotated[
+        Triple | None,
+        describe_setting(
+            "Middle of the test cube",
+            "In the robot's base; empty: the middle of the work.",
+            "place",
+            unit="m",
+            drawing="cube",
+        ),
+    ] = None
+    side_m: Annotated[
+        float,
+        Field(ge=0.05, le=2),
+        describe_setting("Edge of the test cube", "Length of one edge.", "place", unit="m", drawing="cube"),
+    ] = 0.4
+    placing: Annotated[
+        int,
+        Field(ge=10, le=100),
+        describe_setting(
+            "Poses to place the instrument",
+            "They tell where the instrument stands and are no part of the test.",
+            "effort",
+            unit="1",
+        ),
+    ] = 14
+    candidates: Annotated[int, Field(ge=32, le=1000), CANDIDATES] = 150
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 3
+    load_share: Annotated[
+        float,
+        Field(ge=0, le=1),
+        describe_setting(
+            "Load, share of the rated load",
+            "What is mounted, from 0 to 1; it stands on the certificate.",
+            "effort",
+            unit="1",
+        ),
+    ] = 0.0
+    warmed_up: Annotated[
+        bool, describe_setting("The robot is warm", "It has worked for as long as its maker says.", "effort")
+    ] = False
+    seed: Annotated[int, Field(ge=0), SEED] = 1
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)
 class AccuracyCheck:
     """With what to measure, and what the robot must keep."""
 
-    method: Method = "tracker"
-    accuracy_class: AccuracyClass = "B"
-    limits: PoseLimits | None = None
-    rules: CheckRules = field(default_factory=CheckRules)
+    method: Annotated[Method, INSTRUMENT] = "tracker"
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[PoseLimits | None, OWN_LIMITS] = None
+    rules: Annotated[CheckRules, RULES] = field(default_factory=CheckRules)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field
 
 from cellcal.calibration.message import make_message
+from cellcal.procedures.setting_texts import describe_setting
 
 AccuracyClass = Literal["A", "B", "C"]  # precise, general, coarse
 SELECTABLE_SHARE = 3.0  # a class is in reach where the predicted U is at most its limit / 3
@@ -25,39 +26,100 @@ _L = TypeVar("_L")
 class ToolLimits:
     """Of a tool frame: expanded uncertainty of the tip, largest residual, expanded uncertainty of the axes."""
 
-    tip_m: Length
-    residual_m: Length
-    orientation_rad: Angle
+    tip_m: Annotated[
+        Length,
+        describe_setting("Place of the tip", "Largest uncertainty of the tip (k = 2).", "limits", unit="m"),
+    ]
+    residual_m: Annotated[
+        Length,
+        describe_setting(
+            "Worst touch", "Largest distance of one touch from the common point.", "limits", unit="m"
+        ),
+    ]
+    orientation_rad: Annotated[
+        Angle,
+        describe_setting(
+            "Direction of the axes",
+            "Largest uncertainty of the directions of the tool's axes (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class FrameLimits:
     """Of a user frame, a fixture or a base: expanded uncertainty of origin and angle."""
 
-    origin_m: Length
-    angle_rad: Angle
+    origin_m: Annotated[
+        Length,
+        describe_setting(
+            "Place of the origin", "Largest uncertainty of the origin (k = 2).", "limits", unit="m"
+        ),
+    ]
+    angle_rad: Annotated[
+        Angle,
+        describe_setting(
+            "Direction of the axes",
+            "Largest uncertainty of the directions of the axes (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class PoseLimits:
     """Of an accuracy check: positional accuracy AP and repeatability RP at the worst pose."""
 
-    ap_m: Length
-    rp_m: Length
+    ap_m: Annotated[
+        Length,
+        describe_setting(
+            "Accuracy at the worst pose",
+            "Largest positional accuracy AP following ISO 9283.",
+            "limits",
+            unit="m",
+        ),
+    ]
+    rp_m: Annotated[
+        Length,
+        describe_setting(
+            "Repeatability at the worst pose",
+            "Largest repeatability RP following ISO 9283.",
+            "limits",
+            unit="m",
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class MasteringLimits:
     """Of the zero of one axis whose reference was lost; whole turns are exact or refused."""
 
-    axis_rad: Angle
+    axis_rad: Annotated[
+        Angle,
+        describe_setting(
+            "Zero of an axis",
+            "Largest uncertainty of the zero of an axis whose reference was lost (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckLimits:
     """Of a calibrated robot: RMS at poses that were not fitted."""
 
-    check_rms_m: Length
+    check_rms_m: Annotated[
+        Length,
+        describe_setting(
+            "Error at check poses",
+            "Largest RMS error at poses that were not used for the fit.",
+            "limits",
+            unit="m",
+        ),
+    ]
 
 
 TOOL: Mapping[AccuracyClass, ToolLimits] = {

@@ -37,6 +37,7 @@ from cellcal.procedures.refit import (
 )
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.run_history import Finding
+from cellcal.procedures.setting_texts import FIXTURE, OWN_LIMITS, WRITE_ANYWAY, describe_setting
 from cellcal.procedures.verdict import (
     NOTHING_MEASURED,
     ProcedureVerdict,
@@ -59,10 +60,19 @@ BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))
 class BaseToBaseSpec:
     """Through which fixture, which robots (by serial number), and how well it must be known."""
 
-    fixture: Annotated[str, Field(min_length=1, max_length=64)]
-    robots: Annotated[tuple[str, ...], Field(max_length=20)] = ()  # the first is seen from; none: all aligned
-    limits: FrameLimits = BASE_LIMITS
-    write_anyway: WriteAnyway = ""
+    fixture: Annotated[str, Field(min_length=1, max_length=64), FIXTURE]
+    robots: Annotated[
+        tuple[str, ...],
+        Field(max_length=20),
+        describe_setting(
+            "Robots to compare",
+            "Serial numbers; the first one sees the others; empty: all robots aligned with this fixture.",
+            "what",
+            basic=True,
+        ),
+    ] = ()
+    limits: Annotated[FrameLimits, OWN_LIMITS] = BASE_LIMITS
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
 
 @dataclass(frozen=True, slots=True)

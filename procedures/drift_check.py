@@ -57,6 +57,7 @@ from cellcal.procedures.motion.plan_words import PlanTour, plan_words
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.setting_texts import INSTRUMENT, RULES, describe_setting
 from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves, plan_page
 from cellcal.procedures.verdict import (
     Characteristic,
@@ -81,10 +82,25 @@ NEXT = {
 class DriftCheck:
     """With what to measure, and how much the readings may have changed."""
 
-    method: Method = "wire"
-    limit_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0003  # of a reading
-    renew: bool = False  # take a new reference; only of a robot that is known to be healthy
-    rules: DriftRules = field(default_factory=DriftRules)
+    method: Annotated[Method, INSTRUMENT] = "wire"
+    limit_m: Annotated[
+        float,
+        Field(gt=0, le=0.1),
+        describe_setting(
+            "Change that is too much",
+            "A reading that changed by more than this since the reference counts as drift.",
+            "limits",
+            unit="m",
+            basic=True,
+        ),
+    ] = 0.0003
+    renew: Annotated[
+        bool,
+        describe_setting(
+            "Take a new reference", "Only of a robot that is known to be healthy.", "what", basic=True
+        ),
+    ] = False
+    rules: Annotated[DriftRules, RULES] = field(default_factory=DriftRules)
 
 
 @dataclass(frozen=True, slots=True)

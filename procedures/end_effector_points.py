@@ -28,6 +28,15 @@ from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.run_history import Finding
+from cellcal.procedures.setting_texts import (
+    POINTS_IN_TOOL,
+    ROUGH_TOOL,
+    RULES,
+    TIP_U,
+    TOOL_NUMBER,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.end_effector import bad_shape_error, point_instruction
 from cellcal.procedures.steps.mastering import check_same_epoch
 from cellcal.procedures.steps.pages import plan_page
@@ -73,16 +82,32 @@ WIRE_STANDS = Instruction(
 class EndEffectorPoints:
     """Which tool frame to write, where the points are from the tip, roughly where the tool is, when to be content."""
 
-    tool_number: Annotated[int, Field(ge=0, le=99)]
-    points_in_tool_m: Annotated[
-        tuple[Triple, ...], Field(min_length=1, max_length=12)
-    ]  # of the hook, from the tip
-    rough_flange_tool: Pose  # by drawing or tape measure; with one point its orientation is kept
-    rough_sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.010  # of a point by the rough frame
-    tip_u_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0004
-    angle_u_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(0.2)
-    rules: SurveyRules = field(default_factory=SurveyRules)
-    write_anyway: WriteAnyway = ""
+    tool_number: Annotated[int, Field(ge=0, le=99), TOOL_NUMBER]
+    points_in_tool_m: Annotated[tuple[Triple, ...], Field(min_length=1, max_length=12), POINTS_IN_TOOL]
+    rough_flange_tool: Annotated[Pose, ROUGH_TOOL]
+    rough_sigma_m: Annotated[
+        float,
+        Field(gt=0, le=0.1),
+        describe_setting(
+            "How rough the rough tool is",
+            "By how much a point may be off where the rough tool has it (standard deviation).",
+            "doubt",
+            unit="m",
+        ),
+    ] = 0.010
+    tip_u_m: Annotated[float, Field(gt=0, le=0.1), TIP_U] = 0.0004
+    angle_u_rad: Annotated[
+        float,
+        Field(gt=0, le=1),
+        describe_setting(
+            "Accuracy to reach of the axes",
+            "The series ends once the tool's directions are known so well (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ] = math.radians(0.2)
+    rules: Annotated[SurveyRules, RULES] = field(default_factory=SurveyRules)
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,14 @@ from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.run_history import Finding
+from cellcal.procedures.setting_texts import (
+    FIXTURE,
+    MOUTH_AT,
+    OWN_LIMITS,
+    RULES,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.mastering import check_same_epoch
 from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.survey.shared_fixture import (
@@ -99,19 +107,52 @@ HOOK_WIRE = Instruction(
 class FixtureAlignment:
     """Which fixture, where its points are on the drawing, roughly where it stands, and how well it must be known."""
 
-    fixture: Annotated[str, Field(min_length=1, max_length=64)]
+    fixture: Annotated[str, Field(min_length=1, max_length=64), FIXTURE]
     points_in_fixture_m: Annotated[
-        tuple[Triple, ...], Field(min_length=3, max_length=12)
-    ]  # of the wire's exit
-    rough_base_fixture: Pose  # by tape measure
-    rough_sigma_m: Annotated[float, Field(gt=0, le=0.2)] = 0.020  # of a point by the rough pose
-    limits: FrameLimits = ALIGNMENT_LIMITS
-    bases: FrameLimits | None = (
-        None  # go on until another robot's base, seen through the fixture, is known so well
-    )
-    mouth_at_m: Triple | None = None  # where the wire's mouth looks; None: the middle of the robot's work
-    rules: SurveyRules = field(default_factory=SurveyRules)
-    write_anyway: WriteAnyway = ""
+        tuple[Triple, ...],
+        Field(min_length=3, max_length=12),
+        describe_setting(
+            "Points of the fixture",
+            "Where the wire's exit is set, three points or more, by the drawing, in x, y and z of the fixture.",
+            "place",
+            unit="m",
+            basic=True,
+            drawing="fixture",
+        ),
+    ]
+    rough_base_fixture: Annotated[
+        Pose,
+        describe_setting(
+            "Fixture, roughly",
+            "Where the fixture stands in the robot's base and how it is turned, by tape measure.",
+            "place",
+            unit="m",
+            basic=True,
+            drawing="fixture",
+        ),
+    ]
+    rough_sigma_m: Annotated[
+        float,
+        Field(gt=0, le=0.2),
+        describe_setting(
+            "How rough the rough place is",
+            "By how much a point may be off where the rough place has it (standard deviation).",
+            "doubt",
+            unit="m",
+        ),
+    ] = 0.020
+    limits: Annotated[FrameLimits, OWN_LIMITS] = ALIGNMENT_LIMITS
+    bases: Annotated[
+        FrameLimits | None,
+        describe_setting(
+            "Limits of the other robot's base",
+            "The series goes on until another robot's base, seen through the fixture, is known so well.",
+            "limits",
+        ),
+    ] = None
+    mouth_at_m: Annotated[Triple | None, MOUTH_AT] = None
+    rules: Annotated[SurveyRules, RULES] = field(default_factory=SurveyRules)
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
 
 @dataclass(frozen=True, slots=True)

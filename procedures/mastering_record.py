@@ -55,6 +55,15 @@ from cellcal.procedures.refit import (
 )
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.run_history import Finding
+from cellcal.procedures.setting_texts import (
+    EVIDENCE,
+    RETAKES,
+    ROOM,
+    SAMPLES,
+    SEED,
+    TOLERANCE_COUNTS,
+    describe_setting,
+)
 from cellcal.procedures.steps.capture import StillCapture, capture_still
 from cellcal.procedures.steps.kit_bench import read_kit_bench
 from cellcal.procedures.steps.mastering import check_same_epoch, read_motors
@@ -71,16 +80,31 @@ HOOK_WIRE = Instruction("wire_is_hooked", "Hook the draw-wire to the flange; not
 class MasteringRecordSpec:
     """How many poses to capture, how carefully, and what motion must keep to."""
 
-    poses: Annotated[int, Field(ge=8, le=200)] = 30
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    tolerance_counts: Annotated[int, Field(ge=0)] = 50
-    retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of captures that the others contradict
-    seed: Annotated[int, Field(ge=0)] = 1
-    evidence: Literal["wire", "places"] = "wire"  # places: no draw-wire; a kit of places alone
-    kit: KitSpec | None = (
-        None  # of places beside the lengths, or in their stead; None: chosen from those possible
-    )
-    room: MotionBounds = field(default_factory=MotionBounds)
+    poses: Annotated[
+        int,
+        Field(ge=8, le=200),
+        describe_setting(
+            "Poses to record",
+            "At how many poses the arm is measured; more make a later recovery surer.",
+            "effort",
+            unit="1",
+            basic=True,
+        ),
+    ] = 30
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
+    tolerance_counts: Annotated[int, Field(ge=0), TOLERANCE_COUNTS] = 50
+    retakes: Annotated[int, Field(ge=0, le=20), RETAKES] = 2
+    seed: Annotated[int, Field(ge=0), SEED] = 1
+    evidence: Annotated[Literal["wire", "places"], EVIDENCE] = "wire"
+    kit: Annotated[
+        KitSpec | None,
+        describe_setting(
+            "Places to come back to",
+            "Points, a seat or targets recorded beside the lengths, so that a recovery needs no draw-wire.",
+            "tool",
+        ),
+    ] = None
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)

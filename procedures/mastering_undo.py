@@ -4,6 +4,7 @@ Nothing is measured: whether the old data were right is another question, and th
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydantic_core import to_jsonable_python
@@ -22,6 +23,7 @@ from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, 
 from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.recovery.recovery_verdict import AFTER_MASTERING
 from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.setting_texts import describe_setting
 from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 from cellcal.procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
 from cellcal.procedures.steps.write import ReadBackError, restore_mastering
@@ -35,7 +37,15 @@ _PERSON_S = 30.0
 class MasteringUndo:
     """Which run's write is undone; nothing: the newest that wrote a mastering."""
 
-    of_run: str = ""
+    of_run: Annotated[
+        str,
+        describe_setting(
+            "Run to undo",
+            "The run whose writing is taken back; empty: the last one that wrote.",
+            "what",
+            basic=True,
+        ),
+    ] = ""
 
 
 @dataclass(frozen=True, slots=True)

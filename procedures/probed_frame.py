@@ -24,6 +24,14 @@ from cellcal.procedures.motion.speed_limit import TimedMotion
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    ARM_SIGMA,
+    FRAME_NUMBER,
+    OWN_LIMITS,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.pages import ARM_CHECKS, PlannedMoves, plan_page
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
@@ -76,15 +84,27 @@ READY = Instruction(
 class ProbedFrame:
     """Which user frame to write, where it is about, and how well it must be known."""
 
-    frame_number: Annotated[int, Field(ge=0, le=99)]
-    nominal: Pose | None = None  # within search_way_m; None: the user frame that the controller holds
-    touching: CornerRules = field(default_factory=CornerRules)
-    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = (
-        0.001  # the arm's own errors, one coordinate in its base; less of a calibrated arm
-    )
-    accuracy_class: AccuracyClass = "B"
-    limits: FrameLimits | None = None
-    write_anyway: WriteAnyway = ""
+    frame_number: Annotated[int, Field(ge=0, le=99), FRAME_NUMBER]
+    nominal: Annotated[
+        Pose | None,
+        describe_setting(
+            "Where the corner is, roughly",
+            "Corner and directions of the workpiece in the robot's base; empty: the user frame of the controller.",
+            "place",
+            unit="m",
+            drawing="frame",
+        ),
+    ] = None
+    touching: Annotated[
+        CornerRules,
+        describe_setting(
+            "How the corner is felt", "Which corner, where it is felt and how slowly.", "effort"
+        ),
+    ] = field(default_factory=CornerRules)
+    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01), ARM_SIGMA] = 0.001
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[FrameLimits | None, OWN_LIMITS] = None
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
     def corner_goal(self, tip_sigma_m: float) -> CornerGoal:
         """Return what the touches are for."""

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from cellcal.calibration.message import make_message
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.procedure_guide import NEED_REMEDIES
 from cellcal.procedures.refit import Refit
 from cellcal.procedures.run import NeedsUnmetError, Run
 from cellcal.procedures.run_history import Finding
@@ -129,6 +130,12 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
 def missing_needs(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
     """Return what this cell lacks for a procedure, in a technician's words."""
     return tuple(NEEDS[need][0] for need in entry.needs if not NEEDS[need][1](cell))
+
+
+def missing_remedies(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
+    """Return how each thing that `all_missing` names can be had, in the same order."""
+    unmet = [need for need in (*entry.needs, *entry.wants) if not NEEDS[need][1](cell)]
+    return tuple(NEED_REMEDIES[need] for need in unmet)
 
 
 def all_missing(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:

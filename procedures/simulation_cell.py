@@ -41,6 +41,7 @@ from cellcal.procedures.questions import ask_acceptance
 from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import Finding
+from cellcal.procedures.setting_texts import OWN_LIMITS, describe_setting
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
 from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
 from cellcal.procedures.verdict import NOTHING_MEASURED, ProcedureVerdict
@@ -56,28 +57,124 @@ ASSUMED_SIGMA_M = 0.0003  # of one coordinate of one tag, in a dry run
 class SimulationCell:
     """Which part of a simulated cell is made like the real one, and the tags of both."""
 
-    part: Part
-    simulated: (
-        TagPath  # robot: joints at each tag; base: tags in the robot's base; workpiece: tags of its model
-    )
-    measured: (
-        TagPath  # robot: by the device; base: in the fixture's frame; workpiece: touched, in the robot's base
-    )
-    model: str = (
-        ""  # part robot: of the robots that ship; empty: the cell's own, unless there is a description
-    )
-    description: Description = Description("")  # part robot: URDF of the simulation's robot
-    tip_link: str = ""  # the description's link at the flange
-    level: Annotated[int, Field(ge=OFFSETS, le=GEOMETRY)] = OFFSETS  # 1 zero positions, 2 the whole geometry
-    method: Method = "least_squares"  # part workpiece
-    nominal: Pose | None = None  # where the simulation has it: device, base in fixture, or workpiece in base
-    sigma_m: Annotated[float, Field(gt=0, le=0.1)] | None = (
-        None  # of a tag's coordinate; None: residuals tell
-    )
-    sigma_rad: Annotated[float, Field(gt=0, le=0.5)] | None = None  # of a tag's attitude; None: not used
-    accuracy_class: AccuracyClass = "B"
-    limits: FrameLimits | None = None
-    robot_limits: CheckLimits | None = None
+    part: Annotated[
+        Part,
+        describe_setting(
+            "What to match",
+            "Which part of the simulation is made like the real cell.",
+            "what",
+            basic=True,
+            choices={
+                "robot": "the robot",
+                "base": "the robot's place on its fixture",
+                "workpiece": "the workpiece",
+            },
+        ),
+    ]
+    simulated: Annotated[
+        TagPath,
+        describe_setting(
+            "Tags of the simulation",
+            "A file with the points as the simulation has them.",
+            "place",
+            unit="m",
+            basic=True,
+        ),
+    ]
+    measured: Annotated[
+        TagPath,
+        describe_setting(
+            "Tags as measured",
+            "A file with the same points as they were measured in the real cell.",
+            "place",
+            unit="m",
+            basic=True,
+        ),
+    ]
+    model: Annotated[
+        str,
+        describe_setting(
+            "Robot model",
+            "One of the robots that ship; empty: the cell's own, unless a description is given.",
+            "tool",
+        ),
+    ] = ""
+    description: Annotated[
+        Description, describe_setting("Robot description (URDF)", "File of the simulation's robot.", "tool")
+    ] = Description("")
+    tip_link: Annotated[
+        str,
+        describe_setting(
+            "Link at the flange", "The name that the description has for the link at the flange.", "tool"
+        ),
+    ] = ""
+    level: Annotated[
+        int,
+        Field(ge=OFFSETS, le=GEOMETRY),
+        describe_setting(
+            "What may be wrong with the arm", "1: zeros of the axes; 2: the whole geometry.", "what", unit="1"
+        ),
+    ] = OFFSETS
+    method: Annotated[
+        Method,
+        describe_setting(
+            "How a workpiece is placed",
+            "From which points the workpiece's place follows.",
+            "what",
+            choices={
+                "three_points": "three points",
+                "six_points": "six points (3-2-1)",
+                "least_squares": "all points, best fit",
+            },
+        ),
+    ] = "least_squares"
+    nominal: Annotated[
+        Pose | None,
+        describe_setting(
+            "Place in the simulation",
+            "Where the simulation has the device, the base or the workpiece.",
+            "place",
+            unit="m",
+            basic=True,
+            drawing="frame",
+        ),
+    ] = None
+    sigma_m: Annotated[
+        Annotated[float, Field(gt=0, le=0.1)] | None,
+        describe_setting(
+            "Spread of a tag",
+            "Standard deviation of one coordinate; empty: as the remaining errors show.",
+            "doubt",
+            unit="m",
+        ),
+    ] = None
+    sigma_rad: Annotated[
+        Annotated[float, Field(gt=0, le=0.5)] | None,
+        describe_setting(
+            "Spread of a tag's direction",
+            "Standard deviation of an angle; empty: directions are not used.",
+            "doubt",
+            unit="rad",
+        ),
+    ] = None
+    accuracy_class: Annotated[
+        AccuracyClass,
+        describe_setting(
+            "How good it must be",
+            "The class of limits by which the result passes or fails; B is usual.",
+            "limits",
+            choices={"A": "A: precise", "B": "B: general", "C": "C: coarse"},
+        ),
+    ] = "B"
+    limits: Annotated[FrameLimits | None, OWN_LIMITS] = None
+    robot_limits: Annotated[
+        CheckLimits | None,
+        describe_setting(
+            "Own limits of the robot",
+            "Figures of your specification for the robot in place of those of the class.",
+            "limits",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,16 @@ from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge,
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    ARM_SIGMA,
+    MAX_TOUCHES,
+    OWN_LIMITS,
+    TOOL_NUMBER,
+    TOUCH_SIGMA,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
 from cellcal.procedures.teaching.tcp_methods import (
     Method,
@@ -51,29 +61,111 @@ FIX_PIN = Instruction("pin_is_fixed", "Fix a pointed pin where the tool can reac
 class SixPointTcp:
     """Which tool frame to write, how it is taught, and when to be content."""
 
-    tool_number: Annotated[int, Field(ge=0, le=99)]
-    method: Method = "textbook"
-    orientation: Orientation = "two_points"  # of three_plus_orientation
-    held: ToolAttitude = "z_down"  # how the tool is held where the orientation is by the world
-    check_handedness: bool = False  # one more move where a method has none to spare
-    rms_limit_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005
-    min_touches: Annotated[int, Field(ge=0, le=50)] = 0  # 0: as few as the method has
-    max_touches: Annotated[int, Field(ge=3, le=50)] = 12
-    min_turn_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(20.0)  # between the first three touches
-    most_tilt_rad: Annotated[float, Field(gt=0.3, le=1.6)] = math.radians(60.0)  # asked for
-    min_move_m: Annotated[float, Field(gt=0, le=10)] = FOOT_M * 0.98  # a foot by eye
-    touch_sigma_m: Annotated[float, Field(gt=0, le=0.1)] = (
-        0.0002  # of one coordinate of one touch, by experience
-    )
-    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = (
-        0.0003  # by how much the arm's own errors shift a coordinate of the tip: an arm by its drawing
-    )
-    square_sigma_rad: Annotated[float, Field(ge=0, le=0.2)] = math.radians(
-        0.05
-    )  # how squarely the tool is held
-    accuracy_class: AccuracyClass = "B"
-    limits: ToolLimits | None = None
-    write_anyway: WriteAnyway = ""
+    tool_number: Annotated[int, Field(ge=0, le=99), TOOL_NUMBER]
+    method: Annotated[
+        Method,
+        describe_setting(
+            "How the tool is taught",
+            "Which touches are made; the pages lead through them one by one.",
+            "what",
+            basic=True,
+            choices={
+                "textbook": "six points, as in the textbook",
+                "four_point": "four points: tip only",
+                "three_plus_orientation": "three points and an orientation",
+                "six_point_xz": "six points: x and z of the tool",
+                "six_point_xy": "six points: x and y of the tool",
+            },
+        ),
+    ] = "textbook"
+    orientation: Annotated[
+        Orientation,
+        describe_setting(
+            "How the axes are shown",
+            "How the directions of the tool's axes are told, where three points and an orientation are taught.",
+            "what",
+            choices={"world": "tool held square to the base", "two_points": "two more points"},
+        ),
+    ] = "two_points"
+    held: Annotated[
+        ToolAttitude,
+        describe_setting(
+            "How the tool is held",
+            "The attitude in which the tool is held square to the robot's base.",
+            "what",
+            choices={
+                "as_base": "axes as those of the base",
+                "z_down": "z straight down",
+                "x_down": "x straight down",
+            },
+        ),
+    ] = "z_down"
+    check_handedness: Annotated[
+        bool,
+        describe_setting(
+            "One more move as a check", "Catches axes that were shown in the wrong order.", "effort"
+        ),
+    ] = False
+    rms_limit_m: Annotated[
+        float,
+        Field(gt=0, le=0.1),
+        describe_setting(
+            "Largest disagreement of the touches",
+            "Touches that disagree by more are not accepted (RMS).",
+            "limits",
+            unit="m",
+        ),
+    ] = 0.0005
+    min_touches: Annotated[
+        int,
+        Field(ge=0, le=50),
+        describe_setting(
+            "Fewest touches", "At least so many touches; 0: as few as the method has.", "effort", unit="1"
+        ),
+    ] = 0
+    max_touches: Annotated[int, Field(ge=3, le=50), MAX_TOUCHES] = 12
+    min_turn_rad: Annotated[
+        float,
+        Field(gt=0, le=1),
+        describe_setting(
+            "Turn between the first touches",
+            "The tool is turned at least so far between the first three touches.",
+            "effort",
+            unit="rad",
+        ),
+    ] = math.radians(20.0)
+    most_tilt_rad: Annotated[
+        float,
+        Field(gt=0.3, le=1.6),
+        describe_setting(
+            "Most tilt asked for", "No touch asks for more tilt of the tool than this.", "effort", unit="rad"
+        ),
+    ] = math.radians(60.0)
+    min_move_m: Annotated[
+        float,
+        Field(gt=0, le=10),
+        describe_setting(
+            "Distance to show an axis",
+            "The tool moves at least so far along an axis to show its direction.",
+            "effort",
+            unit="m",
+        ),
+    ] = FOOT_M * 0.98
+    touch_sigma_m: Annotated[float, Field(gt=0, le=0.1), TOUCH_SIGMA] = 0.0002
+    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01), ARM_SIGMA] = 0.0003
+    square_sigma_rad: Annotated[
+        float,
+        Field(ge=0, le=0.2),
+        describe_setting(
+            "How squarely the tool is held",
+            "Standard deviation of the angle when the tool is set square by eye or level.",
+            "doubt",
+            unit="rad",
+        ),
+    ] = math.radians(0.05)
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[ToolLimits | None, OWN_LIMITS] = None
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
     @property
     def teaching_method(self) -> TeachingMethod:

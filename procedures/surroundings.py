@@ -5,6 +5,7 @@ Plans carry them, the journal keeps them, and `clearances` makes the check of th
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Pose
@@ -21,6 +22,7 @@ from cellcal.calibration.motion.collision import (
     assumed_shape,
 )
 from cellcal.calibration.motion.motion_check import WirePath
+from cellcal.procedures.setting_texts import BOX_HIGH, BOX_LOW, SHAPE_NAME, describe_setting
 
 Triple = tuple[float, float, float]
 
@@ -31,25 +33,86 @@ UNKNOWN_SPEED_SHARE = 0.5  # of every cap, while the cell's obstacles are not de
 class BoxBlock:
     """A box that stands in the cell."""
 
-    name: str
-    base_box: Pose  # its centre and axes
-    size_m: Triple  # whole edges
+    name: Annotated[str, SHAPE_NAME]
+    base_box: Annotated[
+        Pose,
+        describe_setting(
+            "Middle and turn of the box",
+            "Where the middle of the box is in the robot's base, and how it is turned.",
+            "shapes",
+            unit="m",
+            drawing="box",
+        ),
+    ]
+    size_m: Annotated[
+        Triple,
+        describe_setting(
+            "Size of the box",
+            "Whole lengths of its edges along its x, y and z.",
+            "shapes",
+            unit="m",
+            drawing="box",
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """Shapes of arm and cell; the workspace that arm and tool stay inside. Without obstacles nothing is known."""
 
-    blocks: tuple[BoxBlock, ...] = ()
-    balls: tuple[SphereObstacle, ...] = ()
-    planes: tuple[PlaneObstacle, ...] = ()
-    capsules: tuple[LinkCapsule, ...] = ()  # of the links, where they were measured
-    link_radius_m: float | None = None  # else of every link
-    tip_in_flange_m: Triple | None = None
-    margin_m: float = 0.02
-    wire_margin_m: float = 0.05
-    box_low_m: Triple | None = None
-    box_high_m: Triple | None = None
+    blocks: Annotated[
+        tuple[BoxBlock, ...], describe_setting("Boxes", "Boxes that stand in the cell.", "shapes")
+    ] = ()
+    balls: Annotated[
+        tuple[SphereObstacle, ...],
+        describe_setting("Round obstacles", "Round obstacles in the cell.", "shapes"),
+    ] = ()
+    planes: Annotated[
+        tuple[PlaneObstacle, ...],
+        describe_setting("Floors, walls and tables", "Flat faces that nothing may pass.", "shapes"),
+    ] = ()
+    capsules: Annotated[
+        tuple[LinkCapsule, ...],
+        describe_setting(
+            "Shapes of the arm's links", "Bars about the links, where they were measured.", "shapes"
+        ),
+    ] = ()
+    link_radius_m: Annotated[
+        float | None,
+        describe_setting(
+            "Radius of every link",
+            "Half the thickness of all links that have no shape of their own.",
+            "shapes",
+            unit="m",
+        ),
+    ] = None
+    tip_in_flange_m: Annotated[
+        Triple | None,
+        describe_setting(
+            "End of the tool, seen from the flange",
+            "What hangs on the flange reaches to this point.",
+            "shapes",
+            unit="m",
+            drawing="tip",
+        ),
+    ] = None
+    margin_m: Annotated[
+        float,
+        describe_setting(
+            "Distance to obstacles", "The arm keeps at least this distance.", "motion", unit="m"
+        ),
+    ] = 0.02
+    wire_margin_m: Annotated[
+        float,
+        describe_setting(
+            "Distance of the wire to obstacles",
+            "The draw-wire keeps at least this distance.",
+            "motion",
+            unit="m",
+        ),
+    ] = 0.05
+    box_low_m: Annotated[Triple | None, BOX_LOW] = None
+    box_high_m: Annotated[Triple | None, BOX_HIGH] = None
 
     @property
     def is_known(self) -> bool:

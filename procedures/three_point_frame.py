@@ -26,6 +26,17 @@ from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge,
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import Run
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    CHECK_ABOVE,
+    FRAME_NUMBER,
+    MAX_TOUCHES,
+    OWN_LIMITS,
+    TIP_IN_FLANGE,
+    TOUCH_SIGMA,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
 from cellcal.procedures.teaching.frame_refit import refit_frame
 from cellcal.procedures.teaching.frame_touches import (
@@ -74,16 +85,34 @@ POINTER = Instruction(
 class ThreePointFrame:
     """Which user frame to write, and with which pointer it is taught."""
 
-    frame_number: Annotated[int, Field(ge=0, le=99)]
-    tip_in_flange_m: Triple
-    sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005  # of one coordinate of one touch
-    more_on_x: Annotated[int, Field(ge=0, le=20)] = 0  # further points in any case, fitted by least squares
-    more_in_plane: Annotated[int, Field(ge=0, le=50)] = 0
-    max_touches: Annotated[int, Field(ge=3, le=100)] = 12  # further ones are asked for if so many can do it
-    check_above: bool = False  # one more touch, which catches points taught in the wrong order
-    accuracy_class: AccuracyClass = "B"
-    limits: FrameLimits | None = None
-    write_anyway: WriteAnyway = ""
+    frame_number: Annotated[int, Field(ge=0, le=99), FRAME_NUMBER]
+    tip_in_flange_m: Annotated[Triple, TIP_IN_FLANGE]
+    sigma_m: Annotated[float, Field(gt=0, le=0.1), TOUCH_SIGMA] = 0.0005
+    more_on_x: Annotated[
+        int,
+        Field(ge=0, le=20),
+        describe_setting(
+            "Further points along x",
+            "So many more points are touched along the x axis in any case.",
+            "effort",
+            unit="1",
+        ),
+    ] = 0
+    more_in_plane: Annotated[
+        int,
+        Field(ge=0, le=50),
+        describe_setting(
+            "Further points on the surface",
+            "So many more points are touched on the x-y surface in any case.",
+            "effort",
+            unit="1",
+        ),
+    ] = 0
+    max_touches: Annotated[int, Field(ge=3, le=100), MAX_TOUCHES] = 12
+    check_above: Annotated[bool, CHECK_ABOVE] = False
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[FrameLimits | None, OWN_LIMITS] = None
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
     @property
     def frame_rules(self) -> FrameRules:

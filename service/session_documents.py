@@ -125,6 +125,11 @@ class PromptDocument(QuestionDocument):
     step: str
     page: str
     data: dict[str, Any]
+    yes: str  # what the button says that agrees, and the one that declines
+    no: str
+    question: str  # in place of the words, which then stand behind "show"; may be empty
+    is_folded: bool
+    drawing: str
 
 
 class LossDocument(TypedDict):

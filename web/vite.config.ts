@@ -29,7 +29,7 @@ const tables: Plugin = {
   name: "tables",
   apply: "build",
   async closeBundle() {
-    for (const kind of ["procedures", "refusals"]) await cp(`src/locales/${kind}`, join(DIST, "locales", kind), { recursive: true });
+    for (const kind of ["procedures", "settings", "refusals"]) await cp(`src/locales/${kind}`, join(DIST, "locales", kind), { recursive: true });
   },
 };
 

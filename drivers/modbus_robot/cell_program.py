@@ -77,6 +77,7 @@ class ProgramRequest:
     speed_rad_s: float = 0.0
     within_s: float = 1.0  # of real time, beyond what the override stretches
     full_override_s: float = 0.0  # what its motion takes at most at full override
+    speed_share: float | None = None  # of each axis' own speed limit, where the controller wants that
 
 
 class CellProgram:
@@ -161,7 +162,7 @@ class CellProgram:
             "operation": (self._panel.profile.operations[request.operation],),
             "number": (request.axis + 1,),
             "target": target,
-            "speed": (request.speed_rad_s,),
+            "speed": (request.speed_rad_s if request.speed_share is None else request.speed_share,),
             "hold": (0,),
             "heartbeat": (self._next_beat(),),
         }

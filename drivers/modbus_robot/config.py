@@ -11,6 +11,7 @@ from cellcal.drivers.modbus_robot.profile import load_profile, profile_names
 
 if TYPE_CHECKING:
     from cellcal.drivers.modbus_robot.robot import ModbusRobot
+    from cellcal.drivers.modbus_robot.tp_robot import TpRobot
 
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for a stop and for saying so
 
@@ -52,11 +53,12 @@ class ModbusRobotConfig(BaseModel):
         return self.profile
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator["ModbusRobot"]:
+    async def open(self) -> AsyncIterator["ModbusRobot | TpRobot"]:
         """Connect, check the serial number, and hang up at the end."""
         from cellcal.drivers.modbus_robot.cell_program import CellProgram  # noqa: PLC0415  as above
         from cellcal.drivers.modbus_robot.register_client import RegisterClient, SerialCheck  # noqa: PLC0415  a cell file is read without the library
         from cellcal.drivers.modbus_robot.robot import ModbusMotionOptions, ModbusRobot  # noqa: PLC0415  as above
+        from cellcal.drivers.modbus_robot.tp_robot import TpRobot  # noqa: PLC0415  as above
         from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
         profile = load_profile(self.profile)
@@ -74,6 +76,6 @@ class ModbusRobotConfig(BaseModel):
         robot = ModbusRobot(panel, CellProgram(panel, deadline_s=self.deadline_s), options)
         try:
             await robot.connect()
-            yield robot
+            yield robot if profile.abilities.writes_mastering else TpRobot(robot)
         finally:
             await robot.close()

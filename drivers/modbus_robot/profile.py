@@ -27,6 +27,13 @@ class ProfileLimits(_ProfileTable):
     heartbeat_s: float = Field(gt=0)
 
 
+class ProfileAbilities(_ProfileTable):
+    """What the controller's document does not offer is false."""
+
+    jogs_single_axes: bool = True  # also one that is not mastered
+    writes_mastering: bool = True  # and makes it effective
+
+
 class ControllerProfile(_ProfileTable):
     """One kind of controller behind Modbus TCP."""
 
@@ -37,6 +44,8 @@ class ControllerProfile(_ProfileTable):
     blocks: dict[str, tuple[str, ...]]
     operations: dict[Operation, int]
     limits: ProfileLimits
+    abilities: ProfileAbilities = ProfileAbilities()
+    is_simulated: bool = False  # its handshake does what no real controller is documented to do
     alarms: dict[int, str]
     registers: dict[str, RobotRegister]
 

@@ -6,14 +6,20 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
+from cellcal.drivers.errors import (
+    BusyError,
+    DeviceError,
+    MotionStoppedError,
+    RefusedError,
+    WrongDeviceError,
+)
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -28,6 +34,7 @@ from cellcal.drivers.interfaces import (
 from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest, ProgramState
 from cellcal.drivers.modbus_robot.condition import condition_of, read_alarms
 from cellcal.drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
+from cellcal.drivers.modbus_robot.joint_speed import read_speed_share
 from cellcal.drivers.modbus_robot.mastering import (
     read_drive_train,
     read_mastering,
@@ -40,6 +47,7 @@ from cellcal.drivers.wire.deadline import answer_deadline
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
+_SIMULATED = "(simulated)"  # in the software's name of the simulated controller
 _SLOWER = 1.5  # acceleration and joint coupling make a move longer than distance over speed
 _RESET_NEEDS_MORE = (2, 6, 11)  # reasons after which condition() says what is still to be done
 
@@ -58,9 +66,10 @@ def capabilities_of(profile: ControllerProfile) -> RobotCapabilities:
     """Return what a robot of this profile can do, known before it is reached."""
     return RobotCapabilities(
         axes=profile.axes,
-        jogs_single_axes=True,
+        jogs_single_axes=profile.abilities.jogs_single_axes,
         reads_encoder_counts=True,
-        writes_mastering=True,
+        tells_lost_position=True,
+        writes_mastering=profile.abilities.writes_mastering,
         writes_tool_frame=True,
         writes_user_frame=True,
         tells_active_frames=True,
@@ -89,6 +98,16 @@ class ModbusRobot:
         """Connect, check the serial number, and note a controller that is untested."""
         await self._panel.link.open()
         firmware = (await self.identify()).firmware
+        if self._panel.profile.is_simulated and _SIMULATED not in firmware:
+            raise WrongDeviceError(
+                self.name,
+                make_message(
+                    "profile {profile_name} is for the simulated controller, and {firmware!r} is none.",
+                    profile_name=self._panel.profile.name,
+                    firmware=firmware,
+                ),
+                remedy='Write profile = "fanuc_tp" for a real controller; see deploy/controller_setup/fanuc_tp.md.',
+            )
         if not firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, firmware)
 
@@ -129,10 +148,13 @@ class ModbusRobot:
             self._check_numbers(target_rad, self._panel.profile.axes, "target")
             speed = self._cap_speed(speed_rad_s)
             position, _ = await self._read_status()
-            distance = max(abs(np.subtract(target_rad, position.numbers_of("joints"))))
-            await self._program.run_request(
-                self._motion_request("move", 0, target_rad, speed, float(distance))
-            )
+            way_rad = np.subtract(target_rad, position.numbers_of("joints"))
+            share = await read_speed_share(self._panel, way_rad, speed)
+            if share is not None:
+                speed = share.speed_rad_s
+            request = self._motion_request("move", 0, target_rad, speed, float(max(abs(way_rad))))
+            share_alone = None if share is None else share.share
+            await self._program.run_request(replace(request, speed_share=share_alone))
             await self._settle_at(target_rad)
 
     async def stop(self) -> None:

@@ -26,6 +26,8 @@ def gets_only_a_pose(
     is_given = np.asarray(np.isfinite(change.frame_tip).all(axis=(1, 2)) & near)
     if change.joints is not None:
         is_given &= ~np.isfinite(change.joints).any(axis=1)
+    if change.external is not None:
+        is_given &= ~np.isfinite(change.external).any(axis=1)
     for texts, old in (
         (change.configurations, positions.configurations),
         (change.user_frames, positions.user_frames),
@@ -47,6 +49,7 @@ def part_of(change: PositionChange, some: NDArray[np.bool_]) -> PositionChange:
         joints=None if change.joints is None else change.joints[some],
         configurations=select_texts(change.configurations),
         user_frames=select_texts(change.user_frames),
+        external=None if change.external is None else change.external[some],
     )
 
 

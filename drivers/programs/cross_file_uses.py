@@ -12,7 +12,9 @@ from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
 from cellcal.calibration.message import make_message
+from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
 
@@ -21,6 +23,7 @@ Routine: TypeAlias = tuple[str, str]  # its file and name
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
 _MANY_USES = 64
+_LIFTED = MOVED_FRAMES | {SEEN_FROM_FLANGE}  # what a project may lift; any other reason goes before
 _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
 _COPY_OTHERWISE = "it was taught in another frame than {} sets where it moves to a copy of it"
@@ -122,7 +125,11 @@ class BatchDeclarations:
         self._bases = DeclaredPoses({file: one.bases for file, one in declarations.items() if one.bases})
         for file, one in declarations.items():
             if one.doubtful and not (one.flat and self._is_standalone(file, one)):
-                self._doubtful |= one.doubtful
+                self._doubtful |= {
+                    name: why
+                    for name, why in one.doubtful.items()
+                    if why not in _LIFTED or name not in self._doubtful
+                }
             for name, routine in one.routines.items():
                 if routine.shown:
                     self._shown[name].append(file)
@@ -293,6 +300,7 @@ def settle_positions(
     tool or frame depends on it; rows ``taught`` hold their own tool and frame.
     """
     tools, frames, barred = list(positions.tools), list(positions.user_frames), dict(positions.barred)
+    conditions = dict(positions.conditions)
     unused: list[int] = []
     for row, kind in enumerate(positions.kinds):
         if kind != CARTESIAN or row in barred:
@@ -308,10 +316,23 @@ def settle_positions(
             why = external_uses.reached(external_uses.file, routines.get(row, ""))
         elif array_name_of(keys[row]) in external_uses.visible:
             unused.append(row)
-        if why := why or external_uses.doubt_reason(tools[row], frames[row]):
-            barred[row] = why
+        why = why or external_uses.doubt_reason(tools[row], frames[row])
+        _settle_reason(positions, row, why, (barred, conditions))
     remarks = _unused_remarks(positions, unused)
-    return replace(positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred), remarks
+    settled = replace(
+        positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred, conditions=conditions
+    )
+    return settled, remarks
+
+
+def _settle_reason(
+    positions: Positions, row: int, why: str, found: tuple[dict[int, str], dict[int, ConditionalBar]]
+) -> None:
+    barred, conditions = found
+    if why in MOVED_FRAMES:
+        conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
+    elif why and not (why == SEEN_FROM_FLANGE and row in positions.held_work):
+        barred[row] = why
 
 
 def _unused_remarks(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...]:
@@ -353,7 +374,12 @@ def _agree_uses(
     some = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
     if not some:
         return None, None, COPIED
-    whys = (move_frames.why or external_uses.reached(file, move_frames.routine) for move_frames, file in some)
+    whys = [
+        external_uses.reached(file, move_frames.routine)
+        if not move_frames.why or move_frames.why in MOVED_FRAMES
+        else move_frames.why
+        for move_frames, file in some
+    ]
     why = next(filter(None, whys), "")
     if len({(_lower_name(move_frames.tool), _lower_name(move_frames.frame)) for move_frames, _ in some}) > 1:
         files = sorted({PurePath(file).name for _, file in some if file})
@@ -361,7 +387,8 @@ def _agree_uses(
             _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")
         )
     move_frames = some[0][0]
-    return (None, None, why) if why else (move_frames.tool, move_frames.frame, "")
+    moved = next((each.why for each, _ in some if each.why in MOVED_FRAMES), "")
+    return (None, None, why) if why else (move_frames.tool, move_frames.frame, moved)
 
 
 def _lower_name(name: str | None) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.drivers.programs.conditions import Conditions, ExternalColumn
 from cellcal.drivers.programs.shifts import ProgramShift
 
 Kind = str
@@ -44,10 +45,21 @@ class Positions:
     resolution_rad: Array  # (N,)
     barred: Mapping[int, str] = field(default_factory=dict)  # rows that no command may change, and why
     shifts: tuple[ProgramShift, ...] = ()  # what the program adds to points while it runs
+    external_columns: tuple[
+        ExternalColumn, ...
+    ] = ()  # (k + m,) of `external` and, behind them, of `group_axes`
+    group_axes: Array | None = None  # (N, m) joints of groups that are no arm, beside the robot's positions
+    conditions: Conditions = field(default_factory=dict)  # rows that a project's statement makes changeable
+    held_work: frozenset[int] = frozenset()  # rows of a standing tool, seen from the work in the gripper
 
     def __len__(self) -> int:
         """Return N."""
         return len(self.names)
+
+    @property
+    def all_external(self) -> Array:
+        """Return the axes (N, k + m) that stand beside the robot's own, those of other groups last."""
+        return self.external if self.group_axes is None else np.hstack([self.external, self.group_axes])
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +84,7 @@ class PositionChange:
     joints: Array | None = None  # (K, n) [rad or m]
     configurations: Sequence[str] | None = None
     user_frames: Sequence[str] | None = None  # only makers that write a frame's number at a position
+    external: Array | None = None  # (K, k + m) as `Positions.all_external`
 
 
 class ProgramFile(Protocol):
@@ -151,6 +164,7 @@ def with_unread(positions: Positions, unread: Sequence[tuple[str, int, str]]) ->
         frame_tip=pad_rows(positions.frame_tip),
         joints=pad_rows(positions.joints),
         external=pad_rows(positions.external),
+        group_axes=None if positions.group_axes is None else pad_rows(positions.group_axes),
         user_frames=(*positions.user_frames, *nothing),
         tools=(*positions.tools, *nothing),
         configurations=(*positions.configurations, *("",) * more),

@@ -125,6 +125,8 @@ class RequestedChange:
     moved_mm: list[float]  # the largest of x, y and z
     turned: list[float]  # the largest of the rotation's elements
     joints_deg: list[list[float]]
+    has_external: list[bool]
+    external: list[list[float]]  # numbers as they stand in a file that writes mm and deg alike
 
     @classmethod
     def from_change(cls, positions: Positions, rows: NDArray[np.int64], change: PositionChange) -> Self:
@@ -133,6 +135,7 @@ class RequestedChange:
         poses = nothing if change.frame_tip is None else change.frame_tip
         joints = np.full((len(rows), 1), np.nan) if change.joints is None else change.joints
         step = np.abs(poses - positions.frame_tip[rows])
+        external = np.full((len(rows), 1), np.nan) if change.external is None else change.external
         return cls(
             has_pose=np.asarray(np.isfinite(poses).any(axis=(1, 2))).tolist(),
             has_joints=np.asarray(np.isfinite(joints).any(axis=1)).tolist(),
@@ -140,6 +143,8 @@ class RequestedChange:
             moved_mm=(step[:, :3, 3].max(axis=1) * 1e3).tolist(),
             turned=step[:, :3, :3].max(axis=(1, 2)).tolist(),
             joints_deg=np.rad2deg(joints).tolist(),
+            has_external=np.asarray(np.isfinite(external).any(axis=1)).tolist(),
+            external=(external * 1e3).tolist(),
         )
 
 
@@ -158,6 +163,7 @@ def checked_rows(name: str, positions: Positions, change: PositionChange) -> NDA
     for values, shape in (
         (change.frame_tip, (count, 4, 4)),
         (change.joints, (count, positions.joints.shape[1])),
+        (change.external, (count, len(positions.external_columns))),
     ):
         if values is not None and (values.shape != shape or np.isinf(values).any()):
             raise ProgramFileError(

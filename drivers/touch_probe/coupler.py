@@ -73,7 +73,10 @@ class Coupler:
         """Return the name plate."""
         firmware, series, item, major, minor = await self._read_register("name_plate")
         return Identity(
-            "WAGO", f"{series}-{item}", await self._read_serial(), f"{major}.{minor} ({firmware})"
+            "WAGO",
+            make_message("{rows}-{rows_2}", rows=series, rows_2=item),
+            await self._read_serial(),
+            f"{major}.{minor} ({firmware})",
         )
 
     async def connect(self) -> None:

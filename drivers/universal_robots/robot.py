@@ -4,10 +4,9 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Coroutine, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -46,6 +45,7 @@ from cellcal.drivers.universal_robots.robot_connection import RobotConnection
 from cellcal.drivers.universal_robots.rtde import RuntimeState
 from cellcal.drivers.universal_robots.session import MotionSession, SessionOptions
 from cellcal.drivers.universal_robots.state import Six, StateClient, StateSample
+from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.deadline import answer_deadline, timeout_error
 from cellcal.drivers.wire.move_timeout import MoveTimeout
 
@@ -163,7 +163,7 @@ class UniversalRobot:
             try:
                 await self._travel_to(state, session, target, speed_rad_s)
             except asyncio.CancelledError as cancelled:
-                await _run_to_end(self._halt_after_cancel(cancelled, session))
+                await run_to_end(self._halt_after_cancel(cancelled, session))
                 raise
             except DeviceError as error:
                 _log.warning("%s: the move failed: %s", self.name, error)
@@ -175,7 +175,7 @@ class UniversalRobot:
     async def stop(self) -> None:
         self._stop_asked = True
         try:
-            await _run_to_end(self._halt_arm(self._session))
+            await run_to_end(self._halt_arm(self._session))
         except DeviceError as error:
             raise _with_look_first(error) from None
         finally:
@@ -400,17 +400,3 @@ def _with_look_first(error: DeviceError) -> DeviceError:
     if blind and not error.remedy.startswith(_LOOK):
         error.remedy = make_message("{look} {error_remedy}", look=_LOOK, error_remedy=error.remedy)
     return error
-
-
-async def _run_to_end(work: Coroutine[Any, Any, None]) -> None:
-    """Run ``work``, which ends by its own deadline, to its end even when we are cancelled; then re-raise."""
-    task = asyncio.ensure_future(work)
-    cancelled: asyncio.CancelledError | None = None
-    while not task.done():
-        try:
-            await asyncio.wait({task})
-        except asyncio.CancelledError as error:
-            cancelled = error
-    if cancelled is not None:
-        raise cancelled from task.exception()
-    task.result()

@@ -23,6 +23,7 @@ from cellcal.fake_devices.encoders import PulseCoders
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
 from cellcal.fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
 from cellcal.fake_devices.modbus_robot.program import CellcalProgram, ProgramRefusalError, RefusalReason
+from cellcal.fake_devices.modbus_robot.tp_program import TpProgram
 
 AUTO, T1, T2 = 1, 2, 3
 _UNTIL_POWER_CYCLE = frozenset(f"SRVO-0{n}" for n in (38, 62, 64, 68, 69, 70, 71, 72, 73, 74))
@@ -33,10 +34,18 @@ FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 class ModbusRobotController:
     """What runs in the cabinet. Computed on request; ``catch_up`` catches up with time."""
 
-    def __init__(self, arm: SimulatedArm, coders: PulseCoders, serial: str, model_title: str) -> None:
-        self.arm, self.coders, self.program = arm, coders, CellcalProgram(self)
+    def __init__(
+        self,
+        arm: SimulatedArm,
+        coders: PulseCoders,
+        serial: str,
+        model_title: str,
+        *,
+        runs_listings: bool = False,
+    ) -> None:
+        self.arm, self.coders = arm, coders
         self.serial, self.model_title = serial, model_title
-        self.version = "V7.70P/42"
+        self.version = "V7.70P/42" if runs_listings else "V7.70P/42 (simulated)"
         self.powered = True
         self.on_power: Callable[[], None] = lambda: None
         self.battery_dead_axes: frozenset[int] = frozenset()
@@ -55,6 +64,7 @@ class ModbusRobotController:
         self.frames = [[0.0] * 6 for _ in range(FRAMES)]
         self.tool_number, self.frame_number = 1, 0
         arm.perceive = lambda joints: joints - self.joint_offset()
+        self.program: CellcalProgram | TpProgram = TpProgram(self) if runs_listings else CellcalProgram(self)
 
     # position
 

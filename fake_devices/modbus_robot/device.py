@@ -44,6 +44,7 @@ _REGISTER_FAULTS: dict[str, dict[str, Any]] = {
     "metres": {},
     "value_jump": {"axis": "J1", "rad": 0.01},
 }
+RUNS_LISTINGS = "fanuc_tp"  # the profile whose controller obeys the listings that ship
 _TITLES = {"fanuc_m6ib": "M-6iB"}
 
 
@@ -73,7 +74,11 @@ class FakeModbusRobot:
         arm = world.add_arm(self._name, model)
         coders = PulseCoders(arm, world.make_rng(self._name, "coders"))
         self.controller = ModbusRobotController(
-            arm, coders, str(table.get("serial", "F-000000")), _TITLES.get(model, arm.model.title or model)
+            arm,
+            coders,
+            str(table.get("serial", "F-000000")),
+            _TITLES.get(model, arm.model.title or model),
+            runs_listings=table.get("profile") == RUNS_LISTINGS,
         )
         self.controller.program.heartbeat_s *= world.watchdog_factor
         self.controller.on_power = self._power_changed

@@ -121,7 +121,9 @@ def _constant_blocks(controller: ModbusRobotController) -> list[RegisterAssignme
     inverse_ratios = float_words(1.0 / ratios)
     interaction = float_words(controller.coders.radians_per_count.ravel())
     texts = ((301, controller.serial), (341, controller.model_title), (381, controller.version))
+    speeds = float_words(np.degrees(controller.arm.max_speed_rad_s))
     return [
+        RegisterAssignment(205, 12, lambda: speeds),
         RegisterAssignment(107, 12, lambda: per_degree),
         RegisterAssignment(119, 12, lambda: inverse_ratios),
         RegisterAssignment(131, 72, lambda: interaction),

@@ -19,6 +19,7 @@ from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, ModbusRobotController
 from cellcal.fake_devices.modbus_robot.program import ProgramRefusalError
+from cellcal.fake_devices.modbus_robot.tp_program import TpProgram
 from cellcal.fake_devices.world import World
 
 OFF_S = 5.0
@@ -61,6 +62,8 @@ class WorldFaults:
             "select": self._select_at_pendant,
             "tool_switched": self._tool_switched,
             "early_stop": self._early_stop,
+            "start_program": self._start_program,
+            "abort_program": self._abort_program,
         }
 
     def fault_names(self) -> frozenset[str]:
@@ -243,6 +246,20 @@ class WorldFaults:
     def _tool_switched(self, parameters: dict[str, Any]) -> None:
         """Select another tool at the pendant: ``number``, or the next one."""
         self._controller.select_tool(int(parameters.pop("number", self._controller.tool_number % TOOLS + 1)))
+
+    def _start_program(self, _parameters: dict[str, Any]) -> None:
+        """Press START: CELLCAL begins, or goes on where it was paused."""
+        self._interpreted_program().start_program()
+
+    def _abort_program(self, _parameters: dict[str, Any]) -> None:
+        """End CELLCAL with FCTN, ABORT."""
+        self._interpreted_program().abort_program()
+
+    def _interpreted_program(self) -> TpProgram:
+        program = self._controller.program
+        if not isinstance(program, TpProgram):
+            raise FaultRefusedError("the program of the simulated controller is always started")
+        return program
 
     def _early_stop(self, _parameters: dict[str, Any]) -> None:
         """End a motion early, for no reason that the program knows: it will say done."""

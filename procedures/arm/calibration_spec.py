@@ -16,6 +16,15 @@ from cellcal.procedures.arm.calibration_result import ArmIdentification
 from cellcal.procedures.arm.series_rules import SeriesRules
 from cellcal.procedures.arm.tool_plan import ToolGoal
 from cellcal.procedures.arm.tool_write import WrittenTool
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    INSTRUMENT,
+    OWN_LIMITS,
+    RULES,
+    TIP_U,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.verdict import SetAside
 from cellcal.procedures.write_review import WriteAnyway
 
@@ -24,27 +33,81 @@ from cellcal.procedures.write_review import WriteAnyway
 class RobotCalibration:
     """With what to measure, what to find, how well it must be known, and how the series is conducted."""
 
-    method: Method = "wire"
-    model: ModelName = "sag"  # offsets | geometry | sag: what may be wrong with the arm
-    tip_u_m: Annotated[float, Field(gt=0, le=0.1)] | None = (
-        0.0004  # U (k = 2) of the target over the work, RMS
-    )
-    offset_sigma_rad: Annotated[float, Field(gt=0, le=0.1)] | None = (
-        None  # acceptance angular standard deviation
-    )
-    offsets_of: tuple[str, ...] = ()  # "J2 offset"; none: all of them
-    accuracy_class: AccuracyClass = "B"
-    limits: CheckLimits | None = None
-    write_zeros: bool = False  # as mastering, where zeros alone explain the readings
+    method: Annotated[Method, INSTRUMENT] = "wire"
+    model: Annotated[
+        ModelName,
+        describe_setting(
+            "What may be wrong with the arm",
+            "More takes more poses; zeros are what a lost mastering needs.",
+            "what",
+            basic=True,
+            choices={
+                "offsets": "zeros of the axes",
+                "geometry": "zeros and lengths of the links",
+                "sag": "zeros, lengths and bending under weight",
+            },
+        ),
+    ] = "sag"
+    tip_u_m: Annotated[Annotated[float, Field(gt=0, le=0.1)] | None, TIP_U] = 0.0004
+    offset_sigma_rad: Annotated[
+        Annotated[float, Field(gt=0, le=0.1)] | None,
+        describe_setting(
+            "Certainty of the zeros",
+            "The series ends once the zeros are known so well (standard deviation); empty: not asked for.",
+            "limits",
+            unit="rad",
+        ),
+    ] = None
+    offsets_of: Annotated[
+        tuple[str, ...],
+        describe_setting("Axes whose zeros count", "Such as J2 offset; empty: all axes.", "limits"),
+    ] = ()
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[CheckLimits | None, OWN_LIMITS] = None
+    write_zeros: Annotated[
+        bool,
+        describe_setting(
+            "Write the zeros as mastering",
+            "Where zeros alone explain the readings they are written to the controller, after your consent.",
+            "what",
+        ),
+    ] = False
     # Of the end-effector, from the tip, measured in between: three for the whole tool frame, one for x, y, z only.
-    points_in_tool_m: Annotated[tuple[Triple, ...], Field(max_length=12)] = ()
-    rough_flange_tool: Pose | None = (
-        None  # by drawing or tape measure; with one point its orientation is kept
-    )
-    tool_number: Annotated[int, Field(ge=0, le=99)] | None = None  # to write it to; none: it is not written
-    tool_limits: ToolLimits | None = None
-    write_anyway: WriteAnyway = ""  # the tool frame
-    rules: SeriesRules = field(default_factory=SeriesRules)
+    points_in_tool_m: Annotated[
+        tuple[Triple, ...],
+        Field(max_length=12),
+        describe_setting(
+            "Points on the end-effector, from the tip",
+            "Where hook or target is fixed, in x, y and z of the tool, by the drawing.",
+            "place",
+            unit="m",
+            drawing="tool",
+        ),
+    ] = ()
+    rough_flange_tool: Annotated[
+        Pose | None,
+        describe_setting(
+            "Tool, roughly",
+            "Where the tip is from the flange and how it is turned, by drawing or tape measure.",
+            "place",
+            unit="m",
+            drawing="tool",
+        ),
+    ] = None
+    tool_number: Annotated[
+        Annotated[int, Field(ge=0, le=99)] | None,
+        describe_setting("Number of the tool to write", "Empty: no tool frame is written.", "what", unit="1"),
+    ] = None
+    tool_limits: Annotated[
+        ToolLimits | None,
+        describe_setting(
+            "Own limits of the tool",
+            "Figures of your specification for the tool in place of those of the class.",
+            "limits",
+        ),
+    ] = None
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
+    rules: Annotated[SeriesRules, RULES] = field(default_factory=SeriesRules)
 
     def series_goal(self) -> SeriesGoal:
         """Return when the series may end."""

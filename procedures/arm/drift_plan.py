@@ -24,6 +24,7 @@ from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
 from cellcal.procedures.run import RefusalError
+from cellcal.procedures.setting_texts import CANDIDATES, ROOM, SAMPLES, SEED, describe_setting
 
 REPEAT_M = 3e-5  # how well an arm of this class comes back to a pose from the same side, one coordinate
 ASSUMED_DISTANCE_M = 3.0  # of a target from its tracker, in a dry run
@@ -33,15 +34,35 @@ ASSUMED_DISTANCE_M = 3.0  # of a target from its tracker, in a dry run
 class DriftRules:
     """How many poses, how carefully, and what motion must keep to."""
 
-    poses: Annotated[int, Field(ge=4, le=12)] = 6  # of the reference
-    first: Annotated[int, Field(ge=4, le=12)] = (
-        4  # that every check measures; the others only where they decide
-    )
-    candidates: Annotated[int, Field(ge=32, le=500)] = 100
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.9  # from which a cause is named
-    seed: Annotated[int, Field(ge=0)] = 1
-    room: MotionBounds = field(default_factory=MotionBounds)
+    poses: Annotated[
+        int,
+        Field(ge=4, le=12),
+        describe_setting("Poses of the reference", "So many poses make the reference.", "effort", unit="1"),
+    ] = 6
+    first: Annotated[
+        int,
+        Field(ge=4, le=12),
+        describe_setting(
+            "Poses of every check",
+            "Each check measures so many poses; the others only where they decide.",
+            "effort",
+            unit="1",
+        ),
+    ] = 4
+    candidates: Annotated[int, Field(ge=32, le=500), CANDIDATES] = 100
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
+    probability: Annotated[
+        float,
+        Field(ge=0.5, lt=1),
+        describe_setting(
+            "Certainty to name a cause",
+            "A cause of the drift is named from this probability on.",
+            "limits",
+            unit="1",
+        ),
+    ] = 0.9
+    seed: Annotated[int, Field(ge=0), SEED] = 1
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,34 +8,131 @@ from pydantic import Field
 
 from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, Triple
 from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.setting_texts import (
+    CANDIDATES,
+    DRAWING_SIGMA,
+    MAX_CAPTURES,
+    MIN_CAPTURES,
+    MOUTH_AT,
+    RETAKES,
+    ROOM,
+    SAMPLES,
+    SEAT_SIGMA,
+    SEED,
+    describe_setting,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesRules:
     """How many poses, how carefully, and what motion must keep to."""
 
-    first: Annotated[int, Field(ge=1, le=100)] = 12  # before the first look at the readings
+    first: Annotated[
+        int,
+        Field(ge=1, le=100),
+        describe_setting(
+            "Poses of the first look",
+            "So many poses are measured before the arm is worked out for the first time.",
+            "effort",
+            unit="1",
+        ),
+    ] = 12
     # After them so many are chosen at a time, to be gone to in the order of shortest ways: one by one costs 40 % more
     # way. Each capture is looked at all the same, and what is enough ends the series.
-    batch: Annotated[int, Field(ge=1, le=50)] = 4
-    min_captures: Annotated[int, Field(ge=4, le=200)] = 16
-    max_captures: Annotated[int, Field(ge=4, le=400)] = 90
-    checks: Annotated[int, Field(ge=8, le=100)] = 8  # poses that are never fitted, at least
-    check_share: Annotated[float, Field(ge=0.3, le=1.0)] = 0.3  # of the captures that are fitted
-    candidates: Annotated[int, Field(ge=32, le=4000)] = 600
-    tests: Annotated[int, Field(ge=8, le=500)] = 80  # postures that stand for the whole work
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    retakes: Annotated[int, Field(ge=0, le=50)] = 5  # of readings that the others contradict
-    arm_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = ARM_SIGMA_M
-    seed: Annotated[int, Field(ge=0)] = 1
-    mouth_at_m: Triple | None = None  # where the wire's mouth looks; None: the middle of the work
-    point_min: Annotated[int, Field(ge=4, le=100)] = 5  # captures at each point of the end-effector
-    point_max: Annotated[int, Field(ge=4, le=200)] = 25
-    point_checks: Annotated[int, Field(ge=1, le=20)] = 2  # at each point, that are never fitted
-    point_candidates: Annotated[int, Field(ge=16, le=2000)] = 90
-    seat_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = 2e-5  # of hook or target in a point, each axis
-    drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005)] = 0.0  # of a point's place on the drawing
-    room: MotionBounds = field(default_factory=MotionBounds)
+    batch: Annotated[
+        int,
+        Field(ge=1, le=50),
+        describe_setting(
+            "Poses at a time", "After the first look so many poses are chosen at a time.", "effort", unit="1"
+        ),
+    ] = 4
+    min_captures: Annotated[int, Field(ge=4, le=200), MIN_CAPTURES] = 16
+    max_captures: Annotated[int, Field(ge=4, le=400), MAX_CAPTURES] = 90
+    checks: Annotated[
+        int,
+        Field(ge=8, le=100),
+        describe_setting(
+            "Fewest check poses",
+            "At least so many poses are kept for checking and never fitted.",
+            "effort",
+            unit="1",
+        ),
+    ] = 8
+    check_share: Annotated[
+        float,
+        Field(ge=0.3, le=1.0),
+        describe_setting(
+            "Share of check poses", "Check poses as a share of those that are fitted.", "effort", unit="1"
+        ),
+    ] = 0.3
+    candidates: Annotated[int, Field(ge=32, le=4000), CANDIDATES] = 600
+    tests: Annotated[
+        int,
+        Field(ge=8, le=500),
+        describe_setting(
+            "Postures that stand for the work",
+            "At so many postures of the whole work the accuracy is predicted.",
+            "technical",
+            unit="1",
+        ),
+    ] = 80
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
+    retakes: Annotated[int, Field(ge=0, le=50), RETAKES] = 5
+    arm_sigma_m: Annotated[
+        float,
+        Field(gt=0, le=0.005),
+        describe_setting(
+            "Repeatability of the arm",
+            "By how much the arm scatters when it comes back to a pose (standard deviation).",
+            "doubt",
+            unit="m",
+        ),
+    ] = ARM_SIGMA_M
+    seed: Annotated[int, Field(ge=0), SEED] = 1
+    mouth_at_m: Annotated[Triple | None, MOUTH_AT] = None
+    point_min: Annotated[
+        int,
+        Field(ge=4, le=100),
+        describe_setting(
+            "Fewest poses at each tool point",
+            "At each point of the end-effector at least so many poses are measured.",
+            "effort",
+            unit="1",
+        ),
+    ] = 5
+    point_max: Annotated[
+        int,
+        Field(ge=4, le=200),
+        describe_setting(
+            "Most poses at each tool point",
+            "At each point of the end-effector no more poses than these are measured.",
+            "effort",
+            unit="1",
+        ),
+    ] = 25
+    point_checks: Annotated[
+        int,
+        Field(ge=1, le=20),
+        describe_setting(
+            "Check poses at each tool point",
+            "So many poses at each point are kept for checking.",
+            "effort",
+            unit="1",
+        ),
+    ] = 2
+    point_candidates: Annotated[
+        int,
+        Field(ge=16, le=2000),
+        describe_setting(
+            "Tool poses to choose from",
+            "From so many possible poses at a point the most telling ones are chosen.",
+            "technical",
+            unit="1",
+        ),
+    ] = 90
+    seat_sigma_m: Annotated[float, Field(gt=0, le=0.005), SEAT_SIGMA] = 2e-5
+    drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005), DRAWING_SIGMA] = 0.0
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
     @property
     def point_sigma_m(self) -> float:

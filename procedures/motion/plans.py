@@ -26,6 +26,7 @@ from cellcal.procedures.motion.plan_ways import (
     wire_has_side,
 )
 from cellcal.procedures.motors import MotorState
+from cellcal.procedures.setting_texts import BOX_HIGH, BOX_LOW, describe_setting
 from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings, clearance_check
 
 Triple = tuple[float, float, float]
@@ -35,13 +36,54 @@ Triple = tuple[float, float, float]
 class MotionBounds:
     """What motion must keep to, and how far a lost robot may be from where it seems to be."""
 
-    lost_turns: Annotated[int, Field(ge=0, le=50)] = 2
-    tip_speed_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.05  # no faster than a robot is taught by hand
-    wire_low: Annotated[float, Field(ge=0, lt=1)] = 0.08  # of the range; a lost robot needs more room
-    wire_high: Annotated[float, Field(gt=0, le=1)] = 0.92
-    box_low_m: Triple | None = None
-    box_high_m: Triple | None = None
-    surroundings: Surroundings = NOTHING_KNOWN  # of the cell file
+    lost_turns: Annotated[
+        int,
+        Field(ge=0, le=50),
+        describe_setting(
+            "Motor turns that may be lost",
+            "Space is kept free for an arm that stands so many motor turns from where it seems to be.",
+            "motion",
+            unit="1",
+        ),
+    ] = 2
+    tip_speed_m_s: Annotated[
+        float,
+        Field(gt=0, le=0.25),
+        describe_setting(
+            "Speed of the tip",
+            "The tip moves no faster than this; halved while the cell's obstacles are unknown.",
+            "motion",
+            unit="m/s",
+        ),
+    ] = 0.05
+    wire_low: Annotated[
+        float,
+        Field(ge=0, lt=1),
+        describe_setting(
+            "Shortest wire, share of the range",
+            "Below this share of its range the draw-wire is not used.",
+            "motion",
+            unit="1",
+        ),
+    ] = 0.08
+    wire_high: Annotated[
+        float,
+        Field(gt=0, le=1),
+        describe_setting(
+            "Longest wire, share of the range",
+            "Above this share of its range the draw-wire is not used.",
+            "motion",
+            unit="1",
+        ),
+    ] = 0.92
+    box_low_m: Annotated[Triple | None, BOX_LOW] = None
+    box_high_m: Annotated[Triple | None, BOX_HIGH] = None
+    surroundings: Annotated[
+        Surroundings,
+        describe_setting(
+            "Obstacles of the cell", "What stands around the arm; usually from the cell file.", "shapes"
+        ),
+    ] = NOTHING_KNOWN
 
     def __post_init__(self) -> None:
         if self.wire_low >= self.wire_high:

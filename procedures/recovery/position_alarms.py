@@ -1,6 +1,7 @@
 """The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.motion.turn_uncertainty import Turns, posture_uncertainty
 from cellcal.procedures.questions import ask_confirmation, ask_to_move
 from cellcal.procedures.run import ProcedureError, Run
+from cellcal.procedures.setting_texts import describe_setting
 from cellcal.procedures.steps.mastering import read_alarms, read_counts, reset_alarms, wait_for_robot
 from cellcal.procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
 
@@ -37,9 +39,22 @@ class StillAlarmedError(ProcedureError):
 class AlarmCodes:
     """The maker's names of alarms that a recovery knows how to answer."""
 
-    battery: tuple[str, ...] = ("SRVO-062",)
-    power_cycle: tuple[str, ...] = ("SRVO-038",)
-    index: tuple[str, ...] = ("SRVO-075",)
+    battery: Annotated[
+        tuple[str, ...],
+        describe_setting("Battery alarms", "Alarms that say that an encoder battery is empty.", "technical"),
+    ] = ("SRVO-062",)
+    power_cycle: Annotated[
+        tuple[str, ...],
+        describe_setting(
+            "Restart alarms", "Alarms that go away when the controller is switched off and on.", "technical"
+        ),
+    ] = ("SRVO-038",)
+    index: Annotated[
+        tuple[str, ...],
+        describe_setting(
+            "Index alarms", "Alarms that go away when the motor has turned past its index.", "technical"
+        ),
+    ] = ("SRVO-075",)
 
 
 @dataclass(frozen=True, slots=True)

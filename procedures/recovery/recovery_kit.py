@@ -13,6 +13,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.procedure_definition import Phase
 from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.setting_texts import TOLERANCE_COUNTS, describe_setting
 from cellcal.procedures.steps.place import PlaceKind, visit_place
 
 GOOD_PROBABILITY = 0.9999
@@ -24,17 +25,90 @@ Triple = tuple[float, float, float]
 class KitSpec:
     """Places to record beside the lengths, so that a recovery needs no draw-wire."""
 
-    kind: Literal["point", "seat", "target"]
-    tip_in_flange_m: Triple  # touching tip, or the instrument's target; it must be the same after a loss
-    places: Annotated[int, Field(ge=1, le=40)] = 9  # of points or targets, three of them for checking
-    check_points: Annotated[int, Field(ge=2, le=10)] = 2  # touched beside a seat
-    nests: Annotated[int, Field(ge=3, le=20)] = (
-        4  # fixed targets, for an instrument that will stand elsewhere
-    )
-    sigma_m: Annotated[float, Field(gt=0, le=0.005)] = 2e-4  # of one touch, seat or target
-    sigma_rad: Annotated[float, Field(gt=0, le=0.01)] = 3.5e-4  # of a seat
-    tolerance_counts: Annotated[int, Field(ge=0)] = 50
-    sigma_tip_m: Annotated[float, Field(gt=0, le=0.02)] = 0.001
+    kind: Annotated[
+        Literal["point", "seat", "target"],
+        describe_setting(
+            "Kind of places",
+            "What the arm comes back to after a loss.",
+            "tool",
+            choices={
+                "point": "points touched with a pointer",
+                "seat": "a seat the flange is set on",
+                "target": "targets of an instrument",
+            },
+        ),
+    ]
+    tip_in_flange_m: Annotated[
+        Triple,
+        describe_setting(
+            "Tip or target, seen from the flange",
+            "Where the touching tip or the target is from the flange; it must be the same after a loss.",
+            "tool",
+            unit="m",
+            drawing="tip",
+        ),
+    ]
+    places: Annotated[
+        int,
+        Field(ge=1, le=40),
+        describe_setting(
+            "Number of places",
+            "How many points or targets are recorded; three of them are for checking.",
+            "effort",
+            unit="1",
+        ),
+    ] = 9
+    check_points: Annotated[
+        int,
+        Field(ge=2, le=10),
+        describe_setting(
+            "Points touched beside a seat",
+            "So many points beside the seat check that it was not moved.",
+            "effort",
+            unit="1",
+        ),
+    ] = 2
+    nests: Annotated[
+        int,
+        Field(ge=3, le=20),
+        describe_setting(
+            "Fixed targets in the hall",
+            "Targets by which an instrument finds its place when it stands elsewhere.",
+            "effort",
+            unit="1",
+        ),
+    ] = 4
+    sigma_m: Annotated[
+        float,
+        Field(gt=0, le=0.005),
+        describe_setting(
+            "Spread of one place",
+            "How much a touch, seat or target scatters in one axis (standard deviation).",
+            "doubt",
+            unit="m",
+        ),
+    ] = 2e-4
+    sigma_rad: Annotated[
+        float,
+        Field(gt=0, le=0.01),
+        describe_setting(
+            "Spread of a seat's angle",
+            "How much the flange turns between two sittings (standard deviation).",
+            "doubt",
+            unit="rad",
+        ),
+    ] = 3.5e-4
+    tolerance_counts: Annotated[int, Field(ge=0), TOLERANCE_COUNTS] = 50
+    sigma_tip_m: Annotated[
+        float,
+        Field(gt=0, le=0.02),
+        describe_setting(
+            "How well the tip is known",
+            "Standard deviation of the tip's place from the flange in one axis.",
+            "doubt",
+            unit="m",
+        ),
+    ] = 0.001
 
 
 @dataclass(frozen=True, slots=True)

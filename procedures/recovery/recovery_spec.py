@@ -12,35 +12,121 @@ from cellcal.procedures.accuracy_limits import AccuracyClass, MasteringLimits
 from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.recovery.position_alarms import AlarmCodes
 from cellcal.procedures.run import RefusalError
+from cellcal.procedures.setting_texts import (
+    ACCURACY_CLASS,
+    EVIDENCE,
+    MAX_CAPTURES,
+    OWN_LIMITS,
+    ROOM,
+    SAMPLES,
+    TOLERANCE_COUNTS,
+    describe_setting,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class MasteringRecoverySpec:
     """What is known of the time before the loss, and how much may be measured."""
 
-    evidence: Literal["wire", "places"] = (
-        "wire"  # places: the touched points, seat or targets of the record's kit
-    )
-    last_counts: Counts | None = None  # the last healthy counts, from the watch
-    exchanged_axes: tuple[
-        Annotated[int, Field(ge=1)], ...
-    ] = ()  # from 1: motor, encoder, belt or gear exchanged, as far as known
-    first_captures: Annotated[int, Field(ge=6, le=200)] = 12
-    max_captures: Annotated[int, Field(ge=6, le=200)] = 30
-    wanted_u_rad: Annotated[float, Field(gt=0)] = (
-        8.7e-4  # 0.05 deg, k = 2, of offsets that are no whole turns
-    )
-    check_captures: Annotated[int, Field(ge=1, le=50)] = 4
-    max_check_captures: Annotated[int, Field(ge=1, le=100)] = 8
-    final_captures: Annotated[int, Field(ge=1, le=50)] = 3  # all but the first from the other side
-    visits_again: Annotated[int, Field(ge=0, le=20)] = 3  # of places that the others contradict
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    tolerance_counts: Annotated[int, Field(ge=0)] = 50
-    index_speed_rad_s: Annotated[float, Field(gt=0, le=0.25)] = 0.035
-    accuracy_class: AccuracyClass = "B"  # of an axis whose reference was lost; turns are exact or refused
-    limits: MasteringLimits | None = None
-    room: MotionBounds = field(default_factory=MotionBounds)
-    alarms: AlarmCodes = field(default_factory=AlarmCodes)
+    evidence: Annotated[Literal["wire", "places"], EVIDENCE] = "wire"
+    last_counts: Annotated[
+        Counts | None,
+        describe_setting(
+            "Last healthy encoder counts",
+            "One number for each axis, from before the loss; usually the watch has noted them.",
+            "what",
+            unit="count",
+        ),
+    ] = None
+    exchanged_axes: Annotated[
+        tuple[Annotated[int, Field(ge=1)], ...],
+        describe_setting(
+            "Axes with exchanged parts",
+            "Axes whose motor, encoder, belt or gear was exchanged, such as 2, 3; empty: none.",
+            "what",
+            unit="1",
+            basic=True,
+        ),
+    ] = ()
+    first_captures: Annotated[
+        int,
+        Field(ge=6, le=200),
+        describe_setting(
+            "Poses of the first look",
+            "So many poses are measured before the offsets are worked out for the first time.",
+            "effort",
+            unit="1",
+        ),
+    ] = 12
+    max_captures: Annotated[int, Field(ge=6, le=200), MAX_CAPTURES] = 30
+    wanted_u_rad: Annotated[
+        float,
+        Field(gt=0),
+        describe_setting(
+            "Certainty of an axis' zero",
+            "The series goes on until zeros that are no whole turns are known so well (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ] = 8.7e-4
+    check_captures: Annotated[
+        int,
+        Field(ge=1, le=50),
+        describe_setting(
+            "Poses of the check",
+            "So many further poses check the answer before anything is written.",
+            "effort",
+            unit="1",
+        ),
+    ] = 4
+    max_check_captures: Annotated[
+        int,
+        Field(ge=1, le=100),
+        describe_setting(
+            "Most poses of the check", "The check may go on up to this number.", "effort", unit="1"
+        ),
+    ] = 8
+    final_captures: Annotated[
+        int,
+        Field(ge=1, le=50),
+        describe_setting(
+            "Poses after writing",
+            "So many poses show at the end that what was written is right.",
+            "effort",
+            unit="1",
+        ),
+    ] = 3
+    visits_again: Annotated[
+        int,
+        Field(ge=0, le=20),
+        describe_setting(
+            "Repeats of doubtful places",
+            "So many places that contradict the others are gone to once more.",
+            "effort",
+            unit="1",
+        ),
+    ] = 3
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
+    tolerance_counts: Annotated[int, Field(ge=0), TOLERANCE_COUNTS] = 50
+    index_speed_rad_s: Annotated[
+        float,
+        Field(gt=0, le=0.25),
+        describe_setting(
+            "Speed of turning one axis",
+            "How fast a single axis turns when its encoder looks for its index.",
+            "motion",
+            unit="rad/s",
+        ),
+    ] = 0.035
+    accuracy_class: Annotated[AccuracyClass, ACCURACY_CLASS] = "B"
+    limits: Annotated[MasteringLimits | None, OWN_LIMITS] = None
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
+    alarms: Annotated[
+        AlarmCodes,
+        describe_setting(
+            "Alarm names of the controller", "Alarms that the recovery knows how to answer.", "technical"
+        ),
+    ] = field(default_factory=AlarmCodes)
 
 
 def refuse_other_gears(record: MasteringRecord, drive: DriveTrain) -> None:

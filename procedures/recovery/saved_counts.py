@@ -5,11 +5,11 @@ newer record or backup knows it now.
 """
 
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.message import join_messages, make_message
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Answer, Counts, Instruction
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.instruction_page import PagedInstruction
+from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.recovery.recovery_pages import levers_page
 from cellcal.procedures.run import DeclinedError
 
@@ -29,7 +29,10 @@ def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> Pa
         sentences.append(
             make_message("Last healthy counts: {counts_text}.", counts_text=_counts_text(last_counts))
         )
-    return levers_page(Instruction("saved_counts", join_messages(" ", sentences)), record)
+    page = levers_page(Instruction("saved_counts", " ".join(sentences)), record)
+    columns = {"counts at zero": record.counts_at_zero, "last healthy counts": last_counts}
+    table = {name: counts for name, counts in columns.items() if counts is not None}
+    return with_page(page, "ask", counts=table)
 
 
 async def confirm_newest(cell: Cell, page: PagedInstruction) -> Answer:

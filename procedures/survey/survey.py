@@ -20,6 +20,18 @@ from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import GaugeSetup, MotionCaps
 from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.motion.speed_limit import SpeedLimit, TimedMotion
+from cellcal.procedures.setting_texts import (
+    CANDIDATES,
+    DRAWING_SIGMA,
+    MAX_CAPTURES,
+    MIN_CAPTURES,
+    RETAKES,
+    ROOM,
+    SAMPLES,
+    SEAT_SIGMA,
+    SEED,
+    describe_setting,
+)
 from cellcal.procedures.steps.length import LengthCapture
 from cellcal.procedures.steps.pages import WIRE_CHECKS, PlannedMoves, straight_ways
 from cellcal.procedures.survey.survey_motion import Wire
@@ -36,20 +48,25 @@ _PROMISE = 0.78
 class SurveyRules:
     """How many poses at each spot, how carefully, and what motion must keep to."""
 
-    min_captures: Annotated[int, Field(ge=4, le=100)] = 6
-    max_captures: Annotated[int, Field(ge=4, le=200)] = 40
-    candidates: Annotated[int, Field(ge=8, le=2000)] = 90
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of lengths that the others contradict, at each spot
-    scale_sigma: Annotated[float, Field(gt=0, le=0.01)] = 1e-4  # of the wire, from its certificate
-    seat_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = (
-        2e-5  # of the adaptor on a point, each time, each axis
-    )
-    drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005)] = (
-        0.0  # of a point's place on the drawing, each axis
-    )
-    seed: Annotated[int, Field(ge=0)] = 1
-    room: MotionBounds = field(default_factory=MotionBounds)
+    min_captures: Annotated[int, Field(ge=4, le=100), MIN_CAPTURES] = 6
+    max_captures: Annotated[int, Field(ge=4, le=200), MAX_CAPTURES] = 40
+    candidates: Annotated[int, Field(ge=8, le=2000), CANDIDATES] = 90
+    samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
+    retakes: Annotated[int, Field(ge=0, le=20), RETAKES] = 2
+    scale_sigma: Annotated[
+        float,
+        Field(gt=0, le=0.01),
+        describe_setting(
+            "Scale error of the wire",
+            "Standard deviation of the wire's scale by its certificate; 0.0001 is 0.1 mm per metre.",
+            "doubt",
+            unit="1",
+        ),
+    ] = 1e-4
+    seat_sigma_m: Annotated[float, Field(gt=0, le=0.005), SEAT_SIGMA] = 2e-5
+    drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005), DRAWING_SIGMA] = 0.0
+    seed: Annotated[int, Field(ge=0), SEED] = 1
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
     @property
     def point_sigma_m(self) -> float:

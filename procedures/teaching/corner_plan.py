@@ -33,6 +33,7 @@ from cellcal.procedures.cell import MotionCaps as Caps
 from cellcal.procedures.motion.plan_ways import as_joints, refuse_broken
 from cellcal.procedures.motion.plans import MotionBounds, MotionPlan, checked_plan
 from cellcal.procedures.motion.probe_line import joints_for_tip
+from cellcal.procedures.setting_texts import MAX_TOUCHES, ROOM, describe_setting
 from cellcal.procedures.steps.touch import PROBING_CAP_M_S, ProbeApproach, TouchedPoint
 from cellcal.procedures.surroundings import clearance_check
 from cellcal.procedures.survey.survey_motion import survey_limits
@@ -48,20 +49,94 @@ _ROUGH_SIGMA_M = 1e-3  # of a point that is only drawn
 class CornerRules:
     """Which corner, where it is felt, how carefully, and what motion must keep to."""
 
-    corner: Corner = "outside"
-    along_x_m: Length = 0.1  # as far from the origin points are felt along x, and along y
-    along_y_m: Length = 0.1
-    inset_m: Length = 0.02  # from an edge
-    depth_m: Length = 0.012  # from the first face: where the others are felt
-    clear_m: Length = 0.03  # off a face, between touches
-    search_way_m: Annotated[float, Field(ge=0.0005, le=0.05)] = (
-        0.004  # before and behind where a face should be
-    )
-    search_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = PROBING_CAP_M_S
-    measure_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = 0.0005
-    repeats: Annotated[int, Field(ge=1, le=20)] = 2
-    max_touches: Annotated[int, Field(ge=6, le=14)] = 12  # further ones are made if so many can do it
-    room: MotionBounds = field(default_factory=MotionBounds)
+    corner: Annotated[
+        Corner,
+        describe_setting(
+            "Kind of corner",
+            "Whether the probe comes from outside the workpiece or into a hollow.",
+            "place",
+            drawing="corner",
+            choices={"outside": "outer corner of a block", "inside": "inner corner of a pocket"},
+        ),
+    ] = "outside"
+    along_x_m: Annotated[
+        Length,
+        describe_setting(
+            "Length felt along x",
+            "Points are felt up to this distance from the corner along x.",
+            "place",
+            unit="m",
+            drawing="corner",
+        ),
+    ] = 0.1
+    along_y_m: Annotated[
+        Length,
+        describe_setting(
+            "Length felt along y",
+            "Points are felt up to this distance from the corner along y.",
+            "place",
+            unit="m",
+            drawing="corner",
+        ),
+    ] = 0.1
+    inset_m: Annotated[
+        Length,
+        describe_setting(
+            "Distance from an edge",
+            "No point is felt nearer to an edge than this.",
+            "place",
+            unit="m",
+            drawing="corner",
+        ),
+    ] = 0.02
+    depth_m: Annotated[
+        Length,
+        describe_setting(
+            "Depth below the first face",
+            "So far below the first face the side faces are felt.",
+            "place",
+            unit="m",
+            drawing="corner",
+        ),
+    ] = 0.012
+    clear_m: Annotated[
+        Length,
+        describe_setting(
+            "Distance off a face between touches",
+            "The tip travels at this distance from a face.",
+            "motion",
+            unit="m",
+        ),
+    ] = 0.03
+    search_way_m: Annotated[
+        float,
+        Field(ge=0.0005, le=0.05),
+        describe_setting(
+            "Way of the search",
+            "So far before and behind the expected face the probe looks for it.",
+            "motion",
+            unit="m",
+        ),
+    ] = 0.004
+    search_speed_m_s: Annotated[
+        float,
+        Field(gt=0, le=PROBING_CAP_M_S),
+        describe_setting("Speed of the search", "How fast the probe looks for a face.", "motion", unit="m/s"),
+    ] = PROBING_CAP_M_S
+    measure_speed_m_s: Annotated[
+        float,
+        Field(gt=0, le=PROBING_CAP_M_S),
+        describe_setting(
+            "Speed of the measured touch", "How fast the touch that counts is made.", "motion", unit="m/s"
+        ),
+    ] = 0.0005
+    repeats: Annotated[
+        int,
+        Field(ge=1, le=20),
+        describe_setting("Touches at each point", "How often each point is felt.", "effort", unit="1"),
+    ] = 2
+    max_touches: Annotated[int, Field(ge=6, le=14), MAX_TOUCHES] = 12
+    room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
 
     @property
     def retreat_m(self) -> float:

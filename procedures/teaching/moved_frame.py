@@ -19,6 +19,15 @@ from cellcal.calibration.points.offset_design import (
     point_covariance,
     touches_needed_in_rounds,
 )
+from cellcal.procedures.setting_texts import (
+    CHECK_ABOVE,
+    FRAME_NUMBER,
+    MAX_TOUCHES,
+    TIP_IN_FLANGE,
+    TOUCH_SIGMA,
+    WRITE_ANYWAY,
+    describe_setting,
+)
 from cellcal.procedures.steps.meters import tip_in_base
 from cellcal.procedures.write_review import WriteAnyway
 
@@ -27,21 +36,86 @@ from cellcal.procedures.write_review import WriteAnyway
 class FrameOffset:
     """Which user frame moved, the points that are touched again, and with which pointer."""
 
-    frame_number: Annotated[int, Field(ge=0, le=99)]
-    tip_in_flange_m: Triple
-    points_in_frame_m: Annotated[tuple[Triple, ...], Field(max_length=50)] = ()  # in the user frame, or …
+    frame_number: Annotated[int, Field(ge=0, le=99), FRAME_NUMBER]
+    tip_in_flange_m: Annotated[Triple, TIP_IN_FLANGE]
+    points_in_frame_m: Annotated[
+        tuple[Triple, ...],
+        Field(max_length=50),
+        describe_setting(
+            "Points to touch, in the user frame",
+            "Three or more points of the workpiece, by the drawing, in x, y and z of the user frame.",
+            "place",
+            unit="m",
+            basic=True,
+            drawing="frame",
+        ),
+    ] = ()
     old_points_in_base_m: Annotated[
-        tuple[Triple, ...], Field(max_length=50)
-    ] = ()  # … as touched before the move
-    old_frame: Pose | None = None  # None: as the controller has it
-    far_point_in_frame_m: Triple | None = None  # the far end of the workpiece; None: the point furthest out
-    sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005  # of one coordinate of one touch, now
-    old_sigma_m: Annotated[float, Field(ge=0, le=0.1)] = 0.0005  # the same of the points given
-    origin_u_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
-    angle_u_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(0.5)
-    max_touches: Annotated[int, Field(ge=3, le=100)] = 12  # further ones are asked for if so many can do it
-    check_above: bool = False  # one more touch, which catches points taken in the wrong order
-    write_anyway: WriteAnyway = ""
+        tuple[Triple, ...],
+        Field(max_length=50),
+        describe_setting(
+            "The same points before the move",
+            "Where the points were touched before the workpiece moved, in the robot's base; in place of the drawing.",
+            "place",
+            unit="m",
+            basic=True,
+            drawing="frame",
+        ),
+    ] = ()
+    old_frame: Annotated[
+        Pose | None,
+        describe_setting(
+            "User frame before the move",
+            "Empty: as the controller has it.",
+            "place",
+            unit="m",
+            drawing="frame",
+        ),
+    ] = None
+    far_point_in_frame_m: Annotated[
+        Triple | None,
+        describe_setting(
+            "Far end of the workpiece",
+            "The shift is also told at this point; empty: the given point furthest out.",
+            "place",
+            unit="m",
+            drawing="frame",
+        ),
+    ] = None
+    sigma_m: Annotated[float, Field(gt=0, le=0.1), TOUCH_SIGMA] = 0.0005
+    old_sigma_m: Annotated[
+        float,
+        Field(ge=0, le=0.1),
+        describe_setting(
+            "Spread of the earlier points",
+            "How exactly the given points are known in one axis (standard deviation).",
+            "doubt",
+            unit="m",
+        ),
+    ] = 0.0005
+    origin_u_m: Annotated[
+        float,
+        Field(gt=0, le=0.1),
+        describe_setting(
+            "Certainty of the origin",
+            "The offset is accepted when its origin is known so well (k = 2).",
+            "limits",
+            unit="m",
+        ),
+    ] = 0.002
+    angle_u_rad: Annotated[
+        float,
+        Field(gt=0, le=1),
+        describe_setting(
+            "Certainty of the direction",
+            "The offset is accepted when its turn is known so well (k = 2).",
+            "limits",
+            unit="rad",
+        ),
+    ] = math.radians(0.5)
+    max_touches: Annotated[int, Field(ge=3, le=100), MAX_TOUCHES] = 12
+    check_above: Annotated[bool, CHECK_ABOVE] = False
+    write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
     @property
     def offset_goal(self) -> OffsetGoal:

@@ -10,6 +10,7 @@ from cellcal.service.session_documents import LossDocument
 from cellcal.service.watching.follow import RobotWatches
 from cellcal.service.watching.loss_response import PreparedAnswer, answer_to
 from cellcal.service.watching.watch import PositionLoss
+from cellcal.service.watching.watch_coverage import sees_losses
 
 
 class LossWatch:
@@ -29,14 +30,15 @@ class LossWatch:
 
     async def check_robot(self, cell: Cell, *, now_s: float, busy: bool) -> PreparedAnswer | None:
         """Look once if it is time; return the answer to a loss that it found, where that may be started alone."""
-        if cell.mastering is not None and busy:
+        is_watched = sees_losses(cell.robot.capabilities)
+        if is_watched and busy:
             self.watches.watch_of(cell.robot.name, cell.robot).forget_motion()
             self._next_s = now_s  # a run that has mended a loss takes it off the screens at its end
             return None
         if now_s < self._next_s:
             return None
         self._next_s = now_s + self._config.watch.period_s
-        if cell.mastering is None:
+        if not is_watched:
             await self.clear_mended_loss(cell.robot.name)
             return None
         watch = self.watches.watch_of(cell.robot.name, cell.robot)

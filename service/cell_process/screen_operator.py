@@ -9,6 +9,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.instruction_page import InstructionPage, StepKind, page_of
+from cellcal.procedures.prompt_answers import answers_for
 from cellcal.service.session_documents import PromptDocument
 
 
@@ -27,6 +28,7 @@ class Prompt:
 
     def as_json(self) -> PromptDocument:
         """Return it for a screen."""
+        answers = answers_for(self.key)
         return {
             "id": self.id,
             "kind": self.kind,
@@ -36,6 +38,11 @@ class Prompt:
             "step": self.step,
             "page": self.page,
             "data": dict(self.data),
+            "yes": answers.yes,
+            "no": answers.no,
+            "question": answers.question,
+            "is_folded": answers.is_folded,
+            "drawing": answers.drawing,
         }
 
 

@@ -1,10 +1,13 @@
 """``cellcal check`` and ``cellcal fakes``: is the cell there, and a cell that is not."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from cellcal.service.runs.cell_check import CellCheckReport
 
 
 def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
@@ -37,6 +40,7 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
             state = Text(device.state, style=colour)
             table.add_row(device.name, state, device.message, device.remedy)
         STDERR_CONSOLE.print(table)
+        _print_evidence(report)
         for line in report.advice:
             STDERR_CONSOLE.print(f"[bold yellow]{escape(line)}[/]")
         if report.damage:
@@ -46,6 +50,26 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     if report.damage:
         return ExitCode.SIGNATURE
     return ExitCode.BUSY if report.in_use else ExitCode.PASS
+
+
+def _print_evidence(report: "CellCheckReport") -> None:
+    """Print what stands behind each ability of each robot; what no robot has confirmed is named first."""
+    from cellcal.drivers.wire.evidence import NOT_CONFIRMED
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable
+
+    for device in report.devices:
+        if not device.evidence:
+            continue
+        confirmed = [row for row in device.evidence if row.robot != NOT_CONFIRMED]
+        line = (
+            f"{device.name}: {len(confirmed)} of {len(device.evidence)} abilities are confirmed on a robot."
+        )
+        STDERR_CONSOLE.print(line, style="bold yellow", markup=False)
+        columns = ("ability", "read in the maker's document", "confirmed by an independent client")
+        table = PlainTable(*columns, "confirmed on a robot", title=f"what stands behind {device.name}")
+        for row in device.evidence:
+            table.add_row(row.ability, row.document, row.client, row.robot)
+        STDERR_CONSOLE.print(table)
 
 
 def fakes(cell: Path, /) -> int:

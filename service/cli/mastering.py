@@ -6,10 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from cellcal.service.cli.mastering_files import record, watch
+
 if TYPE_CHECKING:
     from cellcal.calibration.mastering.counts import MasteringRecord
 
-mastering = App(name="mastering", help="Show, print, export and import the mastering record of a robot.")
+mastering = App(
+    name="mastering", help="Take, watch, show, print, export and import the mastering record of a robot."
+)
+mastering.command(record)
+mastering.command(watch)
 
 CellFile = Annotated[Path, Parameter(name="--cell", help="The cell file (TOML).")]
 RobotName = Annotated[

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from rich.text import Text
 
 if TYPE_CHECKING:
+    from cellcal.procedures.catalogue_index import ProcedureEntry
     from cellcal.procedures.forecast import Forecast, Prediction
     from cellcal.procedures.procedure_definition import Phase
     from cellcal.service.configuration.cell_file import CellConfig
@@ -67,22 +68,37 @@ def procedures(
 
 def _print_catalogue(*, as_json: bool) -> int:
     """List the procedures without a cell, which needs none of their code."""
-    from dataclasses import asdict
-
     from rich.console import Console
 
     from cellcal.procedures.catalogue_index import CATALOGUE_INDEX
+    from cellcal.procedures.procedure_guide import GUIDE
     from cellcal.service.cli.printing import PlainTable, print_json
 
     if as_json:
-        rows = [{**asdict(entry), "lacks": None, "due": None} for entry in CATALOGUE_INDEX]
+        rows = [_catalogue_row(entry) for entry in CATALOGUE_INDEX]
         print_json({"procedures": rows, "watched": {}})
         return 0
-    table = PlainTable("procedure", "what it does")
+    table = PlainTable("procedure", "what it does", "when to use it")
     for entry in CATALOGUE_INDEX:
-        table.add_row(entry.name, entry.title)
+        table.add_row(entry.name, entry.title, GUIDE[entry.name].when)
     Console(emoji=False).print(table)
     return 0
+
+
+def _catalogue_row(entry: "ProcedureEntry") -> dict[str, object]:
+    """Return a procedure without a cell as `list_procedures` would, without loading any of them."""
+    from dataclasses import asdict
+
+    from cellcal.procedures.procedure_guide import GUIDE
+
+    guide = GUIDE[entry.name]
+    told = {
+        "intention": guide.intention,
+        "when": guide.when,
+        "minutes": list(guide.minutes),
+        "uses": guide.uses,
+    }
+    return {**asdict(entry), "lacks": None, "due": None, "remedies": [], **told}
 
 
 def _print_settings(procedure: str, config: "CellConfig | None", robot: str | None, *, as_json: bool) -> int:
@@ -100,11 +116,17 @@ def _print_settings(procedure: str, config: "CellConfig | None", robot: str | No
         print_json({"procedure": procedure, "settings": [asdict(setting) for setting in settings]})
         return 0
     table = PlainTable(
-        "--set", "takes (SI units)", "default", title=f"Settings of {procedure}", title_justify="left"
+        "--set",
+        "what it is",
+        "takes (SI units)",
+        "default",
+        title=f"Settings of {procedure}",
+        title_justify="left",
     )
     for each in settings:
         default = Text("must be given", style="bold") if each.default is None else Text(each.default)
-        table.add_row(each.name, each.takes, default)
+        what = Text.assemble((each.label, "bold"), f"\n{each.help_text}")
+        table.add_row(each.name, what, f"{each.takes} {each.unit.strip('1')}".strip(), default)
     Console(emoji=False).print(table)
     return 0
 

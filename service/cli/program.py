@@ -78,6 +78,9 @@ def move(  # noqa: PLR0913  a command's options are its arguments
 
     Example: cellcal program move programs/ --project cell.toml --offset 12,0,-3.5,0,0,1.5 --frame 2 --out moved
 
+    Points with external axes, at a standing tool, or of poses only need [[track]], [[positioner]], [standing_tools]
+    or a starting posture in the project, and are left without. With axes, --offset is seen at their zeros.
+
     Each point keeps its place at the work, to the robot's own accuracy. Exit codes: 0 all fine, 4 a point was
     left as it was or there is a finding (such as a shift while the program runs, in axes that the move turns), 10 a
     file was refused.
@@ -126,6 +129,8 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
 
     Example: cellcal program clone cell_1/project.toml cell_7/project.toml --out cell_7/programs --html clone.html
 
+    External axes go as far from their zeros as in the master's cell; both projects state them.
+
     Beside the new programs a record tells what they were made from; `cellcal program status` reads it. Exit codes:
     0 all fine, 4 a point was left as it was or there is a finding (such as a shift while the program runs, in axes
     that the change turns), 10 a file was refused.
@@ -168,6 +173,8 @@ def compensate(
     Example: cellcal program compensate "offline/*.ls" --project cell_7/project.toml --out corrected
 
     A controller computes with the nominal arm; with these points the real tip is where the program meant it to be.
+    External axes stay where they are, and are believed as the project states them; the arm makes up for the rest.
+
     Exit codes: 0 all fine, 4 a point was left as it was or there is a finding, 10 a file was refused.
 
     Parameters

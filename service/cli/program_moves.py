@@ -29,7 +29,7 @@ def base_change_of(
     CellError
         Neither, both, or numbers and files that are not what they should be.
     """
-    from cellcal.service.engineering.programs.move import change_between, change_of_frame
+    from cellcal.service.engineering.programs.move import change_at_zero, change_between, change_of_frame
 
     before, after = alignments
     if (offset is None) == (before is None) or (before is None) != (after is None):
@@ -38,7 +38,9 @@ def base_change_of(
             remedy="Give --offset x,y,z,w,p,r, or the fixture's alignments with --from and --to.",
         )
     if before is not None and after is not None:
-        return change_between(_read_alignment(before, cell), _read_alignment(after, cell))
+        return change_at_zero(
+            cell, change_between(_read_alignment(before, cell), _read_alignment(after, cell))
+        )
     moved = offset_of(offset or "")
     if frame is None:
         return moved

@@ -54,9 +54,9 @@ async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
     likely = "Most likely " * (loss.suspicion.mode is not LossMode.UNKNOWN) + loss.suspicion.mode
     STDERR_CONSOLE.print(f"{likely}: {loss.suspicion.words}.{journal_note}", markup=False)
     if answer.procedure is None:
-        STDERR_CONSOLE.print(
-            "[bold]What to do:[/] compare the serial numbers; nothing is started for this robot."
-        )
+        wrong = loss.suspicion.mode is LossMode.WRONG_ROBOT
+        advice = "compare the serial numbers" if wrong else "mend it at the pendant, then run a drift check"
+        STDERR_CONSOLE.print(f"[bold]What to do:[/] {advice}; nothing is started for this robot.")
     elif not answer.starts_unattended:
         STDERR_CONSOLE.print(f"Not started alone: {'; '.join(answer.reasons)}.", markup=False)
         STDERR_CONSOLE.print(f"[bold]What to do:[/] look at the robot, then: {escape(answer.command)}")

@@ -3,6 +3,7 @@
 Gears, masses and stiffnesses of a described arm are the fakes' own generic ones: no description holds them.
 """
 
+import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from cellcal.calibration.arm.model_references import fixed_reference, parse_refe
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.errors import CalibrationError, CellError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.motion.collision import CellShape, CollisionCheck, PlaneObstacle, arm_shape
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
@@ -29,7 +30,11 @@ HOOK_IN_FLANGE_M = (0.06, 0.05, 0.12)
 _AXES = 6
 _MODBUS = "modbus_robot"
 # Models that the fakes know by themselves, behind the wire that they know them behind.
-KNOWN_TO_FAKES = {"modbus_robot": {"fanuc_m6ib"}, "universal_robots": {"ur3e", "ur5e", "ur10", "ur10e"}}
+KNOWN_TO_FAKES = {
+    "modbus_robot": {"fanuc_m6ib"},
+    "fanuc_rmi": {"fanuc_m6ib"},
+    "universal_robots": {"ur3e", "ur5e", "ur10", "ur10e"},
+}
 # Around the demo's own FANUC M-6iB, seen from the height of its second axis, by its reach.
 _REACH_M = 1.573
 _ANCHOR_M, _MOUTH_M, _RANGE_M = (0.9, -0.7, -0.45), (0.75, 0.0, 0.55), 3.0
@@ -177,7 +182,9 @@ class _Parked:
     link_radius_m: float
 
 
-def _parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array, radius_m: float) -> _Parked:
+def _parked(
+    model: RobotModel, wire: WirePath | None, floor_m: float, place: Array, radius_m: float
+) -> _Parked:
     """Return a posture with the flange near a place, away from singularities, limits and shapes."""
     floor = PlaneObstacle("floor", (0.0, 0.0, floor_m), (0.0, 0.0, 1.0))
     links = arm_shape(model, radius_m=radius_m, tip_in_flange_m=HOOK_IN_FLANGE_M)
@@ -200,15 +207,23 @@ def _parked(model: RobotModel, wire: WirePath, floor_m: float, place: Array, rad
     return _Parked(np.round(joints[best], 3), float(room[best].min()), radius_m)
 
 
+def _first_parked(model: RobotModel, floor_m: float, place: Array) -> Array:
+    """Return a posture with the thickest links that leave one: those of some arms are close by construction."""
+    *thicker, thinnest = _radii(model)
+    for radius_m in thicker:
+        with contextlib.suppress(DegenerateDataError):
+            return _parked(model, None, floor_m, place, radius_m).joints_rad
+    return _parked(model, None, floor_m, place, thinnest).joints_rad
+
+
 def _begins_at(document: Mapping[str, Any], table: Mapping[str, Any], model: RobotModel) -> Array:
     """Return where an arm of a cell file stands at first: as the file says, or by itself near its middle."""
     name = table.get("name")
     stated = document.get("fake", {}).get("park_deg", {}).get(name)
     if stated is None:
         reach, height = _size(model)
-        free = WirePath((0.0, 0.0, height - 0.4 * reach), (0.0, 0.0, 0.0), 10.0 * reach, lowest_fraction=0.0)
         place = np.array([0.55 * reach, -0.2 * reach, height])
-        return _parked(model, free, height - 2.0 * reach, place, _radii(model)[0]).joints_rad
+        return _first_parked(model, height - 2.0 * reach, place)
     values: Array = np.radians(np.asarray(stated, dtype=float))
     if (
         values.shape != (model.axis_count,)

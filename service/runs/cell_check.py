@@ -11,6 +11,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
+from cellcal.drivers.wire.evidence import AbilityEvidence, driver_evidence
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, JournalDamage
@@ -37,6 +38,7 @@ class DeviceReport:
     remedy: str = ""
     serial: str = ""
     keeps_mastering: bool = False
+    evidence: tuple[AbilityEvidence, ...] = ()  # of a robot's abilities
 
     @property
     def is_ready(self) -> bool:
@@ -80,6 +82,8 @@ async def check_cell(config: CellConfig) -> CellCheckReport:
         *(_check_device(robot, robot.serial, folder, _report_robot) for robot in config.robots),
         *(_check_device(*pair, folder, _report_device) for pair in pairs),
     )
+    evidence = {robot.name: driver_evidence(_brand_of(robot), _profile_of(robot)) for robot in config.robots}
+    devices = [replace(device, evidence=evidence.get(device.name, ())) for device in devices]
     with open_journal(config) as journal:
         damage = journal_flaw(config, journal)
         if damage:
@@ -91,6 +95,16 @@ async def check_cell(config: CellConfig) -> CellCheckReport:
             if device.keeps_mastering and store.mastering_record(device.serial) is None
         )
     return CellCheckReport(config.cell.name, tuple(devices), advice)
+
+
+def _brand_of(robot: object) -> str:
+    """Return the package of drivers that a robot's entry belongs to."""
+    return type(robot).__module__.split(".")[2]  # cellcal.drivers.<brand>
+
+
+def _profile_of(robot: Any) -> str:
+    """Return which of several kinds of controller a driver talks to."""
+    return str(getattr(robot, "profile", robot.driver))
 
 
 def journal_flaw(config: CellConfig, journal: Journal) -> str:

@@ -18,8 +18,10 @@ from cellcal.procedures.procedure_definition import (
     Phase,
     ProcedureDefinition,
     all_missing,
+    missing_remedies,
     with_planned_counts,
 )
+from cellcal.procedures.procedure_guide import GUIDE, Intention
 from cellcal.procedures.run import RefusalError
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.quantities import format_quantity
@@ -63,6 +65,11 @@ class ProcedureAvailability:
     version: int
     lacks: tuple[str, ...] | None  # None where no cell was asked about
     due: date | None = None  # when it should be run next
+    remedies: tuple[str, ...] = ()  # how to get each thing that it lacks
+    uses: str = ""  # what a person has at hand for it
+    intention: Intention = "check"
+    when: str = ""  # to use it
+    minutes: tuple[int, int] = (0, 0)  # that it usually takes
 
 
 def dry_run(
@@ -98,15 +105,26 @@ def dry_run(
 def list_procedures(config: CellConfig | None, robot: str | None = None) -> list[ProcedureAvailability]:
     """Return the whole catalogue, with what a cell lacks for each procedure."""
     if config is None:
-        return [ProcedureAvailability(entry.name, entry.title, entry.version, None) for entry in DEFINITIONS]
+        return [_availability(entry, None, None) for entry in DEFINITIONS]
     cell = offline_cell_with_history(config, robot)
     due = {PROCEDURE: next_drift_checks(config).get(config.robot_named(robot).name)}
-    return [
-        ProcedureAvailability(
-            entry.name, entry.title, entry.version, all_missing(entry, cell), due.get(entry.name)
-        )
-        for entry in DEFINITIONS
-    ]
+    return [_availability(entry, cell, due.get(entry.name)) for entry in DEFINITIONS]
+
+
+def _availability(entry: ProcedureDefinition, cell: Cell | None, due: date | None) -> ProcedureAvailability:
+    guide = GUIDE[entry.name]
+    return ProcedureAvailability(
+        entry.name,
+        entry.title,
+        entry.version,
+        lacks=None if cell is None else all_missing(entry, cell),
+        due=due,
+        remedies=() if cell is None else missing_remedies(entry, cell),
+        uses=guide.uses,
+        intention=guide.intention,
+        when=guide.when,
+        minutes=guide.minutes,
+    )
 
 
 def offline_cell_with_history(config: CellConfig, robot: str | None = None) -> Cell:

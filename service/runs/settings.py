@@ -1,6 +1,6 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -17,6 +17,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
 from cellcal.service.engineering.parameters.simulated_cells import with_files
 from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.runs.settings_description import label_of
 
 
 def build_spec(config: CellConfig, robot: str, procedure: str, settings: Mapping[str, object]) -> Any:
@@ -74,9 +75,10 @@ def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = [
-            _setting_fault(".".join(map(str, each["loc"])), _fault_text(each)) for each in error.errors()
-        ]
+        faults = "; ".join(
+            f"{_fault_place(procedure, [str(each) for each in fault['loc']])}: {_fault_text(fault)}"
+            for fault in error.errors()
+        )
         raise _settings_error(procedure, faults) from error
     became = asdict(spec)
     endless = [key for key, value in became.items() if not is_finite(value)]
@@ -135,6 +137,12 @@ def _settings_error(procedure: str, faults: Iterable[str]) -> CellError:
 
 def _setting_fault(setting: str, fault: str) -> str:
     return make_message("{setting}: {fault}", setting=setting, fault=fault)
+
+
+def _fault_place(procedure: str, path: Sequence[str]) -> str:
+    """Return a setting as pages call it and, behind it, as ``--set`` does."""
+    known = [name for name in path if not name.startswith("function-")]
+    return f"{label_of(procedure, known)} ({'.'.join(known)})" if known else ""
 
 
 def _fault_text(fault: ErrorDetails) -> str:

@@ -1,13 +1,14 @@
 """A procedure's settings in words: what each takes and what stands where none is given."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import TypeAdapter
 
 from cellcal.procedures.catalogue import definition_named
+from cellcal.procedures.part_texts import PART_TEXTS
 
 _BOUNDS = (
     ("minimum", "from"),
@@ -26,9 +27,14 @@ _PLAIN = {
 
 @dataclass(frozen=True)
 class SettingDescription:
-    """One setting. ``default`` is JSON, or None where a person must say something; units stand in the name, SI."""
+    """One setting. ``default`` is JSON, or None where a person must say something; values are in ``unit``, SI."""
 
     name: str
+    label: str
+    help_text: str
+    group: str
+    unit: str  # empty where the value is no number
+    basic: bool  # one that a technician knows; the others are for an engineer
     takes: str
     default: str | None
 
@@ -46,7 +52,14 @@ def settings_of(procedure: str, usual: Mapping[str, Any] | None = None) -> tuple
     needed = set(schema.get("required", ()))
     described = [
         SettingDescription(
-            name, _describe_type(each, definitions), None if name in needed else _describe_default(each)
+            name=name,
+            label=each["title"],
+            help_text=each["description"],
+            group=each["x-group"],
+            unit=each["x-unit"],
+            basic=each["x-basic"],
+            takes=_describe_type(each, definitions),
+            default=None if name in needed else _describe_default(each),
         )
         for name, each in schema.get("properties", {}).items()
     ]
@@ -56,10 +69,41 @@ def settings_of(procedure: str, usual: Mapping[str, Any] | None = None) -> tuple
 def schema_of(procedure: str, usual: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings as JSON schema; what is usual in a cell stands as default and need not be given."""
     schema = TypeAdapter(definition_named(procedure).spec_type).json_schema()
+    _add_part_texts(schema.get("$defs", {}))
     for name, value in usual.items():
         schema["properties"][name]["default"] = value
     schema["required"] = [name for name in schema.get("required", ()) if name not in usual]
     return schema
+
+
+def label_of(procedure: str, path: Sequence[str]) -> str:
+    """Return what a setting or a part of one is called, its place in a list as a number: ``Boxes · 1 · Name``."""
+    schema = schema_of(procedure, {})
+    definitions, here, labels = schema.get("$defs", {}), schema, list[str]()
+    for name in path:
+        if name.isdecimal():
+            labels.append(str(int(name) + 1))
+            here = here.get("items") or next(iter(here.get("prefixItems", ())), {})
+        else:
+            here = here.get("properties", {}).get(name, {})
+            labels.append(here.get("title", name))
+        here = _resolve(here, definitions)
+    return " · ".join(labels)
+
+
+def _resolve(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the schema of a value that is there: without null, a name of another schema looked up."""
+    choices = [each for each in schema.get("anyOf", (schema,)) if each.get("type") != "null"]
+    there = choices[0] if choices else schema
+    found: dict[str, Any] = dict(definitions.get(str(there.get("$ref", "")).rpartition("/")[2], there))
+    return found
+
+
+def _add_part_texts(definitions: Mapping[str, Any]) -> None:
+    for name in PART_TEXTS.keys() & definitions.keys():
+        for part, text in PART_TEXTS[name].items():
+            extra = {"title": text.title, "description": text.description, **text.json_schema_extra}
+            definitions[name]["properties"][part].update(extra)
 
 
 def _describe_default(schema: Mapping[str, Any]) -> str:

@@ -5,7 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
@@ -18,8 +18,8 @@ from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.watching.loss_modes import wrong_robot
 from cellcal.service.watching.mastering_comparison import MasteringComparison, journalled_mastering
-from cellcal.service.watching.watch import PositionLoss, RobotWatch, WatchedRobot
-from cellcal.service.watching.watch_coverage import describe_coverage
+from cellcal.service.watching.watch import PositionLoss, RobotWatch
+from cellcal.service.watching.watch_coverage import describe_coverage, sees_losses
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 5.0
@@ -59,16 +59,14 @@ class RobotWatches:
 
     def watch_of(self, name: str, robot: Robot) -> RobotWatch:
         """Return the watch of a robot that is reached just now."""
-        encoders = cast(WatchedRobot, robot)
         if name not in self._watches:
-            comparison = MasteringComparison(
-                journalled_mastering(self.config, self.config.robot_named(name).serial)
-            )
+            journalled = journalled_mastering(self.config, self.config.robot_named(name).serial)
+            comparison = MasteringComparison(journalled) if robot.capabilities.writes_mastering else None
             self._watches[name] = RobotWatch(
-                encoders, self._memory, self.on_loss,
+                robot, self._memory, self.on_loss,
                 period_s=self.config.watch.period_s, warn=self._warn, comparison=comparison,
             )  # fmt: skip
-        self._watches[name].use_connection(encoders)
+        self._watches[name].use_connection(robot)
         return self._watches[name]
 
     def existing_watch(self, name: str) -> RobotWatch | None:
@@ -132,7 +130,7 @@ def _is_free(watches: RobotWatches, entry: Any) -> bool:
 async def _watch_while_free(watches: RobotWatches, entry: Any, robot: Robot, listener: RobotListener) -> None:
     stops = _StopReporter(robot.name, listener.say)
     while _is_free(watches, entry):
-        if robot.capabilities.writes_mastering:
+        if sees_losses(robot.capabilities):
             watch = watches.watch_of(entry.name, robot)
             if await watch.look_once() is not None:
                 watch.forget_motion()  # a recovery may have moved it

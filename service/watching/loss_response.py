@@ -56,7 +56,8 @@ def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     """Prepare the answer to a loss. The last healthy counts are among a recovery's settings already."""
     suspicion = loss.suspicion
     settings = suspicion.procedure_settings()
-    procedure = suspicion.answering_procedure
+    writes = config.robot_named(loss.robot).capabilities.writes_mastering
+    procedure = suspicion.answering_procedure if writes else None
     option_text = "".join(
         f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")
         for key, value in settings.items()
@@ -90,6 +91,10 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
     motion, watch, suspicion = config.motion_of(loss.robot), config.watch, loss.suspicion
     hindrances = (
+        (
+            not config.robot_named(loss.robot).capabilities.writes_mastering,
+            "its mastering is set at the pendant only",
+        ),
         (suspicion.record_differs, "the robot may have been mastered on purpose"),
         (
             not (suspicion.record_differs or suspicion.may_run_unattended),

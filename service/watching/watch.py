@@ -1,10 +1,10 @@
 """Follows the robots and sees an encoder loss by itself.
 
-Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
-further between two looks than the arm could have moved. A fourth sees what raises no alarm: mastering data that are
-not the newest record's. A battery that is low is told before it is empty.
-The last healthy counts are kept on disk: after a
-loss they tell to within a few turns where each motor stood.
+Three independent witnesses, each enough: the controller's own words, the encoder epoch, and counts that jump
+further between two looks than the arm could have moved; a robot that tells no counts has the first one only.
+A fourth sees what raises no alarm: mastering data that are not the newest record's. A battery that is low is told
+before it is empty. The last healthy counts are kept on disk: after a loss they tell to within a few turns where each
+motor stood.
 """
 
 import asyncio
@@ -13,14 +13,22 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import cast
 
 import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from cellcal.drivers.interfaces import (
+    Alarm,
+    Condition,
+    Counts,
+    MasteringStore,
+    Readiness,
+    ReadsEncoderCounts,
+    Robot,
+)
 from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.watching.loss_modes import (
@@ -36,10 +44,6 @@ from cellcal.service.watching.mastering_comparison import MasteringComparison
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
-
-
-class WatchedRobot(Robot, MasteringStore, Protocol):
-    """An arm whose encoders can be lost and whose mastering can be read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ class RobotWatch:
 
     def __init__(
         self,
-        robot: WatchedRobot,
+        robot: Robot,
         memory: LastHealthyCounts,
         on_loss: Callable[[PositionLoss], Awaitable[None]],
         *,
@@ -109,7 +113,7 @@ class RobotWatch:
             detected_by = await self._find_trouble()
         suspicion = _suspect_condition(condition)
         if detected_by is None and self._comparison is not None:
-            trouble = await self._comparison.find_trouble(self._robot)
+            trouble = await self._comparison.find_trouble(cast(MasteringStore, self._robot))
             detected_by, suspicion = trouble or (None, suspicion)
         if detected_by is None:
             self._reported, self._after_run = None, False
@@ -134,7 +138,7 @@ class RobotWatch:
             self._warn(f"{self._robot.name}: {words}")
         self._warned = words
 
-    def use_connection(self, robot: WatchedRobot) -> None:
+    def use_connection(self, robot: Robot) -> None:
         """Go on with the same robot over another connection."""
         if robot is not self._robot:
             self._robot, self._last_observation, self._drive = robot, None, None
@@ -145,7 +149,9 @@ class RobotWatch:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
         if self.is_still_lost or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
             return False
-        return (await self._robot.read_mastering()).mastered
+        if not self._robot.capabilities.writes_mastering:
+            return True  # its mastering cannot be read
+        return (await cast(MasteringStore, self._robot).read_mastering()).mastered
 
     @property
     def is_still_lost(self) -> bool:
@@ -160,9 +166,12 @@ class RobotWatch:
 
     async def _find_trouble(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""
+        if not self._robot.capabilities.reads_encoder_counts:
+            return None  # its own words are the only witness
+        encoders = cast(ReadsEncoderCounts, self._robot)
         counts, epoch, now_s = (
-            await self._robot.encoder_counts(),
-            await self._robot.encoder_epoch(),
+            await encoders.encoder_counts(),
+            await encoders.encoder_epoch(),
             time.monotonic(),
         )
         if self._saved is not None and epoch != self._saved.epoch:
@@ -201,7 +210,7 @@ class RobotWatch:
 
     async def _drive_train(self) -> DriveTrain:
         if self._drive is None:
-            self._drive = await self._robot.drive_train()
+            self._drive = await cast(ReadsEncoderCounts, self._robot).drive_train()
         return self._drive
 
 

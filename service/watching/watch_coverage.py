@@ -3,6 +3,14 @@
 from cellcal.drivers.interfaces import RobotCapabilities
 
 _ENCODERS = "its alarms, encoder counts and mastering: a lost position is seen"
+_COUNTS = (
+    "its alarms and encoder counts: a lost position is seen. Its mastering is set at the pendant only, and a changed "
+    "one is NOT seen: run a drift check after service"
+)
+_OWN_WORDS = (
+    "its alarms and the state of its axes: a lost position is seen when the controller says so. It tells no encoder "
+    "counts here: run a drift check after service"
+)
 _STOPS_ONLY = (
     "its stops and faults only. It tells no encoder counts and no mastering here, so a lost position is NOT seen: "
     "run a drift check after a collision, and after a joint was exchanged"
@@ -11,4 +19,13 @@ _STOPS_ONLY = (
 
 def describe_coverage(capabilities: RobotCapabilities) -> str:
     """Say what `cellcal watch` sees of a robot with these capabilities, and what it does not."""
-    return _ENCODERS if capabilities.writes_mastering else _STOPS_ONLY
+    if capabilities.writes_mastering:
+        return _ENCODERS
+    if capabilities.reads_encoder_counts:
+        return _COUNTS
+    return _OWN_WORDS if capabilities.tells_lost_position else _STOPS_ONLY
+
+
+def sees_losses(capabilities: RobotCapabilities) -> bool:
+    """Whether anything of a robot with these capabilities shows a lost position."""
+    return capabilities.reads_encoder_counts or capabilities.tells_lost_position

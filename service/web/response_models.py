@@ -223,6 +223,11 @@ class PromptSeen(ResponseShape):
     step: str
     page: str
     data: Annotated[dict[str, Any], Field(description="what a page of this kind draws beside the words")]
+    yes: Annotated[str, Field(description="what the button says that agrees")]
+    no: Annotated[str, Field(description="what the button says that declines")]
+    question: Annotated[str, Field(description="in place of the words; may be empty")]
+    is_folded: Annotated[bool, Field(description="whether all words stand behind a fold")]
+    drawing: Annotated[str, Field(description="the name of the drawing")]
 
 
 class LossSeen(ResponseShape):
@@ -286,6 +291,11 @@ class ProcedureSeen(ResponseShape):
     version: int
     lacks: list[str] | None
     due: str | None
+    remedies: Annotated[list[str], Field(description="how to get each thing that it lacks")]
+    uses: Annotated[str, Field(description="what a person has at hand for it")]
+    intention: str
+    when: Annotated[str, Field(description="to use it")]
+    minutes: Annotated[list[int], Field(description="that it usually takes, from and to")]
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 

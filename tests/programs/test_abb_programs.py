@@ -206,8 +206,8 @@ def test_a_target_on_a_conveyor_is_barred():
         f'PERS wobjdata wCnv:=[FALSE,FALSE,"CNV1",{frame},{frame}];', target_line("p1"), target_line("p2"),
         "PROC main()", "MoveL p1,v100,fine,tGrip\\WObj:=wcnv;", "MoveL p2,v100,fine,tGrip;", "ENDPROC",
     )  # fmt: skip
-    assert list(file.positions.barred) == [0]
-    assert "mechanical unit" in file.positions.barred[0]
+    assert list(file.positions.conditions) == [0]
+    assert "mechanical unit" in file.positions.conditions[0].why
 
 
 def test_a_held_work_object_is_listed_but_not_shifted():

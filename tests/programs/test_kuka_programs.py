@@ -100,10 +100,10 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
 
 def test_an_external_tool_is_listed_but_not_shifted():
     file = read_file(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b"").replace(b"#BASE", b"#TCP"))
-    assert file.positions.kinds[0] == UNTAUGHT
+    assert file.positions.kinds[0] == CARTESIAN
+    assert 0 in file.positions.held_work
+    assert "external tool" in file.positions.conditions[0].why
     assert any("external tool" in remark.text for remark in file.remarks)
-    with pytest.raises(ProgramFileError, match="external tool"):
-        file.with_changes(PositionChange(np.array([0]), frame_tip=np.eye(4)[None]))
 
 
 def test_a_frame_is_a_point_only_where_it_has_a_tool():

@@ -88,7 +88,8 @@ def test_a_job_is_read_as_the_maker_describes_it() -> None:
     assert np.allclose(
         positions.frame_tip[3], homogeneous_matrix(turned, np.array([0.10025, -0.0205, 0.310205]))
     )
-    assert positions.external[1, :2].tolist() == [-4096.0, 12.0]
+    assert positions.external[1, 1:3].tolist() == [-4096.0, 12.0]
+    assert [column.name for column in positions.external_columns] == ["B1", "S1", "S2"]
     assert positions.external[2, 0] == pytest.approx(1.2505)
     assert positions.resolution_m[2] == pytest.approx(1e-6)
     assert positions.resolution_rad[2] == pytest.approx(np.radians(0.01))
@@ -285,7 +286,7 @@ def test_damage_is_refused_with_its_line(old: bytes, new: bytes, line: int, word
 def test_several_jobs_in_one_file_keep_their_names_apart() -> None:
     positions = BRAND.read("a.jbi", JOB + JOB).positions
     assert positions.names[7:9] == ("C00000@53", "C00001@55")
-    assert positions.external[8, :2].tolist() == [-4096.0, 12.0]
+    assert positions.external[8, 1:3].tolist() == [-4096.0, 12.0]
 
 
 def test_what_is_no_job_is_refused() -> None:

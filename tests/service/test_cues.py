@@ -7,7 +7,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language, wait_for_value
+from tests.service.browser_pages import LOCALES, go_to_page, hold_to_rules, wait_for_language, wait_for_value
 from tests.service.step_page_actions import FakePendant, at_the_pages, wait_for_question
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("cues")]
@@ -54,7 +54,9 @@ async def test_nothing_sounds_before_it_is_switched_on_and_the_page_says_all(pen
     pendant.release_control()
     async with pendant.viewer.open_page() as page:
         await page.evaluate(SPY)
+        await go_to_page(page, "#/tablet")
         await expect(page.get_by_test_id("cue").get_by_role("checkbox")).not_to_be_checked()
+        await go_to_page(page, "#/")
         await a_record_and_a_refusal(pendant, page)
         assert await played_tones(page) == []
         await pendant.viewer.send_order(op="dismiss")
@@ -64,11 +66,14 @@ async def test_switched_on_it_sounds_and_shakes_at_a_record_and_at_a_failure(pen
     pendant.release_control()
     async with pendant.viewer.open_page() as page:
         await page.evaluate(SPY)
+        await go_to_page(page, "#/tablet")
         await page.get_by_test_id("cue").get_by_role("checkbox").check()
+        await go_to_page(page, "#/")
         await wait_for_value(lambda: played_tones(page), [880].__eq__)  # what it will sound like
         await a_record_and_a_refusal(pendant, page)
         await wait_for_value(lambda: sounded_tones(page), {880, 220}.__eq__)
         assert await page.evaluate("window.__shakes.length === window.__tones.length")
+        await go_to_page(page, "#/tablet")
         await page.reload()
         cue_checkbox = page.get_by_test_id("cue").get_by_role("checkbox")
         await expect(cue_checkbox).to_be_checked()
@@ -79,6 +84,7 @@ async def test_the_setting_is_for_everybody_in_four_languages(pendant: FakePenda
     for locale in LOCALES:
         async with pendant.viewer.open_page(locale=locale) as page:
             await wait_for_language(page, locale)
+            await go_to_page(page, "#/tablet")
             size = await page.get_by_test_id("cue").bounding_box()
             assert size is not None
             assert size["height"] >= 44

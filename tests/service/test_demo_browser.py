@@ -75,9 +75,28 @@ async def _check_bar(browser: Browser, url: str) -> None:
         await page.context.close()
     await first.get_by_test_id("demo-battery").click()
     await first.get_by_test_id("loss").wait_for()
+    await _check_first_of_all(first)
+    await first.get_by_test_id("demo-open").click()
     await expect(first.get_by_test_id("demo-pressed").locator("li")).to_have_count(1)
     other = await _open_page(browser, url, "en")
     await expect(other.get_by_test_id("demo-last")).to_contain_text("Encoder battery dies")
+
+
+async def _check_first_of_all(page: Page) -> None:
+    """With a loss the home page is about it: one button, all else folded away; the tour goes on and can be left."""
+    await expect(page.get_by_test_id("loss-first")).to_be_in_viewport()
+    await expect(page.get_by_test_id("first-button")).to_have_attribute(
+        "href", "#/procedure/mastering_recovery"
+    )
+    await expect(page.get_by_test_id("intention-tool")).to_be_hidden()
+    await expect(page.get_by_test_id("glance-position")).to_have_attribute("data-tone", "bad")
+    await expect(page.get_by_test_id("tour")).to_have_attribute("data-step", "2")
+    await hold_to_rules(page, "home with a loss")
+    await page.get_by_test_id("tour-leave").click()
+    await expect(page.get_by_test_id("tour")).to_have_count(0)
+    await page.reload()
+    await page.get_by_test_id("demo-open").wait_for()
+    await expect(page.get_by_test_id("tour")).to_have_count(0)
 
 
 async def _open_page(browser: Browser, url: str, locale: str) -> Page:
@@ -87,5 +106,5 @@ async def _open_page(browser: Browser, url: str, locale: str) -> Page:
     page = await context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     await page.goto(url)
-    await page.get_by_test_id("demo-battery").wait_for()
+    await page.get_by_test_id("demo-open").wait_for()
     return page

@@ -98,6 +98,8 @@ async def test_a_procedure_is_run_by_keyboard_alone(pendant: FakePendant) -> Non
     """U19: from the list to the end, its settings and the press of two seconds too."""
     pendant.release_control()
     async with pendant.viewer.open_page() as page:
+        await by_tab(page, "intention-work")
+        await page.keyboard.press("Enter")
         await by_tab(page, "procedure-three_point_frame")
         await page.keyboard.press("Enter")
         await by_tab(page, "value-frame_number")

@@ -76,6 +76,8 @@ WHOLE = (
     "service/people",
     "service/engineering/programs/cell_of_program.py",
     "service/engineering/programs/point_checks.py",
+    "service/engineering/programs/external/point_reasons.py",
+    "service/engineering/programs/other_axes.py",
     "service/engineering/programs/postures.py",
     "service/engineering/programs/turned_shifts.py",
     "service/record",
@@ -159,12 +161,10 @@ def refusal_texts(locale: str) -> dict[str, str]:
 
 
 @cache
-def translated_sentences(locale: str) -> frozenset[str]:
-    """Return the sentences of both catalogues, holes numbered."""
-    file = ROOT / f"web/src/locales/procedures/{locale}.json"
-    return frozenset(
-        map(number_holes, (*refusal_texts(locale), *json.loads(file.read_text(encoding="utf-8"))))
-    )
+def procedure_texts(locale: str) -> frozenset[str]:
+    """Return what the tables of procedures and of their settings have already."""
+    files = [ROOT / f"web/src/locales/{kind}/{locale}.json" for kind in ("procedures", "settings")]
+    return frozenset(key for file in files for key in json.loads(file.read_text(encoding="utf-8")))
 
 
 ARM_TABLES = ("safety_bits.tsv", "robot_modes.tsv")
@@ -181,6 +181,23 @@ def of_an_arm(name: str) -> set[str]:
 def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
     for locale in TRANSLATED:
         assert not of_an_arm(name) - refusal_texts(locale).keys(), locale
+
+
+def reasons_of_a_controller() -> set[str]:
+    """Return why controllers refuse: what stands in a sentence of their driver."""
+    packages = ("cellcal.drivers.fanuc.rmi", "cellcal.drivers.yaskawa")
+    return {entry.text for package in packages for entry in code_table(package, "refusals.tsv").values()}
+
+
+def test_why_a_controller_refuses_has_its_words() -> None:
+    for locale in TRANSLATED:
+        assert not reasons_of_a_controller() - refusal_texts(locale).keys(), locale
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_holes_count_from_one(locale: str) -> None:
+    """What a page takes for hole 0 is the sentence itself: it would fill it with itself for ever."""
+    assert not [each for each in refusal_texts(locale).items() if "{0}" in "".join(each)]
 
 
 @pytest.mark.parametrize("room", WHOLE)
@@ -216,6 +233,7 @@ def test_every_translation_has_a_source_sentence() -> None:
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
     source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
+    source_sentences |= reasons_of_a_controller()
     written = "\n".join(literal for file in sources for literal in _string_literals(file))
     former = set(map(number_holes, json.loads(FORMER.read_text(encoding="utf-8"))))
     assert not former & source_sentences

@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group(
 ROOM = "setting-room"
 SAID = {
     "de": ("Geschwindigkeit der Spitze", "höchstens 250,0 mm/s"),
-    "es": ("velocidad de la punta", "como máximo 250,0 mm/s"),
+    "es": ("Velocidad de la punta", "como máximo 250,0 mm/s"),
     "zh": ("尖端速度", "最大 250.0 mm/s"),
 }
 NEGATIVE = {"de": "endliche", "es": "finit", "zh": "有限"}
@@ -166,7 +166,7 @@ async def test_a_run_that_settings_did_not_let_begin_names_them_as_the_form_does
     async with page_viewer.open_page("#/procedure/six_point_tcp", locale="es") as page:
         await page.get_by_test_id("start").click()
         reason = page.get_by_test_id("reason")
-        await expect(reason).to_contain_text("número de herramienta")
+        await expect(reason).to_contain_text("Número de la herramienta")
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).not_to_contain_text("tool_number")
         await expect(outcome).not_to_contain_text("cellcal")  # a tablet has no command line

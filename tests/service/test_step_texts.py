@@ -3,23 +3,21 @@
 import ast
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from pydantic import TypeAdapter
 
 from cellcal.procedures.catalogue import DEFINITIONS
-from cellcal.procedures.procedure_definition import NEEDS, ProcedureDefinition
-from tests.service.source_sentences import SENTENCE, expression_texts, number_holes
+from cellcal.procedures.procedure_definition import NEEDS
+from cellcal.procedures.procedure_guide import GUIDE, NEED_REMEDIES
+from cellcal.procedures.prompt_answers import all_answers
 
 ROOT = Path(__file__).parents[2]
 TRANSLATED = ("de", "es", "zh")
-HOLE = re.compile(r"\{\w+\}")
-UNIT = re.compile(r"_(m|rad|s|rad_s|m_s)$")
-SAID = json.loads((ROOT / "web/src/lib/setting_names.json").read_text(encoding="utf-8"))
+# the same cuts and holes as in web/src/lib/say.svelte.ts
+NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
+SENTENCE = re.compile(r"(?<=[.?!])\s+")
 
 # Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
 ENGLISH_ONLY = 22  # at most; it may only fall
@@ -72,42 +70,16 @@ def step_names() -> set[str]:
     return {name for found in names if found is not None and not found[1] for name in [found[0]]}
 
 
-def plain_name(name: str) -> str:
-    """Return what the pages call a setting: web/src/lib/schema.ts does the same."""
-    return SAID.get(name, UNIT.sub("", name).replace("_", " "))
-
-
-def setting_forms(schema: dict[str, Any]) -> Iterator[list[str]]:
-    """Yield the names of settings that stand in one form, one under another."""
-    for each in (schema, *schema.get("$defs", {}).values()):
-        yield list(each.get("properties", {}))
-
-
-@pytest.mark.parametrize("entry", DEFINITIONS, ids=lambda entry: entry.name)
-def test_no_form_calls_two_of_its_settings_the_same(entry: ProcedureDefinition) -> None:
-    for names in setting_forms(TypeAdapter(entry.spec_type).json_schema()):
-        name_counts = Counter(plain_name(name) for name in names)
-        assert [name for name, times in name_counts.items() if times > 1] == []
-
-
-def setting_names(schema: dict[str, Any]) -> set[str]:
-    """Return the names of settings and of their parts; a pose has a field of its own."""
-    parts = [each for name, each in schema.get("$defs", {}).items() if name != "Pose"]
-    return {name for each in (schema, *parts) for name in each.get("properties", {})}
-
-
 @pytest.mark.parametrize("locale", TRANSLATED)
-def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str) -> None:
-    settings = {
-        plain_name(name)
-        for entry in DEFINITIONS
-        for name in setting_names(TypeAdapter(entry.spec_type).json_schema())
-    }
+def test_titles_steps_and_plain_instructions_are_translated(locale: str) -> None:
+    table = translation_tables()[locale]
     expected_texts = {
-        "titles": {entry.title for entry in DEFINITIONS},
-        "names": {entry.name.replace("_", " ") for entry in DEFINITIONS},
+        "titles": {text_key(entry.title) for entry in DEFINITIONS},
+        "guide": {text_key(text) for entry in GUIDE.values() for text in (entry.when, entry.uses)},
+        "remedies": {text_key(part) for text in NEED_REMEDIES.values() for part in SENTENCE.split(text)},
+        "answers": {text for answers in all_answers() for text in (answers.yes, answers.no, answers.question)}
+        - {""},
         "steps": step_names(),
-        "settings": settings,
         "needs": {words for words, _ in NEEDS.values()},
         "instructions": instruction_texts()[0],
     }

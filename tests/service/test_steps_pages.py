@@ -406,6 +406,7 @@ async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(p
         await doubt.wait_for()
         await expect(doubt).to_contain_text("0,18 m = 180,0 mm")
         await page.get_by_test_id("unit-meant").click()
+        await page.get_by_test_id("all-settings").locator("summary").first.click()
         await page.get_by_test_id("value-sigma_m").fill("0,125")
         await page.get_by_test_id("value-sigma_m").press("Tab")
         units = page.get_by_test_id("settings").locator("[data-testid=unit]")

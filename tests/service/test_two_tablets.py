@@ -193,9 +193,7 @@ async def test_what_was_typed_outlives_a_dead_link(tablets: TabletsAtCell) -> No
     await expect_shown(page, "offline")
     await page.evaluate("location.hash = '#/'")
     tablets.silent_link.mend_link()
-    await expect_shown(
-        page, "procedure-six_point_tcp"
-    )  # what could not be asked is asked when the link is back
+    await expect_shown(page, "intention-tool")  # what could not be asked is asked when the link is back
 
 
 class TestHoldToMove:

@@ -11,11 +11,14 @@ from tests.soak import (
     clones,
     cold,
     compensation,
+    controllers,
     coverage,
     cramer_rao,
     day,
     desk_kills,
     durability,
+    external_axes,
+    fanuc_files,
     few_rows,
     fixtures,
     fleet_page,
@@ -61,6 +64,9 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], CampaignFigures], int]] = {
     "screens": (screens.screens, 50),
     "live": (live.live, 20),
     "inputs": (inputs.inputs, 20_000),
+    "fanuc_files": (fanuc_files.fanuc_files, 20_000),
+    "rmi_cuts": (controllers.rmi_cuts, 1000),
+    "wire_answers": (controllers.wire_answers, 100_000),
     "starts": (starts.starts, 10),
     "matrix": (durability.matrix, 1000),
     "power": (durability.power, 300),
@@ -105,7 +111,10 @@ def main() -> int:
     """Run the campaigns that are named, or all."""
     words = [word.partition("=") for word in sys.argv[1:] or CAMPAIGNS]
     parts = (
-        programs.of_one_generator() | program_speed.of_one_brand() | program_motion.of_one_language()
+        programs.of_one_generator()
+        | program_speed.of_one_brand()
+        | program_motion.of_one_language()
+        | external_axes.of_one_brand()
     )  # which run when they are named
     campaigns = CAMPAIGNS | parts
     unknown = [name for name, _, _ in words if name not in campaigns]

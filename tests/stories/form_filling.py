@@ -15,6 +15,11 @@ SHOWN = {"mm": 1e3, "mm/s": 1e3, "°": 180.0 / math.pi, "°/s": 180.0 / math.pi}
 
 async def fill_in(page: Page, settings: Mapping[str, Any], within: str = "") -> None:
     """Fill in the fields of all settings that are told; the others stand at their usual value."""
+    drawer = page.get_by_test_id("all-settings")
+    if not within and await drawer.count():
+        await drawer.evaluate(
+            "drawer => { drawer.open = true; }"
+        )  # what a technician does not know is an engineer's
     for name, value in settings.items():
         path = f"{within}{name}"
         await _fill_setting(page, path, value)

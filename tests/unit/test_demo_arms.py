@@ -1,6 +1,7 @@
 """Any six-axis robot behind the fakes: the world puts it where the catalogue does, by arithmetic of its own."""
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -198,3 +199,13 @@ def test_any_chain_of_turning_joints_is_a_table(name):
             rows, base=table.base, flange=table.flange, name="again", joint_coupling=model.joint_coupling
         )
         assert np.abs(again.base_flange(joints) - arm.base_flange(joints)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "name", ["abb_irb1600_8_145", "aubo_i10", "fanuc_lrmate25_19a", "kuka_kr10r1420", "yaskawa_gp25"]
+)
+def test_an_arm_of_a_cell_file_finds_a_posture_to_begin_in(name: str, tmp_path: Path) -> None:
+    """Short wrists: no wire is hooked to them, and none may keep them from standing anywhere."""
+    cell = tmp_path / "cell.toml"
+    cell.write_text(f'[[robot]]\nname = "arm"\ndriver = "yaskawa"\nmodel = "{name}"\n', encoding="utf-8")
+    assert len(describe_arms(cell)["arm"]["park_deg"]) == 6  # type: ignore[arg-type]

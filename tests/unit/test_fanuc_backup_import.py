@@ -50,8 +50,13 @@ def test_a_backup_becomes_the_record_in_force(fake_controller, tmp_path: Path) -
     assert not done.was_known
     assert record.counts_at_zero == tuple(fake_controller.counts)
     assert record.reference_counts == tuple(fake_controller.counts_at(fake_controller.reference_rad))
-    assert record.reference_joints_rad == pytest.approx(fake_controller.reference_rad, abs=1e-6)
-    assert np.allclose(record.drive.radians_per_count, fake_controller.coupling_matrix(), rtol=1e-6)
+    links = fake_controller.reference_rad  # as the controller stores them: J2 the other way, J3 + J2
+    assert record.reference_joints_rad == pytest.approx(
+        [links[0], -links[1], links[2] + links[1], *links[3:]], abs=1e-6
+    )
+    matrix = fake_controller.coupling_matrix()
+    shown = np.array([matrix[0], -matrix[1], matrix[2] + matrix[1], *matrix[3:]])
+    assert np.allclose(record.drive.radians_per_count, shown, rtol=1e-6)
     assert (record.wire, record.prior, record.captures, record.kit) == (None, None, (), None)
     assert record.sha256 == seal_of(record)
     assert "wire lengths" in done.untold[0]

@@ -83,8 +83,11 @@ def test_the_device_that_a_cell_has_is_the_one_that_measures(config: CellConfig)
 @pytest.mark.parametrize(
     ("room", "words"),
     [
-        ({"wire_low": 0.9, "wire_high": 0.2}, "room: wire_low must be below wire_high"),
-        ({"box_low_m": [0, 0, 1], "box_high_m": [1, 1, 0.5]}, "room: box_low_m must be below box_high_m"),
+        ({"wire_low": 0.9, "wire_high": 0.2}, r"\(room\): wire_low must be below wire_high"),
+        (
+            {"box_low_m": [0, 0, 1], "box_high_m": [1, 1, 0.5]},
+            r"\(room\): box_low_m must be below box_high_m",
+        ),
     ],
 )
 def test_a_margin_that_crosses_the_limits_is_refused(

@@ -7,7 +7,14 @@ import pytest
 
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
 from cellcal.drivers.errors import UnreachableError
-from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
+from cellcal.drivers.interfaces import (
+    Alarm,
+    AlarmKind,
+    Condition,
+    MasteringData,
+    Readiness,
+    RobotCapabilities,
+)
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts, remember_healthy
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering
 from cellcal.service.watching.loss_modes import LossKind, LossMode
@@ -29,6 +36,10 @@ class TwoAxisController:
     link_is_up: bool = True
     losses: list[PositionLoss] = field(default_factory=list)
     mastering_data: MasteringData = field(default_factory=lambda: MasteringData((0, 0), mastered=True))
+
+    capabilities: RobotCapabilities = field(
+        default_factory=lambda: RobotCapabilities(axes=2, reads_encoder_counts=True, writes_mastering=True)
+    )
 
     async def read_condition(self) -> Condition:
         if not self.link_is_up:

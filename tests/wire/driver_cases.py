@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from cellcal.drivers.errors import DeviceError
@@ -28,6 +28,8 @@ class RobotCase:
     stop_fault: Fault  # the emergency stop is pressed
     slow_fault: Fault  # the speed is turned down to 15 %
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
+    # what another one would tell; None: this link does not tell who answers
+    stranger: dict[str, Any] | None = field(default_factory=lambda: {"serial": "X-000000"})
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 
 
@@ -141,6 +143,48 @@ async def _heal_universal_robot(fake_client: FakeCellClient, robot: Any) -> None
     await until_ready(robot, Readiness.READY)
 
 
+async def _heal_fanuc_rmi(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in ("clear_alarms", "pendant_off"):
+        await fake_client.inject_fault(fault, device="rmi")
+    await fake_client.inject_fault("override", device="rmi", percent=100)
+    await fake_client.inject_fault("sequence_restarts", device="rmi", on=False)
+    await fake_client.inject_fault("tool_switched", device="rmi", number=1)
+    await robot.stop()
+
+
+async def _heal_kuka(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in ("mend", "new_server"):
+        await fake_client.inject_fault(fault, device="kuka")
+    await fake_client.inject_fault("override", device="kuka", percent=100)
+    await fake_client.inject_fault("tool_switched", device="kuka", number=1)
+    await robot.stop()
+
+
+async def _heal_abb(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    await fake_client.inject_fault("mend", device="abb")
+    await fake_client.inject_fault("override", device="abb", percent=100)
+    await fake_client.inject_fault("tool_switched", device="abb", tool="tGripper")
+    await robot.stop()
+
+
+async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    for fault in (
+        "confirm_positions",
+        "release_hold",
+        "remote_mode",
+        "release_emergency_stop",
+        "reset_alarm",
+    ):
+        await fake_client.inject_fault(fault, device="motoman")
+    await fake_client.inject_fault("override", device="motoman", percent=100)
+    await fake_client.inject_fault("tool_switched", device="motoman", number=1)
+    await robot.stop()
+
+
 async def _heal_draw_wire(fake_client: FakeCellClient) -> None:
     await fake_client.send_command("clear")
     await fake_client.inject_fault("node_off", device="wire")  # forgets every answer that is still under way
@@ -189,6 +233,52 @@ ROBOTS: dict[str, RobotCase] = {
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
         impatient={},
+    ),
+    "fanuc_rmi": RobotCase(
+        name="rmi",
+        home_rad=(-0.35, 0.17, -0.44, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.02,
+        heal=_heal_fanuc_rmi,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+        stranger=None,
+    ),
+    "kuka_variables": RobotCase(
+        name="kuka",
+        home_rad=(-1.3, -1.2, 1.3, 0.26, 0.85, 0.35),
+        away_rad=(1.3, -1.1, 1.4, 0.3, 0.9, 0.2),
+        slow_rad_s=0.075,
+        heal=_heal_kuka,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("open_gate", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+    ),
+    "abb_web_services": RobotCase(
+        name="abb",
+        home_rad=(-0.9, 0.17, 0.2, 0.26, 0.85, 0.35),
+        away_rad=(0.9, 0.3, 0.3, 0.3, 0.9, 0.2),
+        slow_rad_s=0.03,
+        heal=_heal_abb,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+    ),
+    "yaskawa": RobotCase(
+        name="motoman",
+        home_rad=(-0.35, 0.17, -0.2, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.02,
+        heal=_heal_yaskawa,
+        link_faults=(("silent", {}), ("refuse", {}), ("cut", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+        stranger={"controller_type": "X-000000"},
     ),
 }
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cellcal.service.demo.demo_arm import describe_arms, write_described
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 
@@ -51,6 +52,79 @@ serial = "20225500042"
 deadline_s = 2.0
 speed_limit_rad_s = 0.5
 watchdog_hz = 1.0  # a test machine may be too busy for 5
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
+name = "rmi"
+driver = "fanuc_rmi"
+address = "{address}"
+model = "fanuc_m6ib"
+motion = "commanded"
+serial = "F-230816"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
+name = "kuka"
+driver = "kuka_variables"
+address = "{address}"
+model = "kuka_kr10r1420"
+motion = "commanded"
+serial = "864231"
+fastest_axis_deg_s = 410.0
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
+name = "abb"
+driver = "abb_web_services"
+address = "{address}"
+port = 8080
+model = "abb_irb1600_6_12"
+motion = "commanded"
+serial = "1600-500123"
+deadline_s = 3.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[robot]]
+name = "motoman"
+driver = "yaskawa"
+address = "{address}"
+model = "yaskawa_gp25"
+controller_type = "1-06VX25-A0*"
+motion = "commanded"
+serial = "Y-230815"
+pulses_per_degree = [1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2]
+fastest_axis_deg_s = 885.0
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
 
 [[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
 name = "floor"
@@ -151,8 +225,9 @@ def run_fakes(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellCl
     text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR)
     text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretch_limit, text), encoding="utf-8")
+    arms = write_described(folder, describe_arms(path))
     process = subprocess.Popen(
-        [sys.executable, "-m", "cellcal.fake_devices", str(path), "--watch-stdin"],
+        [sys.executable, "-m", "cellcal.fake_devices", str(path), "--watch-stdin", "--arms", str(arms)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

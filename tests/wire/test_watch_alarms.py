@@ -12,6 +12,7 @@ from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
 from cellcal.service.watching.loss_response import PreparedAnswer, prepare_answer
 from cellcal.service.watching.watch import PositionLoss, RobotWatch
+from tests.wire.driver_cases import ROBOTS, open_retrying
 
 NOTHING = None
 DRIFT, RECOVERY = "drift_check", "mastering_recovery"
@@ -114,3 +115,41 @@ async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alon
     assert known_loss is not None
     assert strange is not None
     assert set(strange.reasons) - set(known_loss.reasons) == {"the alarm MOTN-017 is unknown here"}
+
+
+LOSSES = {
+    "motoman": ("battery_loss", {"axes": ["U"]}, [2]),
+    "kuka": ("mastering_lost", {"axes": ["A4"]}, [3]),
+    "abb": ("counters_lost", {"axes": ["2", "5"]}, [1, 4]),
+    "rmi": ("alarm", {"text": "SRVO-062 BZAL alarm (Group:1 Axis:3)"}, [2]),
+}
+
+
+@pytest.mark.parametrize("name", sorted(LOSSES))
+async def test_a_loss_is_seen_on_every_controller_and_nothing_starts_where_a_person_must_mend_it(
+    name: str, cell: CellConfig, fake_client: FakeCellClient, tmp_path: Path
+) -> None:
+    fault, parameters, axes = LOSSES[name]
+    case = next(case for case in ROBOTS.values() if case.name == name)
+    async with open_retrying(cell.robot_named(name)) as robot:
+        await case.heal(fake_client, robot)
+        found: list[PositionLoss] = []
+
+        async def on_loss(loss: PositionLoss) -> None:
+            found.append(loss)
+
+        watch = RobotWatch(robot, LastHealthyCounts(tmp_path), on_loss, period_s=0.01)
+        assert await watch.look_once() is None
+        await fake_client.inject_fault(fault, device=name, **parameters)
+        loss = await watch.look_once()
+        assert loss is not None
+        assert await watch.look_once() is None  # told once
+        assert [alarm.axis for alarm in loss.alarms if alarm.axis is not None] == axes
+        answer = prepare_answer(cell, loss)
+        assert answer.procedure is None
+        assert "its mastering is set at the pendant only" in answer.reasons
+        assert not await watch.is_mended()
+        await case.heal(fake_client, robot)
+        await watch.look_once()
+        assert await watch.is_mended()
+    assert len(found) == 1

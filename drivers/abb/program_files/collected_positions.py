@@ -18,6 +18,7 @@ from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_QUATERNION_DECIMALS,
     WrittenTargets,
 )
+from cellcal.drivers.programs.conditions import ExternalColumn
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Positions, Remark
 from cellcal.drivers.programs.shifts import ProgramShift, renumber_shifts
@@ -29,6 +30,7 @@ UNIT_WITHIN = 1e-3  # what rounding to three digits does to a quaternion's lengt
 _USUAL, _USUAL_DIGITS = 1e6, 20  # what lies beyond is looked at closer
 _NOTHING = (np.nan,) * 7
 _NO_AXES = (np.nan,) * 6
+_EXTERNAL_COLUMNS = tuple(ExternalColumn(f"eax_{letter}") for letter in "abcdef")
 NO_COORDINATES = "it has no coordinates"
 _NO_ORIENTATION = "its orientation is zero, so it was never taught"
 _LEAST_STEPS = (10.0**-LEAST_LENGTH_DECIMALS * 1e-3, float(np.deg2rad(10.0**-LEAST_ANGLE_DECIMALS)))
@@ -36,7 +38,7 @@ _T = TypeVar("_T")
 
 _EXTERNAL = (
     "{} holds values of external axes. Whether they are millimetres or degrees stands in the configuration; "
-    "they are taken as millimetres, and never changed."
+    "what they move stands in the project."
 )
 
 
@@ -197,6 +199,7 @@ class RapidPositions:
             shifts=renumber_shifts(shifts, {row: k for k, row in enumerate(order.tolist())})
             if shifts
             else (),
+            external_columns=_EXTERNAL_COLUMNS[: int(used[-1]) + 1 if len(used) else 0],
         )
 
     def _start_row(self, name: str, kind: str, start: int, state: str) -> None:

@@ -11,9 +11,13 @@ from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateErro
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.positions import ProgramFrames
 
-_HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and are not changed."
+_HELD_TEXT = (
+    "{} is held by the robot: its targets are seen from the flange, and need [held_work] in the project."
+)
 _MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
-_STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
+_STATIONARY_TEXT = (
+    "{} stands in the cell: its targets are seen from the flange, and need [held_work] in the project."
+)
 _UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
 
 
@@ -77,6 +81,7 @@ class DeclaredFrames:
         user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
         if found[1].upper() == "TRUE":
             self.uses.seen_from_flange.add(name.lower())
+            self.uses.held_objects.add(name.lower())
             self.found.add_remark(found.start(), "foreign", make_message(_HELD_TEXT, name))
         elif found[2].upper() == "FALSE":
             self.uses.moved.add(name.lower())

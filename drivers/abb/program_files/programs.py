@@ -90,6 +90,7 @@ class AbbFile:
             if not (
                 requested.has_pose[k]
                 or requested.has_joints[k]
+                or requested.has_external[k]
                 or configuration is not None
                 or frame is not None
             ):
@@ -103,6 +104,8 @@ class AbbFile:
                 yield from self._joint_edits(row, found, requested.joints_deg[k])
             if configuration is not None:
                 yield from self._configuration_edits(row, found, configuration)
+            if requested.has_external[k]:
+                yield from self._external_edits(row, found, requested.external[k])
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> Self:
@@ -138,8 +141,18 @@ class AbbFile:
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
-            positions=found.to_positions(
-                order, user_frames, tools, module.uses.barred, module.shifts.to_shifts(found, module.uses)
+            positions=replace(
+                found.to_positions(
+                    order,
+                    user_frames,
+                    tools,
+                    module.uses.barred,
+                    module.shifts.to_shifts(found, module.uses),
+                ),
+                conditions={
+                    k: uses.conditions[row] for k, row in enumerate(order.tolist()) if row in uses.conditions
+                },
+                held_work=frozenset(k for k, row in enumerate(order.tolist()) if row in uses.held_work),
             ),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=module.frames.to_frames(),
@@ -189,6 +202,16 @@ class AbbFile:
             raise self._change_error(row, "an axis that it leaves out is given a value")
         texts = [text for text, gone in zip(found.groups()[:6], unused, strict=True) if not gone]
         yield from self._number_edits(row, found, 0, joints_deg, finest_decimals(texts, LEAST_ANGLE_DECIMALS))
+
+    def _external_edits(self, row: int, found: re.Match[str], values: list[float]) -> Iterator[Edit]:
+        first = 6 if self.positions.kinds[row] == JOINTS else 11
+        for k, value in enumerate(values):
+            if isnan(value):
+                continue
+            if isnan(self.positions.external[row, k]):
+                raise self._change_error(row, "an external axis that it leaves out is given a value")
+            decimals = finest_decimals([found[first + k + 1]], LEAST_LENGTH_DECIMALS)
+            yield from self._number_edits(row, found, first + k, [value], decimals)
 
     def _configuration_edits(self, row: int, found: re.Match[str], text: str) -> Iterator[Edit]:
         if numbers_of(text) is None:

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
 
@@ -16,9 +18,7 @@ _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
-_BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
 _MOST_USES = 64  # of one target that are told apart
-_SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
 
 class _AgreedUse(NamedTuple):
@@ -56,7 +56,10 @@ class TargetUses:
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
     seen_from_flange: set[str] = field(default_factory=set)
+    held_objects: set[str] = field(default_factory=set)  # those of them that are work objects
     moved: set[str] = field(default_factory=set)  # work objects that a mechanical unit moves
+    held_work: set[int] = field(default_factory=set)  # rows seen from the work in the gripper
+    conditions: dict[int, ConditionalBar] = field(default_factory=dict)
     user_frames: dict[int, str] = field(default_factory=dict)
     tools: dict[int, str] = field(default_factory=dict)
     barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or frame is not one, and why
@@ -199,17 +202,34 @@ class TargetUses:
     def _settle_row(self, found: RapidPositions, row: int, settled: "_AgreedUse") -> None:
         if found.kinds[row] != CARTESIAN:
             return  # axes are in no frame
-        if settled.why:
-            self.barred[row] = settled.why
+        self._settle_reason(row, settled.why)
         if settled.different:
             found.add_remark(found.starts[row], "indirect", make_message(_DIFFERENT, found.names[row]))
-        if settled.seen_from_flange:
-            found.drop_coordinates(row, _SEEN_FROM_FLANGE)
+        if settled.seen_from_flange and not self._is_held_work(settled):
+            found.drop_coordinates(row, SEEN_FROM_FLANGE)
             return
+        if settled.seen_from_flange:
+            self.held_work.add(row)
+            self.conditions[row] = ConditionalBar.for_need(ProjectNeed.STANDING_TOOL, SEEN_FROM_FLANGE)
         if settled.tool is not None:
             self.tools[row] = settled.tool
         if settled.frame is not None:
             self.user_frames[row] = settled.frame
+
+    def _settle_reason(self, row: int, why: str) -> None:
+        if why == MOVED_BY_UNIT:
+            self.conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
+        elif why:
+            self.barred[row] = why
+
+    def _is_held_work(self, settled: "_AgreedUse") -> bool:
+        """Tell whether a tool in the cell works at a work object in the gripper, and nothing else is named."""
+        tool, frame = (settled.tool or "").lower(), (settled.frame or "").lower()
+        return (
+            not settled.different
+            and tool in self.seen_from_flange - self.held_objects
+            and frame in self.held_objects
+        )
 
     def _agreed_use(self, uses: frozenset[ToolAndFrame]) -> "_AgreedUse":
         tools, frames = {use[0] for use in uses}, {use[1] for use in uses}
@@ -225,22 +245,23 @@ class TargetUses:
 
     def _barred_reason(self, uses: frozenset[ToolAndFrame]) -> str:
         """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
-        if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
-            return _BARRED_MOVED
         if any(part is not None and part.lower() in self.several for use in uses for part in use):
             return _BARRED_SEVERAL
         if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
             return BARRED_SET
         if len(uses) > 1:
             return _BARRED_DIFFERENT
-        return _BARRED_COMPUTED if None in next(iter(uses)) else ""
+        tool, frame = next(iter(uses))
+        if tool is None or frame is None:
+            return _BARRED_COMPUTED
+        return MOVED_BY_UNIT if frame.lower() in self.moved else ""
 
     def doubtful_frames(self) -> dict[str, str]:
         """Return tools and work objects in which no target may be carried, and why."""
         return (
-            dict.fromkeys(self.set_while_running, BARRED_SET)
-            | dict.fromkeys(self.moved, _BARRED_MOVED)
-            | dict.fromkeys(self.seen_from_flange, _SEEN_FROM_FLANGE)
+            dict.fromkeys(self.moved, MOVED_BY_UNIT)
+            | dict.fromkeys(self.seen_from_flange, SEEN_FROM_FLANGE)
+            | dict.fromkeys(self.set_while_running, BARRED_SET)
         )
 
     def _spell_use(self, tool: str | None, frame: str | None) -> ToolAndFrame:

@@ -101,7 +101,7 @@ class RecordRewrite:
 
 def plan_rewrite(data: bytes, read: FixedRead | None, change: PositionChange) -> RecordRewrite | None:
     """Return what is to be written into fields of fixed width; None for a change that takes more than that."""
-    more = change.joints, change.configurations, change.user_frames
+    more = change.joints, change.configurations, change.user_frames, change.external
     if read is None or change.frame_tip is None or any(each is not None for each in more):
         return None
     positions, offsets, fixed = read

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.geometry import Array, is_rigid
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.program_files.ls_external import external_edits
 from cellcal.drivers.fanuc.program_files.ls_grammar import (
     CARTESIAN,
     CONFIGURATION,
@@ -39,7 +40,7 @@ def edit_listing(
 ) -> bytes:
     """Return the file with the change; `LsProgram.changed` says what it raises."""
     rows = _checked_rows(place, positions, change)
-    blocks = _RecordTexts(place, body, positions, offsets)
+    blocks = RecordTexts(place, body, positions, offsets)
     in_order = np.argsort(offsets[rows], kind="stable")
     pieces, at = [], 0
     for first in range(0, len(rows), _BLOCK):
@@ -59,21 +60,24 @@ def _select_changes(change: PositionChange, chosen: NDArray[np.int64]) -> Positi
         None if change.joints is None else np.asarray(change.joints, dtype=float)[chosen],
         None if change.configurations is None else [change.configurations[i] for i in chosen],
         None if change.user_frames is None else [change.user_frames[i] for i in chosen],
+        None if change.external is None else np.asarray(change.external, dtype=float)[chosen],
     )
 
 
-def _make_edits(blocks: "_RecordTexts", change: PositionChange) -> Iterator[Edit]:
+def _make_edits(blocks: "RecordTexts", change: PositionChange) -> Iterator[Edit]:
     if change.frame_tip is not None:
         yield from _pose_edits(blocks, change.rows, change.frame_tip)
     if change.joints is not None:
         yield from _joint_edits(blocks, change.rows, change.joints)
     if change.configurations is not None:
         yield from _configuration_edits(blocks, change.rows, change.configurations)
+    if change.external is not None:
+        yield from external_edits(blocks, change.rows, change.external)
     if change.user_frames is not None:
         yield from _user_frames(blocks, change.rows, change.user_frames)
 
 
-class _RecordTexts:
+class RecordTexts:
     """The text of each position again, to find the spans of its numbers."""
 
     def __init__(
@@ -145,13 +149,19 @@ def _checked_rows(place: ListingFile, positions: Positions, change: PositionChan
     inside = (rows >= 0) & (rows < len(positions))
     if rows.ndim != 1 or not inside.all() or len(np.unique(rows)) < len(rows):
         raise ProgramFileError(place.file, "the rows of a change must be positions of this file, each once.")
-    columns = (change.frame_tip, change.joints, change.configurations, change.user_frames)
+    columns = (
+        change.frame_tip,
+        change.joints,
+        change.configurations,
+        change.user_frames,
+        change.external,
+    )
     if any(values is not None and len(values) != len(rows) for values in columns):
         raise ProgramFileError(place.file, "a change must have one value for each of its rows.")
     return rows
 
 
-def _pose_edits(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
+def _pose_edits(blocks: RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
     if frame_tip.shape != (len(rows), 4, 4):
         raise ProgramFileError(
             blocks.place.file,
@@ -174,7 +184,7 @@ def _pose_edits(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array)
                 yield start, end, blocks.write_number(row, block[5 + field], values[field])
 
 
-def _check_rigid(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> None:
+def _check_rigid(blocks: RecordTexts, rows: NDArray[np.int64], frame_tip: Array) -> None:
     if is_rigid(frame_tip):
         return
     for row, pose in zip(rows, frame_tip, strict=True):
@@ -182,7 +192,7 @@ def _check_rigid(blocks: _RecordTexts, rows: NDArray[np.int64], frame_tip: Array
             raise blocks.row_error(int(row), "is given a pose that is no finite, rigid transform.")
 
 
-def _joint_edits(blocks: _RecordTexts, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
+def _joint_edits(blocks: RecordTexts, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
     if joints.ndim != 2:
         raise ProgramFileError(
             blocks.place.file,
@@ -213,7 +223,7 @@ def _joint_edits(blocks: _RecordTexts, rows: NDArray[np.int64], joints: Array) -
 
 
 def _configuration_edits(
-    blocks: _RecordTexts, rows: NDArray[np.int64], configurations: Sequence[str]
+    blocks: RecordTexts, rows: NDArray[np.int64], configurations: Sequence[str]
 ) -> Iterator[Edit]:
     for row, text in zip(rows.tolist(), configurations, strict=True):
         if text == blocks.positions.configurations[row]:
@@ -228,7 +238,7 @@ def _configuration_edits(
         yield start, end, text.encode()
 
 
-def _user_frames(blocks: _RecordTexts, rows: NDArray[np.int64], user_frames: Sequence[str]) -> Iterator[Edit]:
+def _user_frames(blocks: RecordTexts, rows: NDArray[np.int64], user_frames: Sequence[str]) -> Iterator[Edit]:
     for row, text in zip(rows.tolist(), user_frames, strict=True):
         if text == blocks.positions.user_frames[row]:
             continue

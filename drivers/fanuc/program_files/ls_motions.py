@@ -19,6 +19,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import (
     motion_of,
     read_statements,
 )
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 
@@ -39,6 +40,7 @@ class _MotionFindings:
     """What was found so far."""
 
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
+    needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number
     any_increment: str = ""
     places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
     goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
@@ -64,7 +66,7 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
             why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
     shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
-    barred = dict(positions.barred)
+    barred, conditions = dict(positions.barred), dict(positions.conditions)
     rows: dict[int, list[int]] = {}
     for row, name in enumerate(positions.names):
         number = int(name[2:-1])
@@ -75,6 +77,8 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
             or _amount_reason(number, found, registers)
         ):
             barred.setdefault(row, why)
+        elif number in found.needs:
+            conditions[row] = found.needs[number]
     if registers.any_position:  # whichever position it is, something may be computed from it
         found.any_shift.append(
             ProgramShift(registers.any_position, "PR[...]=P[R[...]]", ShiftAxes.USER_FRAME, quaternion=None)
@@ -89,7 +93,7 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
         *_with_rows(shifts, rows, positions),
         *_with_all_rows(found.any_shift, positions),
     ]
-    return replace(positions, barred=barred, shifts=(*positions.shifts, *all_shifts))
+    return replace(positions, barred=barred, conditions=conditions, shifts=(*positions.shifts, *all_shifts))
 
 
 def bar_standing_tools(positions: Positions) -> Positions:
@@ -143,9 +147,11 @@ def _touch_offset(statement: Statement, region: bool) -> bool:
 
 
 def _take_targets(found: _MotionFindings, motion: MotionStatement) -> None:
-    why = _why_no_place(motion)
+    why, condition = _why_no_place(motion), _condition_of_motion(motion)
     for number in motion.targets:
-        if why:
+        if condition is not None:
+            found.needs[number] = condition.joined_with(found.needs.get(number))
+        elif why:
             found.increments.setdefault(number, why)
         else:
             found.places.add(number)
@@ -174,9 +180,24 @@ def _why_no_place(motion: MotionStatement) -> str:
     return ""
 
 
+def _condition_of_motion(motion: MotionStatement) -> ConditionalBar | None:
+    """Return what a project must state of a led motion or one at a standing tool; None where that does not help."""
+    if motion.relative or motion.camera or motion.offset or motion.tool_offset:
+        return None
+    needs = {
+        need
+        for need, word in (
+            (ProjectNeed.LEADER, motion.led),
+            (ProjectNeed.STANDING_TOOL, motion.standing_tool),
+        )
+        if word
+    }
+    return ConditionalBar(frozenset(needs), _why_no_place(motion)) if needs else None
+
+
 def _amount_reason(number: int, found: _MotionFindings, registers: ComputedRegisters) -> str:
     """Return why a position is left that no motion goes to as it stands, and that the program uses otherwise."""
-    if number in found.places:
+    if number in found.places or number in found.needs:
         return ""
     if registers.any_position:
         return _AMOUNT

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.fanuc.program_files.ls_external import ExternalUnits, note_units, with_external_columns
 from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, count_decimals
 from cellcal.drivers.fanuc.program_files.ls_records import (
     AxisText,
@@ -53,6 +54,7 @@ class _RecordColumns:
     poses: list[Array] = field(default_factory=list)
     joints: list[Array] = field(default_factory=list)
     external: list[Array] = field(default_factory=list)
+    units: ExternalUnits = field(default_factory=dict)  # of external axes, by name
     resolutions: list[Array] = field(default_factory=list)
 
 
@@ -133,6 +135,7 @@ def _add_numbers(columns: _RecordColumns, block: Sequence[PositionRecord]) -> No
     columns.poses.append(poses)
     columns.joints.append(_axis_values(block, b"J"))
     columns.external.append(_axis_values(block, b"E"))
+    note_units(columns.units, block)
     _axis_digits(block, digits)
     columns.resolutions.append(decimal_resolutions(digits))
 
@@ -191,7 +194,7 @@ def _refuse_twice(place: ListingFile, columns: _RecordColumns) -> None:
 def _assemble_positions(columns: _RecordColumns) -> Positions:
     count = len(columns.numbers)
     resolution = np.concatenate(columns.resolutions) if count else np.zeros((0, 2))
-    return Positions(
+    positions = Positions(
         names=tuple(f"P[{number}]" for number in columns.numbers),
         kinds=tuple(columns.kinds),
         lines=np.array(columns.lines, dtype=np.int64),
@@ -205,6 +208,7 @@ def _assemble_positions(columns: _RecordColumns) -> Positions:
         resolution_m=resolution[:, 0],
         resolution_rad=resolution[:, 1],
     )
+    return with_external_columns(positions, columns.units)
 
 
 def _side_by_side(blocks: Sequence[Array], count: int) -> Array:

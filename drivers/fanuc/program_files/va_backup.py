@@ -74,9 +74,20 @@ def read_backup(folder: str | Path) -> FanucBackup:
         name: VaFile.from_bytes(path.name, _bytes_of(path))
         for name, path in _find_files(Path(folder)).items()
     }
+    return assemble_backup(str(folder), files)
+
+
+def assemble_backup(label: str, files: Mapping[str, VaFile]) -> FanucBackup:
+    """Read what .VA files tell, by their upper-case names; ``label`` names where they come from.
+
+    Raises
+    ------
+    ProgramFileError
+        A file is damaged.
+    """
     frames, registers, master = (files.get(name) for name in (FRAMES, REGISTERS, MASTERING))
     return FanucBackup(
-        folder=str(folder),
+        folder=label,
         files=files,
         frame_positions={} if frames is None else _numbered_positions(frames, "$MNUFRAME"),
         tool_positions={} if frames is None else _numbered_positions(frames, "$MNUTOOL"),

@@ -1,8 +1,12 @@
 """Mastering data of a backup: $DMR_GRP in SYSMAST.VA and the drives in SYMOTN.VA, held against each other.
 
-joint = $INTERACTION . (count - $MASTER_COUN): the counts in $MASTER_COUN are those at joint angle zero.
+link angle = $INTERACTION . (count - $MASTER_COUN): the counts in $MASTER_COUN are those at joint angle zero. Link
+angles are not the joints that the pendant shows: joint 2 is counted the other way, and joint 3 is J3 + J2 where the
+motor of axis 3 follows axis 2 (seen in a public backup of an R-1000iA with V9.40). $MOSIGN has the signs of the
+shown joints.
 """
 
+import math
 import re
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -11,6 +15,7 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.shown_joints import JointConvention
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.va_spots import (
     ValueSpot,
@@ -22,11 +27,13 @@ from cellcal.drivers.fanuc.program_files.va_spots import (
 from cellcal.drivers.fanuc.program_files.va_text import VaFile, VaVariable
 
 COUNTS_PER_TURN = 2**19  # of every axis on 27 public backups
+_TURN_RANGE = range(2**16, 2**24 + 1)  # encoders of other robots than those 27
 _TURN_TOLERANCE = 1.0  # counts: seven digits of a scale and of a ratio
 _REFERENCE_TOLERANCE = 2.0  # counts
 _SEVENTH_DIGIT = 5e-7  # a REAL is printed with seven digits: half of the last one, at worst
 _INTERACTION_TOLERANCE = 2e-6  # relative: seven digits of each of the two
-_STATES = {0: "lost", 1: "mastered otherwise", 2: "mastered"}
+MASTERED = 2  # $EACHMST_DON; 0 and 1 both ask for mastering this axis
+_STATES = {0: "lost", 1: "lost, only axes coupled with it were mastered"}
 _ARM_AXES = 6
 _SCALES = ("ENCSCALES", "GEAR_RATIO", "MASTER_POS")
 
@@ -39,7 +46,17 @@ class GroupDrives:
     gear_ratio: tuple[float, ...]  # $GEAR_RATIO: joint turns per motor turn
     fixture_deg: tuple[float, ...]  # $MASTER_POS
     reversed: tuple[bool, ...]  # $MOSIGN is FALSE
-    radians_per_count: tuple[tuple[float, ...], ...]  # $INTERACTION
+    radians_per_count: tuple[tuple[float, ...], ...]  # $INTERACTION: angles of the links
+    third_follows_second: bool | None = None  # $AXS_COUPLE, $INTRAC_NUM; None: the software has neither
+
+    def sign_sets(self) -> tuple[tuple[int, ...], ...]:
+        """Return the signs of shown joints against link angles: by $MOSIGN, and as $INTERACTION has them."""
+        diagonal = [self.radians_per_count[axis][axis] for axis in range(len(self.reversed))]
+        by_motor = tuple(
+            (-1 if away else 1) * (-1 if link < 0 else 1)
+            for away, link in zip(self.reversed, diagonal, strict=True)
+        )
+        return tuple(dict.fromkeys((by_motor, (1,) * len(by_motor))))
 
     def first_axes(self, axes: int) -> "GroupDrives":
         """Return the first axes alone."""
@@ -49,10 +66,17 @@ class GroupDrives:
             self.fixture_deg[:axes],
             self.reversed[:axes],
             tuple(row[:axes] for row in self.radians_per_count[:axes]),
+            self.third_follows_second,
         )
 
+    def to_shown_drive_train(self, convention: JointConvention) -> DriveTrain:
+        """Return the drive train of the joints that the pendant shows."""
+        matrix = convention.to_shown_matrix(np.array(self.radians_per_count))
+        rows = tuple(tuple(float(value) for value in row) for row in matrix)
+        return DriveTrain(rows, self.to_drive_train().counts_per_turn)
+
     def to_drive_train(self) -> DriveTrain:
-        """Return the drive train; counts per motor turn as scale and ratio say.
+        """Return the drive train of the links' angles; counts per motor turn as scale and ratio say.
 
         Raises
         ------
@@ -81,6 +105,12 @@ class GroupMastering:
     reference_counts: tuple[int, ...]
     drives: GroupDrives | None  # None without SYMOTN.VA, and for groups of other than turning axes
     findings: tuple[str, ...]  # what does not fit, as sentences; empty where all agrees
+    pulse_counts: tuple[int, ...] = ()  # $SPC_COUNT; empty where the file does not hold it
+
+    @property
+    def is_valid(self) -> bool:
+        """Tell whether the group and each of its axes is mastered."""
+        return self.mastered and all(state == MASTERED for state in self.states)
 
     @property
     def reference_holds(self) -> bool:
@@ -164,7 +194,14 @@ def _read_group(data: VaVariable, group: int, axes: int, drives: GroupDrives | N
         reference_counts=tuple(parse_integer(file, spot) for spot in read_spots("REF_COUNT")),
         drives=drives,
         findings=(),
+        pulse_counts=_read_pulses(data, head, axes),
     )
+
+
+def _read_pulses(data: VaVariable, head: str, axes: int) -> tuple[int, ...]:
+    spots = [data.values.get(f"{head}SPC_COUNT[{axis}]") for axis in range(1, axes + 1)]
+    present = [spot for spot in spots if spot is not None and spot.is_initialised]
+    return tuple(parse_integer(data.file, spot) for spot in present) if len(present) == axes else ()
 
 
 def _read_drives(data: VaVariable, group: int) -> tuple[int, GroupDrives | None, str]:
@@ -193,8 +230,19 @@ def _read_drives(data: VaVariable, group: int) -> tuple[int, GroupDrives | None,
         tuple(read_number(f"INTERACTION[{i}].$INTERACTION[{j}]") for j in range(1, axes + 1))
         for i in range(1, axes + 1)
     )
-    drives = GroupDrives(table["ENCSCALES"], table["GEAR_RATIO"], table["MASTER_POS"], signs, rows)
+    drives = GroupDrives(
+        table["ENCSCALES"], table["GEAR_RATIO"], table["MASTER_POS"], signs, rows, _read_coupling(data, head)
+    )
     return _consistent_drives(drives, group)
+
+
+def _read_coupling(data: VaVariable, head: str) -> bool | None:
+    """Tell whether the motor of axis 3 follows axis 2, as the variables of this software say."""
+    for path in (f"{head}AXS_COUPLE[3]", f"{head}INTRAC_NUM[3].$INTRAC_NUM[2]"):
+        spot = data.values.get(path)
+        if spot is not None and spot.is_initialised:
+            return parse_integer(data.file, spot) != 0
+    return None
 
 
 def _consistent_drives(drives: GroupDrives, group: int) -> tuple[int, GroupDrives | None, str]:
@@ -209,12 +257,18 @@ def _consistent_drives(drives: GroupDrives, group: int) -> tuple[int, GroupDrive
     return axes, drives, ""
 
 
+def _is_whole_turn(counts: float) -> bool:
+    """Tell whether a motor turn has as many counts as an encoder of this maker: a power of two."""
+    power = 2 ** round(math.log2(counts)) if counts > 1 else 0
+    return power in _TURN_RANGE and abs(counts - power) <= _TURN_TOLERANCE * max(1.0, power / COUNTS_PER_TURN)
+
+
 def _find_contradiction(drives: GroupDrives) -> str:
     """Return why scale, ratio and interaction cannot all be right; "" where they agree."""
     for axis, (turn, scale) in enumerate(
         zip(drives.counts_per_turn(), drives.counts_per_degree, strict=True)
     ):
-        if abs(turn - COUNTS_PER_TURN) > _TURN_TOLERANCE:
+        if not _is_whole_turn(turn):
             return f"$ENCSCALES * 360 * $GEAR_RATIO of axis {axis + 1} is {turn:.1f} counts, not {COUNTS_PER_TURN}"
         product = abs(drives.radians_per_count[axis][axis]) * np.degrees(1.0) * scale
         if abs(product - 1) > _INTERACTION_TOLERANCE:
@@ -234,7 +288,7 @@ def _with_findings(group: GroupMastering, extra: tuple[str, ...]) -> GroupMaster
             f"group {group.group} was not mastered when the backup was saved ($MASTER_DONE is FALSE)"
         )
     for axis, state in enumerate(group.states, 1):
-        if state != 2:
+        if state != MASTERED:
             word = _STATES.get(state, f"in a state {state} that is not known")
             findings.append(f"group {group.group}, axis {axis} was {word} ($EACHMST_DON is {state})")
     if not group.reference_done:

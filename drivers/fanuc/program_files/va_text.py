@@ -29,6 +29,7 @@ _FIELD = re.compile(r"[ \t]*Field:[ \t]*(\S+)[ \t]+(\S.*)\Z")
 _SCALAR = re.compile(r"Access:[ \t]*\w+[ \t]*:[ \t]*([^=]*?)[ \t]*=[ \t]?(.*)\Z")
 _ELEMENT = re.compile(r"[ \t]*\[(\d+(?:,\d+)*)\][ \t]*=[ \t]*(.*?)[ \t]*\Z")
 _POSITIONS = ("POSITION", "Position Reg", "XYZWPREXT", "JOINTPOS")
+_PLAIN_KINDS = ("INTEGER", "REAL", "BOOLEAN", "SHORT", "BYTE", "STRING", *_POSITIONS)
 _UNTOUCHED = re.compile(
     r"[ \t]*(?:<[^>]*>[ \t]*)*\Z"
 )  # blank, or what the controller's web server wraps around
@@ -331,7 +332,8 @@ class _VariableReader:
                 counts[path.rpartition("[")[0]] = counts.get(path.rpartition("[")[0], 0) + 1
         for array in self.arrays:
             whole, got = prod(array.shape), counts.get(array.path, 0)
-            if got not in (0, whole) or (got == 0 and not array.kind.endswith("_T")):
+            # a structure has its fields listed in place of elements; its type's name may be cut off anywhere
+            if got not in (0, whole) or (got == 0 and array.kind.startswith(_PLAIN_KINDS)):
                 raise damaged_file_error(
                     self.file,
                     min(array.line + got, last),

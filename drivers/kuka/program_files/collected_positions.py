@@ -13,6 +13,7 @@ from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.literals import (
+    EXTERNAL_FIELDS,
     POSE_FIELDS,
     KrlLiteral,
     KrlLiteralError,
@@ -25,6 +26,7 @@ from cellcal.drivers.kuka.program_files.written_numbers import (
     WrittenPoints,
 )
 from cellcal.drivers.programs.columns import widths_and_decimals
+from cellcal.drivers.programs.conditions import ConditionalBar, ExternalColumn, ProjectNeed
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Positions, Remark
 from cellcal.drivers.programs.shifts import ProgramShift, renumber_shifts
@@ -33,13 +35,14 @@ from cellcal.drivers.programs.spans import ProgramText, finest_decimals, unique_
 NO_VALUE = "it has no coordinates"
 _NOTHING = (np.nan,) * 6
 _NO_EXTERNAL = (None,) * 6
+_EXTERNAL_COLUMNS = tuple(ExternalColumn(name) for name in EXTERNAL_FIELDS)
 _LEAST_DECIMALS = (LEAST_LENGTH_DECIMALS, LEAST_ANGLE_DECIMALS)
 _T = TypeVar("_T")
 
 _PARTIAL = "{} leaves coordinates to what the robot has at that moment; it is not changed."
 _EXTERNAL = (
     "{} holds values of external axes. Whether they are millimetres or degrees stands in the machine data; "
-    "they are taken as millimetres, and never changed."
+    "what they move stands in the project."
 )
 
 
@@ -63,6 +66,8 @@ class KrlPositions:
     )  # rows whose tool or base cannot be determined, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
+    held_work: set[int] = field(default_factory=set)  # rows that are seen from the work in the gripper
+    conditions: dict[int, ConditionalBar] = field(default_factory=dict)
     usual_rows: "array[int]" = field(default_factory=lambda: array("q"))  # written as the controller does
     usual_texts: list[str] = field(default_factory=list)  # six for each
     known_axes: dict[str, "array[float]"] = field(default_factory=dict)  # most points have the same
@@ -155,6 +160,11 @@ class KrlPositions:
         self.user_frames[row] = self.tools[row] = None
         self.bar_row(row, why)
 
+    def hold_work(self, row: int, why: str) -> None:
+        """Note that a row is the pose of a tool that stands in the cell, seen from the work in the gripper."""
+        self.held_work.add(row)
+        self.conditions[row] = ConditionalBar.for_need(ProjectNeed.STANDING_TOOL, why)
+
     def bar_row(self, row: int, why: str) -> None:
         """Say that a row takes no change."""
         self.fixed[row] = why
@@ -230,6 +240,11 @@ class KrlPositions:
             resolution_rad=np.deg2rad(steps[:, 1]),
             barred={k: reasons[row] for k, row in enumerate(keep.tolist()) if row in reasons},
             shifts=renumber_shifts(shifts, {row: k for k, row in enumerate(keep.tolist())}) if shifts else (),
+            external_columns=_EXTERNAL_COLUMNS[: int(used[-1]) + 1 if len(used) else 0],
+            conditions={
+                k: self.conditions[row] for k, row in enumerate(keep.tolist()) if row in self.conditions
+            },
+            held_work=frozenset(k for k, row in enumerate(keep.tolist()) if row in self.held_work),
         )
 
     def _start_row(self, name: str, kind: str, start: int, state: str) -> None:

@@ -38,7 +38,8 @@ FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
 FRAME_SET = "it is a FRAME without status and turn that the program sets while it runs"
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
-    "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. It is not changed."
+    "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. "
+    "It needs [held_work] in the project."
 )
 
 
@@ -123,10 +124,14 @@ class DataList:
             self.taught.add(row)
             self.found.user_frames[row], self.found.tools[row] = data.base, data.tool
             if data.external_tool and self.found.kinds[row] != "joints":
-                self._external_tool(row, name)
+                self._external_tool(row, name, data)
 
-    def _external_tool(self, row: int, name: str) -> None:
-        self.found.drop_coordinates(row, "it is moved with an external tool (IPO_FRAME #TCP)")
+    def _external_tool(self, row: int, name: str, data: FrameData) -> None:
+        why = "it is moved with an external tool (IPO_FRAME #TCP)"
+        if data.tool is None or data.base is None or self.found.kinds[row] != "cartesian":
+            self.found.drop_coordinates(row, why)
+        else:
+            self.found.hold_work(row, why)
         self.found.add_remark(self.found.starts[row], "foreign", make_message(_TCP_TEXT, name))
 
     def _take_declared(self, kind: str, place: int, line: KrlLine) -> None:

@@ -316,6 +316,10 @@ class KrlProgram:
         table = patterns.FROM_TABLE.fullmatch(text, place, line.end)
         if table is not None and not frame[2]:
             return table[1]
+        turned = patterns.FROM_KINEMATICS.fullmatch(text, place, line.end)
+        if turned is not None and which == "BASE" and not frame[2]:
+            self.points.turned_bases.add(turned[1])
+            return turned[1]
         if patterns.NULL.fullmatch(text, place, line.end) and not frame[2]:
             return "0"
         literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None

@@ -24,6 +24,9 @@ BAS = re.compile(
 FRAME_SET = re.compile(
     rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
 )
+FROM_KINEMATICS = re.compile(  # a base that an external axis turns: root, kinematics, base on it
+    rf"EK{B}*+\([^(){{}}\n]{{0,120}}?\bBASE_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+\){B}*+", re.IGNORECASE
+)
 FROM_TABLE = re.compile(rf"(?:TOOL|BASE)_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+", re.IGNORECASE)
 BEGIN_ROUTINE = frozenset(("GLOBAL", "DEF", "DEFFCT"))
 MOVE = frozenset(

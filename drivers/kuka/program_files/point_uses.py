@@ -14,6 +14,8 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     KrlRoutine,
     reached_from,
 )
+from cellcal.drivers.programs.barred import TURNED_BASE
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames, RoutineEffects, array_name_of
 from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
 
@@ -48,6 +50,7 @@ class PointUses:
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
     external_tool: bool = False
+    turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
     bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
@@ -76,7 +79,7 @@ class PointUses:
             move_frames = self.frames_of_move(used, joints=self.found.kinds[used.row] != CARTESIAN)
             self.found.tools[used.row], self.found.user_frames[used.row] = move_frames.tool, move_frames.frame
             if move_frames.why:
-                self.found.barred[used.row] = move_frames.why
+                self._bar_row(used.row, move_frames.why)
         for row, name in enumerate(self.found.names):
             if "@" not in name:
                 self._settle_named(row, name)
@@ -98,14 +101,28 @@ class PointUses:
             self.found.drop_coordinates(row, EXTERNAL_TOOL)
             return
         why = next(
-            (move_frames.why for move_frames in sorted(frames_of_moves, key=str) if move_frames.why), ""
+            (
+                move_frames.why
+                for move_frames in sorted(frames_of_moves, key=str)
+                if move_frames.why and move_frames.why != TURNED_BASE
+            ),
+            "",
         )
         if len({move_frames[:2] for move_frames in frames_of_moves}) > 1:
             why = why or BARRED["several"]
         if why:
             self.found.barred[row] = why
+            return
+        move_frames = next(iter(frames_of_moves))
+        self.found.tools[row], self.found.user_frames[row] = move_frames[:2]
+        if move_frames.why:
+            self._bar_row(row, move_frames.why)
+
+    def _bar_row(self, row: int, why: str) -> None:
+        if why == TURNED_BASE:
+            self.found.conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
         else:
-            self.found.tools[row], self.found.user_frames[row] = next(iter(frames_of_moves))[:2]
+            self.found.barred[row] = why
 
     def _deciding_uses(self, name: str) -> tuple[MoveFrames, ...]:
         """Return of all uses of a name those that decide: an array's thousands count for each of its elements."""
@@ -113,11 +130,10 @@ class PointUses:
             some = {self.frames_of_move(used, joints=False) for used in self.uses.get(name, {}).values()}
             first: dict[object, MoveFrames] = {}
             for move_frames in sorted(some, key=str):
-                first.setdefault(
-                    move_frames.why == COPIED if move_frames.why else move_frames[:2], move_frames
-                )
-            whys = [move_frames for move_frames in first.values() if move_frames.why]
-            frames = [move_frames for move_frames in first.values() if not move_frames.why]
+                is_known = move_frames.why in ("", TURNED_BASE)
+                first.setdefault(move_frames[:3] if is_known else move_frames.why == COPIED, move_frames)
+            whys = [each for each in first.values() if each.why not in ("", TURNED_BASE)]
+            frames = [each for each in first.values() if each.why in ("", TURNED_BASE)]
             self.deciding[name] = (*whys, *frames[:2])
         return self.deciding[name]
 
@@ -151,7 +167,10 @@ class PointUses:
             routine.base.value_in_force(said_before=base_said), self._name_of_set("BASE")
         )
         why = in_set_table(self.set_tables, tool, None if joints else base)
-        return MoveFrames(None, None, why, routine.name) if why else MoveFrames(tool, base, "", routine.name)
+        if why:
+            return MoveFrames(None, None, why, routine.name)
+        turned = not joints and base in self.turned_bases
+        return MoveFrames(tool, base, TURNED_BASE if turned else "", routine.name)
 
     def _set_several_times(self, routine: KrlRoutine, *, base_said: bool) -> str:
         """Return why the base cannot be determined where it is written as numbers more than once."""

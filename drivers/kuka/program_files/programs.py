@@ -18,7 +18,13 @@ from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations,
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
-from cellcal.drivers.kuka.program_files.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
+from cellcal.drivers.kuka.program_files.literals import (
+    AXIS_FIELDS,
+    EXTERNAL_FIELDS,
+    POSE_FIELDS,
+    STATE_FIELDS,
+    field_spans,
+)
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
 from cellcal.drivers.kuka.program_files.written_numbers import (
     LEAST_ANGLE_DECIMALS,
@@ -60,6 +66,7 @@ _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
+MIXED_WORK = "it is taught with an external tool (IPO_FRAME #TCP), and moved to without its frame data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +114,7 @@ class KukaFile:
                 requested.has_pose[k]
                 or requested.has_joints[k]
                 or configuration is not None
+                or requested.has_external[k]
                 or base is not None
             ):
                 continue
@@ -118,6 +126,8 @@ class KukaFile:
                 yield from self._joint_edits(row, spans, requested.joints_deg[k])
             if configuration is not None:
                 yield from self._state_edits(row, spans, configuration)
+            if requested.has_external[k]:
+                yield from self._external_edits(row, spans, requested.external[k])
 
     @classmethod
     def from_bytes(cls, name: str, data: bytes) -> Self:
@@ -172,6 +182,7 @@ class KukaFile:
             routines=self.routines,
         )
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
+        positions = _without_mixed_work(positions, self.keys, external_uses)
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
@@ -207,6 +218,16 @@ class KukaFile:
         yield from self._number_edits(
             row, spans, AXIS_FIELDS, joints_deg, finest_decimals(texts, LEAST_ANGLE_DECIMALS)
         )
+
+    def _external_edits(self, row: int, spans: Spans, values: list[float]) -> Iterator[Edit]:
+        stated = [
+            (name, value) for name, value in zip(EXTERNAL_FIELDS, values, strict=False) if not isnan(value)
+        ]
+        if any(name not in spans for name, _ in stated):
+            raise self._change_error(row, "an external axis that it leaves out is given a value")
+        for name, value in stated:
+            decimals = finest_decimals([self.source.text[slice(*spans[name])]], LEAST_LENGTH_DECIMALS)
+            yield from self._number_edits(row, spans, (name,), [value], decimals)
 
     def _number_edits(
         self, row: int, spans: Spans, names: tuple[str, ...], values: list[float], decimals: int
@@ -327,6 +348,12 @@ def _program_folder(path: PurePath) -> str:
     parts = path.parent.parts
     roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
     return str(PurePath(*parts[: roots[-1]] if roots else parts))
+
+
+def _without_mixed_work(positions: Positions, keys: Sequence[str], external_uses: ExternalUses) -> Positions:
+    """Return positions of which those are left that are taught for a standing tool and moved to otherwise."""
+    mixed = {row: MIXED_WORK for row in positions.held_work if external_uses.uses_of_name(keys[row])}
+    return replace(positions, barred={**mixed, **positions.barred}) if mixed else positions
 
 
 def _without_set_tables(positions: Positions, module: str, external_uses: ExternalUses) -> Positions:

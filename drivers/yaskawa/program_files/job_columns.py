@@ -11,7 +11,8 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
+from cellcal.drivers.yaskawa.program_files.job_external import external_columns
+from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob
 
 PULSES, SHIFT = "pulses", "shift"  # kinds of their own: nothing to move until more is known
 # as controllers write: XRC and NX100 with two decimals of a degree, later ones with four
@@ -51,7 +52,7 @@ def positions_of(
     held_kinds = np.array(kinds, dtype=object)
     cartesian = held_kinds == CARTESIAN
     count = len(rows)
-    external = _external_columns(jobs, rows)
+    external, columns = external_columns(jobs, rows)
     resolution_m = np.array([10.0 ** (-3 - mm) for mm, _ in decimals]).reshape(count)
     resolution_rad = np.array([np.radians(10.0**-deg) for _, deg in decimals]).reshape(count)
     pulsed = np.array([row.state.mode == "PULSE" for row in rows], dtype=bool).reshape(count)
@@ -69,6 +70,7 @@ def positions_of(
         configurations=tuple(row.state.configuration if row.state.mode == "RECTAN" else "" for row in rows),
         resolution_m=resolution_m,
         resolution_rad=resolution_rad,
+        external_columns=columns,
     )
 
 
@@ -160,40 +162,6 @@ def _joint_columns(rows: list[JobRow], is_selected: NDArray[np.bool_], ratios: A
             table = table / np.pad(ratios, (0, 8))[:axes]
         joints[places] = table if turns else np.radians(table)
     return joints
-
-
-def _external_columns(jobs: list[YaskawaJob], rows: list[JobRow]) -> Array:
-    """Return base and station axes beside each point: metres, radians, or pulses where the file gives pulses."""
-    beside: dict[tuple[int, str, int], JobRow] = {}
-    for place, job in enumerate(jobs):
-        for row in job.rows:
-            if row.kind not in ROBOT_ROWS:
-                beside[place, "EX" if row.kind == "EP" else row.kind, int(row.number)] = row
-    sevenths = any(row.text.count(",") == 6 for row in rows if row.state.mode == "RECTAN")
-    if not beside and not sevenths:
-        return np.zeros((len(rows), 0))
-    of = {row.start: place for place, job in enumerate(jobs) for row in job.rows}
-    found = [
-        [*([_seventh_axis(row)] if sevenths else []), *_external_values(beside, of[row.start], row)]
-        for row in rows
-    ]
-    width = max(map(len, found), default=0)
-    return np.array([each + [np.nan] * (width - len(each)) for each in found]).reshape(len(rows), width)
-
-
-def _seventh_axis(row: JobRow) -> float:
-    texts = row.text.split(",")
-    return float(np.radians(float(texts[6]))) if row.state.mode == "RECTAN" and len(texts) == 7 else np.nan
-
-
-def _external_values(beside: dict[tuple[int, str, int], JobRow], job: int, row: JobRow) -> list[float]:
-    values: list[float] = []
-    for kind in ("BC", "EC") if row.kind == "C" else ("BP", "EX"):
-        other = beside.get((job, kind, int(row.number)))
-        if other is not None:
-            unit = {"RECTAN": 1e-3, "ANGLE": np.pi / 180}.get(other.state.mode, 1.0)
-            values += [float(text) * unit for text in other.text.split(",")]
-    return values
 
 
 def _position_names(rows: list[JobRow]) -> tuple[str, ...]:

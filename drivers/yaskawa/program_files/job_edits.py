@@ -14,12 +14,14 @@ from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.numbers import NumberFormat
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange, Positions
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, USUAL, decimals_of, table_of
+from cellcal.drivers.yaskawa.program_files.job_external import BASE_ROWS, ROW_UNITS, STATION_ROWS
 from cellcal.drivers.yaskawa.program_files.job_text import JobRow
 
 RATIOS_NEEDED = (
     "Pulses per degree are needed to know where these points are: from RC.PRM or ALL.PRM of the controller, or the "
     "project file."
 )
+_EXTERNAL_DIGITS = 4
 _LARGEST_MM, _LARGEST_PULSES = 1e6, 2**31 - 1
 _PULSES = re.compile(r"-?\d+(?:,-?\d+)*")
 _FORMATS = {digits: ",".join(["%.3f"] * 3 + [f"%.{digits}f"] * 3) for digits in USUAL}
@@ -37,6 +39,7 @@ class ChangeableProgram(Protocol):
     def rows(self) -> tuple[JobRow, ...]: ...
     @property
     def pulses_per_rad(self) -> tuple[float, ...] | None: ...
+    def external_row(self, row: int, kinds: tuple[str, ...]) -> JobRow | None: ...
 
 
 def edits_of(program: ChangeableProgram, change: PositionChange) -> list[Edit]:
@@ -50,7 +53,11 @@ def edits_of(program: ChangeableProgram, change: PositionChange) -> list[Edit]:
     rows = np.asarray(change.rows, dtype=np.int64)
     _refuse_shapes(program, change, rows)
     _refuse_texts(program, rows, change)
-    edits = [*_pose_edits(program, rows, change.frame_tip), *_joint_edits(program, rows, change.joints)]
+    edits = [
+        *_pose_edits(program, rows, change.frame_tip),
+        *_joint_edits(program, rows, change.joints),
+        *_external_edits(program, rows, change.external),
+    ]
     return sorted(edits)
 
 
@@ -61,6 +68,7 @@ def _refuse_shapes(program: ChangeableProgram, change: PositionChange, rows: NDA
     for values, shape in (
         (change.frame_tip, (count, 4, 4)),
         (change.joints, (count, positions.joints.shape[1])),
+        (change.external, (count, len(positions.external_columns))),
     ):
         if values is not None and np.shape(values) != shape:
             raise ProgramFileError(
@@ -189,6 +197,39 @@ def _joint_edits(program: ChangeableProgram, rows: NDArray[np.int64], joints: Ar
     values = np.where(pulsed, angles * ratios, np.degrees(angles))
     digits = np.where(pulsed, 0, np.array([decimals_of(row)[1] for row in job_rows]).reshape(-1, 1))
     return _number_edits(program, job_rows, values, np.broadcast_to(digits, values.shape), written)
+
+
+def _external_edits(
+    program: ChangeableProgram, rows: NDArray[np.int64], external: Array | None
+) -> list[Edit]:
+    """Return the edits of base and station axes, which stand in rows of their own; two points never share one."""
+    if external is None:
+        return []
+    columns, edits = program.positions.external_columns, []
+    for row, values in zip(rows.tolist(), external, strict=True):
+        for name, of_kind in (("B", BASE_ROWS), ("S", STATION_ROWS)):
+            numbers = [
+                value
+                for column, value in zip(columns, values.tolist(), strict=True)
+                if column.name[0] == name
+            ]
+            if np.isnan(numbers).all():
+                continue
+            beside = program.external_row(row, of_kind)
+            if beside is None:
+                raise ProgramFileError(
+                    program.file,
+                    make_message(
+                        "{names} has no row of its base or station axes.", names=program.positions.names[row]
+                    ),
+                    line=program.rows[row].line,
+                    remedy="Leave this position out of the change.",
+                )
+            unit = ROW_UNITS.get(beside.state.mode, 1.0)
+            written = [value / unit for value in numbers[: beside.text.count(",") + 1]]
+            digits = [0 if beside.state.mode == "PULSE" else _EXTERNAL_DIGITS] * len(written)
+            edits += _one_by_one(beside, written, digits)
+    return edits
 
 
 def _number_edits(

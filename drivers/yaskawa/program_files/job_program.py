@@ -25,6 +25,7 @@ from cellcal.drivers.yaskawa.program_files.job_calls import (
 )
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits_of
+from cellcal.drivers.yaskawa.program_files.job_external import rows_beside
 from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
@@ -49,6 +50,7 @@ class JobProgram:
         default=None, repr=False
     )  # what the controller's other jobs say
     brand: str = "yaskawa"
+    beside: Mapping[tuple[int, tuple[str, ...]], JobRow] = field(default_factory=dict, repr=False)
 
     @property
     def declarations(self) -> FileDeclarations:
@@ -80,6 +82,10 @@ class JobProgram:
             barred={**made, **self.positions.barred},
         )
         return replace(self, positions=positions, external_uses=external_uses)
+
+    def external_row(self, row: int, kinds: tuple[str, ...]) -> JobRow | None:
+        """Return the row of base or station axes beside a position; None where there is none."""
+        return self.beside.get((row, kinds))
 
     def to_bytes(self) -> bytes:
         """Return the file."""
@@ -162,6 +168,7 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         rows=tuple(rows),
         jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
+        beside=rows_beside(jobs, rows),
     )
 
 

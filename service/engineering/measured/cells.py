@@ -185,7 +185,7 @@ class _LayoutTable:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.make_error(f"{key} is no number")
         if key in self.data and not np.isfinite(value):
-            raise self.make_error(f"{key} is not finite")
+            raise self.make_error(make_message("{text} is not finite", text=key))
         return float(value)
 
     def read_deviation(self, key: str, otherwise: float) -> float:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.shown_joints import JointConvention
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
@@ -108,7 +109,7 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
         raise RecordFileError(
             f"group {group} has no axes in {backup.folder}; there are: {there}.", code="usage"
         )
-    if mastering.drives is None or not mastering.mastered or 0 in mastering.states:
+    if mastering.drives is None or not mastering.is_valid:
         raise RecordFileError(
             f"{backup.folder} was not imported: {'; '.join(mastering.findings)}.",
             remedy="Take a backup from a time when the robot was mastered on every axis.",
@@ -126,15 +127,24 @@ def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
         )
 
 
+def _third_follows_second(model: str, drives: GroupDrives) -> bool:
+    """Tell whether J3 is counted from J2: as the controller's variables say, else as the model does."""
+    if drives.third_follows_second is not None:
+        return drives.third_follows_second
+    coupling = load_model(model).joint_coupling
+    return len(coupling) > 2 and coupling[2, 1] != 0
+
+
 def _build_record(serial: str, model: str, mastering: GroupMastering, drives: GroupDrives) -> MasteringRecord:
     holds = mastering.reference_holds
+    convention = JointConvention(drives.sign_sets()[0], _third_follows_second(model, drives))
     record = MasteringRecord(
         robot_serial=serial,
         model=model,
         epoch=0,
-        drive=drives.to_drive_train(),
+        drive=drives.to_shown_drive_train(convention),
         counts_at_zero=mastering.counts_at_zero,
-        reference_joints_rad=mastering.reference_rad if holds else (),
+        reference_joints_rad=convention.shown_from_links(mastering.reference_rad) if holds else (),
         reference_counts=mastering.reference_counts if holds else (),
         captures=(),
         wire=None,

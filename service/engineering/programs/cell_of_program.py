@@ -9,20 +9,17 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import shown_name
-from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
-from cellcal.service.engineering.programs.other_axes import (
-    BESIDE_EXTERNAL,
-    EXTERNAL,
-    OTHER_JOINTS,
-    beside_external_values,
-    has_external_values,
-    of_another_arm,
-)
-from cellcal.service.engineering.programs.project import Project, ProjectTool
+from cellcal.drivers.programs.external_settings import sets_external_axes
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
+from cellcal.service.engineering.programs.external.point_reasons import external_reasons
+from cellcal.service.engineering.programs.external.point_values import PointAxes
+from cellcal.service.engineering.programs.point_columns import held_rows, joints_of, side_by_side
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
 from cellcal.service.engineering.programs.robot_makes import (
     base_of,
@@ -30,9 +27,9 @@ from cellcal.service.engineering.programs.robot_makes import (
     lacks_coupling,
     runs_programs_of,
 )
+from cellcal.service.engineering.programs.starting_postures import StartingPostures
 
 Rows = NDArray[np.intp]
-Some = TypeVar("Some", bound=np.generic)
 Entry = TypeVar("Entry")
 CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
@@ -63,9 +60,43 @@ class ProgramPoints:
     user_frames: tuple[str | None, ...]
     stays: NDArray[np.bool_]  # (N,) not meant to change
     reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
+    held: NDArray[np.bool_]  # (N,) of a tool in the cell, seen from the work in the gripper
+    axis_values: Array  # (N, A) of the cell's external axes
+    axes_of: tuple[PointAxes, ...]  # by program
+    solved: Array  # (N, n) joints that were computed for points that state none, while they are
 
     def __len__(self) -> int:
         return len(self.row)
+
+    def tips_of(self, rows: Rows) -> Array:
+        """Return the tip (K, 4, 4) in the user frame; of work in the gripper, the work seen from the tool."""
+        tips = self.frame_tip[rows]
+        held = self.held[rows]
+        if held.any():
+            tips = tips.copy()
+            tips[held] = inverse_transform(tips[held])
+        return tips
+
+    def written_tips(self, rows: Rows, tips: Array) -> Array:
+        """Return tips as `tips_of` has them, as they are written."""
+        held = self.held[rows]
+        if held.any():
+            tips = tips.copy()
+            tips[held] = inverse_transform(tips[held])
+        return tips
+
+    def begin_programs(self, rows: Rows, postures: Array, starting: StartingPostures) -> None:
+        """Set the posture before a program's first rows where none is known: the last found, or the starting one."""
+        firsts = np.flatnonzero(np.concatenate([[True], self.of[rows[1:]] != self.of[rows[:-1]]]))
+        for first in firsts.tolist():
+            program = int(self.of[rows[first]])
+            begin = starting.of_program(self.programs[program].name)
+            if begin is None or np.isfinite(postures[first]).all():
+                continue
+            before = np.flatnonzero(
+                (self.of[: rows[first]] == program) & np.isfinite(self.solved[: rows[first], 0])
+            )
+            postures[first] = self.solved[before[-1]] if len(before) else begin
 
     def refuse_points(self, rows: Rows, why: str | Callable[[int], str]) -> None:
         """Leave points, for the first reason that was found."""
@@ -88,21 +119,29 @@ class ProgramPoints:
 
     def open_rows(self) -> Rows:
         """Return the points that nothing speaks against."""
-        return np.array([i for i, reason in enumerate(self.reasons) if not reason], dtype=np.intp)
+        stays = self.stays.tolist()
+        return np.array(
+            [i for i, reason in enumerate(self.reasons) if not reason and not stays[i]], dtype=np.intp
+        )
 
 
-def points_of(programs: Sequence[ProgramFile], axes: int) -> ProgramPoints:
-    """Put the positions of programs side by side.
+def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
+    """Put the positions of programs of a cell side by side.
 
     Raises
     ------
     ProgramFileError
         A program of an arm with another number of joints: every joint position says so.
     """
-    other_arms = [of_another_arm(program, axes) for program in programs]
+    axes = cell.nominal.axis_count
+    set_later = len(cell.axes) > 0 and any(sets_external_axes(one.brand, one.to_bytes()) for one in programs)
+    found = [
+        external_reasons(program, cell.axes, cell.standing_tools, axes, set_later=set_later)
+        for program in programs
+    ]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
-    points = ProgramPoints(
+    return ProgramPoints(
         programs=tuple(programs),
         of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
         row=side_by_side([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
@@ -112,22 +151,17 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> ProgramPoints:
         texts=tuple(text for p in all_of for text in p.configurations),
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
-        stays=np.zeros(sum(count), dtype=bool),
+        stays=side_by_side([each.stays for each in found], np.zeros(0, dtype=bool)),
         reasons=[
-            _first_reason(kind, p.barred.get(row, ""), axes)
-            for p in all_of
+            "" if each.stays[row] else _first_reason(kind, p.barred.get(row, ""), axes) or each.reasons[row]
+            for p, each in zip(all_of, found, strict=True)
             for row, kind in enumerate(p.kinds)
         ],
+        held=side_by_side([held_rows(p) for p in all_of], np.zeros(0, dtype=bool)),
+        axis_values=side_by_side([each.point_axes.values for each in found], np.zeros((0, len(cell.axes)))),
+        axes_of=tuple(each.point_axes for each in found),
+        solved=np.full((sum(count), axes), np.nan),
     )
-    groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
-    points.refuse_points(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
-    for flags, why in (
-        (other_arms, make_message(OTHER_JOINTS, axes)),
-        ([has_external_values(p) for p in all_of], EXTERNAL),
-        ([beside_external_values(p, axes) for p in all_of], BESIDE_EXTERNAL),
-    ):
-        points.refuse_points(np.flatnonzero(side_by_side(flags, np.zeros(0, dtype=bool))), why)
-    return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +171,19 @@ class PointGroup:
     rows: Rows
     tool: str | None
     frame: str | None
+    held: bool = False  # work in the gripper, at a tool that stands in the cell
 
 
 def groups_of(points: ProgramPoints, programs_apart: bool) -> tuple[PointGroup, ...]:
     """Return the points by tool and frame; by program too where programs bring tools and frames of their own."""
-    found: dict[tuple[str | None, str | None, int], list[int]] = {}
+    found: dict[tuple[str | None, str | None, int, bool], list[int]] = {}
     for i in points.open_rows().tolist():
         whose = int(points.of[i]) if programs_apart else -1
-        found.setdefault((points.tools[i], points.user_frames[i], whose), []).append(i)
-    return tuple(PointGroup(np.array(rows, dtype=np.intp), key[0], key[1]) for key, rows in found.items())
+        key = (points.tools[i], points.user_frames[i], whose, bool(points.held[i]))
+        found.setdefault(key, []).append(i)
+    return tuple(
+        PointGroup(np.array(rows, dtype=np.intp), key[0], key[1], key[3]) for key, rows in found.items()
+    )
 
 
 def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
@@ -214,6 +252,13 @@ def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     return name is None or _is_same_name(name, base_of(program.brand), program.brand)
 
 
+def _entered_frame(project: Project, frame: str | None, brand: str) -> Array | None:
+    """Return a user frame as its controller has it: from the axis, where an axis turns it."""
+    found = entry_named(project.frames, frame or "", brand)
+    table = entry_named(project.table_frames, frame or "", brand)
+    return found if found is None or table is None else inverse_transform(table) @ found
+
+
 def find_contradiction(
     project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
 ) -> str:
@@ -229,7 +274,7 @@ def find_contradiction(
         (
             "user frame",
             frame,
-            entry_named(project.frames, frame or "", brand),
+            _entered_frame(project, frame, brand),
             frames,
             (base_of(brand), *_ALWAYS.get(brand, ())),
         ),
@@ -352,11 +397,6 @@ def arm_length(model: RobotModel) -> float:
     return float(np.sqrt((places * places).sum(axis=1)).sum())
 
 
-def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
-    """Return columns of some programs one after the other."""
-    return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
-
-
 def _own_pose(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
     pose = entry_named(poses, name, brand)
     if pose is not None:
@@ -366,16 +406,6 @@ def _own_pose(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> 
 
 def _is_same_name(name: str, other: str, brand: str) -> bool:
     return name == other or (brand in CASELESS and name.lower() == other.lower())
-
-
-def joints_of(positions: Positions, axes: int) -> Array:
-    """Return the joints (N, axes) of a program's positions, NaN where it holds none."""
-    joints = positions.joints
-    if joints.shape[1] == axes:
-        return joints
-    wide = np.full((len(joints), axes), np.nan)
-    wide[:, : min(axes, joints.shape[1])] = joints[:, :axes]
-    return wide
 
 
 def _first_reason(kind: str, barred: str, axes: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array
+from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.joint_bases import bases_together
 from cellcal.calibration.programs.transfer import TransferFrames
@@ -75,7 +75,13 @@ class CloneRoute:
                 remedy="See that its alignment points are whole and the same in both cells; measure it again.",
             )
         base = both.bases[0]
-        return cls(master, clone, base.other_base_base.to_matrix(), np.array(base.covariance))
+        change = _at_zero(base.other_base_base.to_matrix(), master, clone)
+        return cls(master, clone, change, np.array(base.covariance))
+
+    @property
+    def real_ends(self) -> tuple[bool, bool]:
+        """Tell that real arms stand at both ends."""
+        return (True, True)
 
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is cloned."""
@@ -93,6 +99,14 @@ class CloneRoute:
     def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """Both arms and both alignments."""
         return Expectation(self.source, self.target, self.change, self.change_covariance)
+
+
+def _at_zero(change: Array, master: Project, clone: Project) -> Array:
+    """Return the change between the cells with all external axes at zero, from that while fixtures were measured."""
+    if not (len(master.axes) or len(clone.axes)):
+        return change
+    found: Array = clone.axes.at_fixture() @ change @ inverse_transform(master.axes.at_fixture())
+    return found
 
 
 def _refuse_other_gears(master: Project, clone: Project) -> None:

@@ -37,6 +37,12 @@ class CompensationRoute:
         """Return that nothing of the work moves."""
         return np.eye(4)
 
+    @property
+    def real_ends(self) -> tuple[bool, bool]:
+        """Tell which end is the real arm: the target of an upload, the source of a download."""
+        upload = self.direction is ProgramDirection.UPLOAD
+        return not upload, upload
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is corrected."""
         return True

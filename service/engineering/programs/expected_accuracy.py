@@ -9,7 +9,8 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.fixture_postures import fixture_postures
 from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
-from cellcal.service.engineering.programs.project import Project, ProjectTool
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectTool
 
 _FEWEST = 4  # postures that tell the rigid motion which fixture and arm share
 _BLOCK = 16384
@@ -36,10 +37,11 @@ class Expectation:
 
     source: Project
     target: Project
-    change: Array  # (4, 4) source's base seen from the target's
+    change: Array  # (4, 4) or (N, 4, 4): source's base seen from the target's
     change_covariance: Array | None = None  # (6, 6) of its right twist; None: exact
     one_cell: bool = False
     nominal: bool = False
+    source_carrier: Array | None = None  # (N, 4, 4) what external axes put between arm and cell at the source
     unknown: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -83,19 +85,27 @@ class Expectation:
         return found
 
     def _tip_covariances(self, arms: Mapping[str, TipSpread], ends: TransferEnds, block: slice) -> Array:
-        turn = self.change[:3, :3]
+        turn = (self.change if self.change.ndim == 2 else self.change[block])[..., :3, :3]
         joints = ends.target_rad[block]
         if self.one_cell:
             there, here = arms["target"].tip_slopes(joints), arms["source"].tip_slopes(ends.source_rad[block])
-            apart = (there - np.einsum("ij,rjn->rin", turn, here)).transpose(2, 1, 0)
+            turned = np.einsum("ij,rjn->rin" if turn.ndim == 2 else "nij,rjn->rin", turn, here)
+            apart = (there - turned).transpose(2, 1, 0)
             total = apart @ apart.swapaxes(1, 2)
         else:
             total = arms["target"].tip_covariances(joints)
         if not (self.one_cell or self.nominal):
-            total = total + turn @ arms["source"].tip_covariances(ends.source_rad[block]) @ turn.T
+            total = total + turn @ arms["source"].tip_covariances(ends.source_rad[block]) @ turn.swapaxes(
+                -1, -2
+            )
         if self.change_covariance is not None:
             places = arms["source"].tip_arm.compute_frames(ends.source_rad[block].T)[1][-1].T
-            total = total + turn @ frame_covariances(self.change_covariance, places) @ turn.T
+            seen = turn
+            if self.source_carrier is not None:
+                carrier = self.source_carrier[block]
+                places = np.einsum("nij,nj->ni", carrier[:, :3, :3], places) + carrier[:, :3, 3]
+                seen = turn @ carrier[:, :3, :3].swapaxes(1, 2)
+            total = total + seen @ frame_covariances(self.change_covariance, places) @ seen.swapaxes(-1, -2)
         variance = self._left_over(self.target) + ends.target_tool.sigma_m**2
         if not self.nominal:
             variance += self._left_over(self.source) + ends.source_tool.sigma_m**2

@@ -45,6 +45,11 @@ class MoveRoute:
         """Return the motion of the work."""
         return self.base_change
 
+    @property
+    def real_ends(self) -> tuple[bool, bool]:
+        """Tell that real arms stand at both ends."""
+        return (True, True)
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
         if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
@@ -99,6 +104,15 @@ def change_between(before: Alignment, after: Alignment) -> Array:
     return change
 
 
+def change_at_zero(cell: Project, base_change: Array) -> Array:
+    """Return the change with all external axes at zero, from that while the fixture was measured."""
+    if not len(cell.axes):
+        return base_change
+    carrier = cell.axes.at_fixture()
+    found: Array = carrier @ base_change @ inverse_transform(carrier)
+    return found
+
+
 def move_transfer(
     project: Project,
     base_change: Array,
@@ -139,10 +153,22 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
     make = make_of(project.nominal)
     moved: Array = base_change @ project.frame_named(frame)
-    if make is not None and frame == make.base:
+    if (make is not None and frame == make.base) or not _stands_for_all_points(project, frame):
         return moved, ""
+    table = project.table_frames.get(frame, np.eye(4))
     return moved, make_message(
-        "user frame {frame} at {as_typed}", frame=frame, as_typed=_as_typed(make, moved)
+        "user frame {frame} at {as_typed}",
+        frame=frame,
+        as_typed=_as_typed(make, inverse_transform(table) @ moved),
+    )
+
+
+def _stands_for_all_points(project: Project, frame: str) -> bool:
+    """Tell whether a user frame, entered anew, moves the points of every position of the external axes alike."""
+    carriers = project.axes.carriers_of(frame, caseless=False)
+    tracks = [axis for axis in project.axes.axes if axis.carries_robot]
+    return all(project.axes.axes[n].coordinated for n in carriers) and all(
+        axis.coordinated for axis in tracks
     )
 
 

@@ -4,6 +4,8 @@ Such an axis may carry the arm, and no program says so. Points where it stands a
 others of their program: half of a program that goes along is worse than none.
 """
 
+from collections.abc import Set
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,16 +40,16 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
     return other
 
 
-def has_external_values(positions: Positions) -> NDArray[np.bool_]:
-    """Return (N,) which positions hold an extended axis that is not at zero."""
-    moved: NDArray[np.bool_] = np.abs(np.nan_to_num(positions.external)).max(axis=1, initial=0.0) > 0
-    return moved
+def beside_external_values(
+    positions: Positions, axes: int, unstated: NDArray[np.bool_], stated_groups: Set[int]
+) -> NDArray[np.bool_]:
+    """Return (N,) all points of a program in which an axis beside the arm leaves zero; none of any other program.
 
-
-def beside_external_values(positions: Positions, axes: int) -> NDArray[np.bool_]:
-    """Return (N,) all points of a program in which an axis beside the arm leaves zero; none of any other program."""
+    Axes that the project states do not count: neither rows that are not ``unstated`` nor groups among the stated.
+    """
     has_value = np.isfinite(positions.joints)
     other = (positions.groups != 1) & has_value.any(axis=1) & ~has_value[:, axes - 1 : axes].any(axis=1)
+    other &= ~np.isin(positions.groups, list(stated_groups))
     carries = bool((np.abs(np.nan_to_num(positions.joints[other])) > 0).any())
-    carries |= bool(has_external_values(positions)[positions.groups == 1].any())
+    carries |= bool(unstated[positions.groups == 1].any())
     return np.full(len(positions), carries)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
@@ -13,10 +14,13 @@ from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
 from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations
 from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
+from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.project import Project
 
 _ROUNDED_RAD = 1e-6
 _FLIPPED_RAD = 0.5 * np.pi
+_MOVED = 1e-9
+_SHAPES_UNCHECKED = "shapes are not checked at points whose external axes are away from zero"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +30,16 @@ class TransferChecks:
     project: Project
     rule: ConfigurationRule | None
     collisions: CollisionCheck | None
+    axes: CellAxes = NO_AXES  # external axes of the cell that the points come from
 
     @classmethod
-    def for_project(cls, project: Project, rule: ConfigurationRule | None) -> "TransferChecks":
+    def for_project(
+        cls, project: Project, rule: ConfigurationRule | None, axes: CellAxes = NO_AXES
+    ) -> "TransferChecks":
         """Prepare the checks of a cell; without shapes there is none for collisions."""
         shapes = project.shapes
         check = None if shapes is None else CollisionCheck.from_model(project.controller, shapes)
-        return cls(project, rule, check)
+        return cls(project, rule, check, axes)
 
     def check_points(
         self, points: ProgramPoints, rows: Rows, before_rad: Array, found: TransferResult
@@ -72,6 +79,22 @@ class TransferChecks:
         self._check_flips(points, rows, before_rad, found.joints_rad)
         self._check_configurations(points, rows, found.joints_rad)
         self._check_collisions(points, rows, found.joints_rad)
+
+    def unchecked_shapes(self, points: ProgramPoints) -> list[str]:
+        """Return what is said of a cell whose shapes are not checked while external axes are away from zero."""
+        rows = np.arange(len(points), dtype=np.intp)
+        if self.collisions is None or self._at_zero(points, rows).all():
+            return []
+        return [_SHAPES_UNCHECKED]
+
+    def _at_zero(self, points: ProgramPoints, rows: Rows) -> NDArray[np.bool_]:
+        """Tell at which points no external axis has moved anything: shapes are stated there."""
+        zeros = np.array([axis.entered.zero for axis in self.axes.axes])
+        if not len(zeros):
+            return np.ones(len(rows), dtype=bool)
+        apart = np.abs(points.axis_values[rows] - zeros)
+        found: NDArray[np.bool_] = ~(apart > _MOVED).any(axis=1)
+        return found
 
     def _check_limits(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
         model = self.project.controller
@@ -118,6 +141,8 @@ class TransferChecks:
     def _check_collisions(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
         if self.collisions is None:
             return
+        at_zero = self._at_zero(points, rows)
+        rows, joints = rows[at_zero], joints[at_zero]
         bad = np.flatnonzero(~self.collisions.is_free(joints))
         contacts = self.collisions.narrowest_contacts(joints[bad]) if len(bad) else ()
         reasons = {int(rows[i]): _describe_contact(contact) for i, contact in zip(bad, contacts, strict=True)}

@@ -13,12 +13,18 @@ from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows, joints_of, side_by_side
+from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
+from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
+from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
+from cellcal.service.engineering.programs.external.point_values import point_axes_of, written_values
 from cellcal.service.engineering.programs.fitting_changes import change_what_fits
+from cellcal.service.engineering.programs.point_columns import joints_of, side_by_side
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, PointFinding, ProgramResult
 
 _BLOCK = 32768
+_ALIKE_AXIS = 1e-9  # [m or rad]
+_WRITTEN_AXIS = 2e-6  # [m or rad]: a unit of the last decimal that files give to external axes
 _MOST_FOREIGN, _FEWEST_FOREIGN = 0.5, 2  # share of a program's points, and how many: one may be a mistake
 
 
@@ -35,6 +41,11 @@ class PointOutcomes:
     expected_m: Array
     uncorrected_m: Array
     texts: dict[int, str] = field(default_factory=dict)
+    axis_values: Array = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # (N, A) of the target's external axes
+    carried: CarriedChanges | None = None  # None where the cell has no external axes
+    target_axes: CellAxes = NO_AXES
 
     @classmethod
     def make_empty(cls, count: int, axes: int) -> "PointOutcomes":
@@ -71,6 +82,7 @@ def results_of(
     written = good & ~points.stays
     status = _point_statuses(points, after, good)
     _check_written(points, after, outcome, written)
+    _check_axes_written(points, after, outcome, written)
     for column in (
         outcome.shift_m,
         outcome.turn_rad,
@@ -136,7 +148,21 @@ def _program_change(points: ProgramPoints, rows: Rows, outcome: PointOutcomes) -
         frame_tip=poses if np.isfinite(poses[:, 0, 0]).any() else None,
         joints=joints if np.isfinite(joints[:, 0]).any() else None,
         configurations=texts,
+        external=_changed_axes(points.programs[int(points.of[rows[0]])], points.row[part], outcome, rows),
     )
+
+
+def _changed_axes(program: ProgramFile, its: Rows, outcome: PointOutcomes, rows: Rows) -> Array | None:
+    """Return what the columns of external axes get; None where all stay as they are."""
+    axes, positions = outcome.target_axes, program.positions
+    if not outcome.axis_values.size:
+        return None
+    there = point_axes_of(positions, axes)
+    values = np.full_like(there.values, np.nan)
+    values[its] = outcome.axis_values[rows]
+    values[np.abs(values - there.values) <= _ALIKE_AXIS] = np.nan
+    table = written_values(positions, axes, there, values)[its]
+    return table if np.isfinite(table).any() else None
 
 
 def _point_statuses(points: ProgramPoints, after: Sequence[ProgramFile], good: Flags) -> list[str]:
@@ -157,6 +183,10 @@ def _point_statuses(points: ProgramPoints, after: Sequence[ProgramFile], good: F
         same[block] &= _is_equal(points.frame_tip[block], poses[block]) & _is_equal(
             points.joints[block], joints[block]
         )
+    for number, (before, new) in enumerate(zip(points.programs, after, strict=True)):
+        if len(before.positions.external_columns):
+            rows = np.flatnonzero(points.of == number)
+            same[rows] &= _is_equal(before.positions.all_external, new.positions.all_external)
     return list(np.where(good, np.where(same, UNCHANGED, CHANGED), LEFT).tolist())
 
 
@@ -187,6 +217,30 @@ def _check_written(
         near = (apart <= 2.0 * step_m[some] + 1e-9) & (turned <= 4.0 * step_rad[some] + 1e-7)
         if not near.all():
             _refuse_written(points, some[~near], apart[~near])
+
+
+def _check_axes_written(
+    points: ProgramPoints, after: Sequence[ProgramFile], outcome: PointOutcomes, good: Flags
+) -> None:
+    """Read back what was written of external axes.
+
+    Raises
+    ------
+    ProgramFileError
+        The file says something else.
+    """
+    for number, new in enumerate(after):
+        rows = np.flatnonzero((points.of == number) & good)
+        if not outcome.axis_values.size or not len(rows):
+            continue
+        there = point_axes_of(new.positions, outcome.target_axes).values[points.row[rows]]
+        apart = np.abs(there - outcome.axis_values[rows])
+        if (np.nan_to_num(apart) > _WRITTEN_AXIS).any():
+            raise ProgramFileError(
+                new.name,
+                "the values written for external axes are not read back.",
+                remedy="Do not use this file; report it with the program.",
+            )
 
 
 def _refuse_written(points: ProgramPoints, rows: Rows, apart_m: Array) -> None:

@@ -38,10 +38,18 @@ from cellcal.service.engineering.programs.cell_of_program import (
     tool_of,
 )
 from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
+from cellcal.service.engineering.programs.external.carried_points import (
+    CarriedChanges,
+    CarriedPoints,
+    rows_of_poses,
+)
+from cellcal.service.engineering.programs.external.point_groups import carry_group
+from cellcal.service.engineering.programs.external.standing_tools import standing_change
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
 from cellcal.service.engineering.programs.postures import PostureSearch
-from cellcal.service.engineering.programs.project import Project, ProjectTool
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
@@ -58,6 +66,16 @@ class FramePair:
     target_tool: ProjectTool
     source_frame: Array | None
     target_frame: Array | None
+    standing: tuple[ProjectTool, ProjectTool] | None = (
+        None  # tools in the cell, where the gripper holds the work
+    )
+
+    def work_change(self, route: "TransferRoute") -> Array:
+        """Return the change of the work (4, 4), as seen from the cells."""
+        if self.standing is None:
+            return route.change
+        source, target = zip(self.standing, route.real_ends, strict=True)
+        return standing_change(route.change, source, target, one_cell=route.source is route.target)
 
 
 class TransferRoute(Protocol):
@@ -71,6 +89,11 @@ class TransferRoute(Protocol):
     @property
     def change(self) -> Array:
         """Return what carries places of the source's base into the target's (4, 4)."""
+        ...
+
+    @property
+    def real_ends(self) -> tuple[bool, bool]:
+        """Tell of source and target whether their arms, and what carries these, are the real ones."""
         ...
 
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
@@ -103,7 +126,7 @@ class ProgramTransfer:
         source = route.source
         self._postures = PostureSearch(source.nominal, source.controller, rule)
         self._back = PostureSearch(route.target.nominal, route.target.controller, rule)
-        self._judge = TransferChecks.for_project(route.target, rule)
+        self._judge = TransferChecks.for_project(route.target, rule, source.axes)
 
     def transfer_programs(self, programs: Sequence[ProgramFile]) -> tuple[ProgramResult, ...]:
         """Carry programs of one brand.
@@ -119,12 +142,16 @@ class ProgramTransfer:
         for program in programs:
             refuse_foreign(program, self._route.source)
         axes = self._route.source.nominal.axis_count
-        points = points_of(programs, axes)
+        points = points_of(programs, self._route.source)
         result = PointOutcomes.make_empty(len(points), axes)
-        warnings: list[str] = []
+        if len(self._route.source.axes):
+            result.axis_values = np.full((len(points), len(self._route.target.axes)), np.nan)
+            result.carried = CarriedChanges.make_empty(len(points))
+        result.target_axes = self._route.target.axes
+        warnings = self._judge.unchecked_shapes(points)
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
-        findings = find_turned_shifts(points, self._route)
+        findings = find_turned_shifts(points, self._route, result.carried)
         return results_of(points, result, warnings, findings, source=self._route.source)
 
     def _transfer_group(
@@ -137,19 +164,35 @@ class ProgramTransfer:
         rows = (
             group.rows if frame_pair.source_frame is not None else group.rows[~points.cartesian[group.rows]]
         )
-        joints = self._programmed_joints(points, rows, frame_pair)
-        has_joints = np.isfinite(joints).all(axis=1)
-        rows, joints = rows[has_joints], joints[has_joints]
+        rows, carried = carry_group(points, rows, group, frame_pair, self._route)
+        joints = self._programmed_joints(points, rows, (frame_pair, carried))
+        has_joints = np.asarray(np.isfinite(joints).all(axis=1))
+        rows, joints, carried = rows[has_joints], joints[has_joints], carried.of_rows(has_joints)
         if not len(rows):
             return
-        way, done = self._route.transfer_way(frame_pair), np.zeros_like(joints)
+        way, done = self._way_of(frame_pair, carried), np.zeros_like(joints)
         for first in range(0, len(rows), _BLOCK):
             block = slice(first, first + _BLOCK)
-            done[block] = self._transfer_block(points, rows[block], joints[block], (way, frame_pair), result)
+            its = carried.of_rows(block)
+            part = replace(way, change=rows_of_poses(way.change, block))
+            by = (part, frame_pair, its)
+            done[block] = self._transfer_block(points, rows[block], joints[block], by, result)
         ends = TransferEnds(joints, done, frame_pair.source_tool, frame_pair.target_tool)
-        expectation = self._route.make_expectation(frame_pair)
+        expectation = self._expectation_of(frame_pair, carried, way)
         result.expected_m[rows] = expectation.errors_m(ends)
         warnings += [word for word in expectation.unknown if word not in warnings]
+
+    def _way_of(self, frame_pair: FramePair, carried: CarriedPoints) -> TransferFrames:
+        """Return the arms and the change for them, which differs from point to point where axes carry them."""
+        way = self._route.transfer_way(frame_pair)
+        return replace(way, change=carried.change_of(frame_pair.work_change(self._route)))
+
+    def _expectation_of(
+        self, frame_pair: FramePair, carried: CarriedPoints, way: TransferFrames
+    ) -> Expectation:
+        found = self._route.make_expectation(frame_pair)
+        carrier = None if carried.source_carrier.ndim == 2 else carried.source_carrier
+        return replace(found, change=way.change, source_carrier=carrier)
 
     def _covered_rows(self, points: ProgramPoints, group: PointGroup) -> Rows:
         """Return the points of a group that go this way; of the others it is said that they stay, or are left."""
@@ -172,6 +215,8 @@ class ProgramTransfer:
         """Return tools and frames of a group; what is missing is said of its points."""
         program, route = points.programs[points.of[group.rows[0]]], self._route
         ends = (route.source, route.target)
+        if group.held:
+            return self._standing_pair(points, group)
         homes = [project is route.source for project in ends]
         for project, at_home in zip(ends, homes, strict=True):
             if why := find_contradiction(project, program, group.tool, group.frame, at_home=at_home):
@@ -194,27 +239,57 @@ class ProgramTransfer:
         both = frames[0] is not None and frames[1] is not None
         return FramePair(tools[0], tools[1], frames[0] if both else None, frames[1] if both else None)
 
-    def _programmed_joints(self, points: ProgramPoints, rows: Rows, frame_pair: FramePair) -> Array:
+    def _standing_pair(self, points: ProgramPoints, group: PointGroup) -> FramePair | None:
+        """Return work in the gripper as the tool, and the tool that stands in the cell as the frame."""
+        brand, route = points.programs[points.of[group.rows[0]]].brand, self._route
+        found = [
+            project.standing_tools.of_position(brand, group.tool, group.frame)
+            for project in (route.source, route.target)
+        ]
+        for project, tools in zip((route.source, route.target), found, strict=True):
+            if tools is None:
+                points.refuse_points(
+                    group.rows,
+                    make_message(
+                        "no [standing_tools] and [held_work] in {path_name} for {tool} and {frame}",
+                        path_name=project.path.name,
+                        tool=group.tool,
+                        frame=group.frame,
+                    ),
+                )
+        first, second = found
+        if first is None or second is None:
+            return None
+        (before, here), (after, there) = first, second
+        return FramePair(here, there, before.entered, after.entered, (before, after))
+
+    def _programmed_joints(
+        self, points: ProgramPoints, rows: Rows, by: tuple[FramePair, CarriedPoints]
+    ) -> Array:
         """Return the joints (K, n) that the source's controller computes, NaN for points that are left."""
         joints = points.joints[rows].copy()
         posed = np.flatnonzero(points.cartesian[rows])
-        if not len(posed) or frame_pair.source_frame is None:
+        frame_pair, source_frame = by[0], by[1].source_frame
+        if not len(posed) or source_frame is None:
             return joints
         flange = inverse_transform(frame_pair.source_tool.entered)
         taught = np.isfinite(joints[posed]).all(axis=1)
         for some in _row_blocks(posed[taught]):
-            poses = frame_pair.source_frame @ points.frame_tip[rows[some]] @ flange
+            poses = rows_of_poses(source_frame, some) @ points.tips_of(rows[some]) @ flange
             self._refuse_contradictions(points, rows[some], joints[some], poses)
         before: Array | None = None
         for part in _row_blocks(posed[~taught]):
-            poses = frame_pair.source_frame @ points.frame_tip[rows[part]] @ flange
+            poses = rows_of_poses(source_frame, part) @ points.tips_of(rows[part]) @ flange
             texts = [points.texts[i] for i in rows[part].tolist()]
             postures = points.taught_before(rows[part])
             if before is not None and not np.isfinite(postures[0]).all():
                 postures[0] = before
+            elif before is None:
+                points.begin_programs(rows[part], postures, self._route.source.starting)
             joints[part], why = self._postures.find_joints(poses, texts, postures)
             solved = part[np.isfinite(joints[part]).all(axis=1)]
             before = joints[solved[-1]] if len(solved) else before
+            points.solved[rows[solved]] = joints[solved]
             points.refuse_points(rows[part], dict(zip(rows[part].tolist(), why, strict=True)).__getitem__)
         return joints
 
@@ -240,7 +315,7 @@ class ProgramTransfer:
         points: ProgramPoints,
         rows: Rows,
         joints: Array,
-        by: tuple[TransferFrames, FramePair],
+        by: tuple[TransferFrames, FramePair, CarriedPoints],
         result: PointOutcomes,
     ) -> Array:
         found = self._transfer_points(points, rows, joints, by[0])
@@ -267,7 +342,9 @@ class ProgramTransfer:
             again, _ = self._back.find_joints(flange[named], configurations, None)
             start[named] = np.where(np.isfinite(again), again, start[named])
         other = transfer_points(
-            way, joints[unreached], start_rad=np.where(np.isfinite(start), start, joints[unreached])
+            replace(way, change=rows_of_poses(way.change, unreached)),
+            joints[unreached],
+            start_rad=np.where(np.isfinite(start), start, joints[unreached]),
         )
         found.joints_rad[unreached], found.base_tip[unreached] = other.joints_rad, other.base_tip
         found.reached[unreached], found.left_m[unreached] = other.reached, other.left_m
@@ -278,23 +355,26 @@ class ProgramTransfer:
         points: ProgramPoints,
         rows: Rows,
         joints: tuple[Array, TransferResult],
-        by: tuple[TransferFrames, FramePair],
+        by: tuple[TransferFrames, FramePair, CarriedPoints],
         result: PointOutcomes,
     ) -> None:
-        (old, found), (way, frame_pair) = joints, by
+        (old, found), (way, frame_pair, carried) = joints, by
         posed = points.cartesian[rows]
         controller = TipArm(self._route.source.controller, frame_pair.source_tool.entered)
         before = tip_poses(controller, old)
-        if frame_pair.source_frame is not None and frame_pair.target_frame is not None:
-            before[posed] = frame_pair.source_frame @ points.frame_tip[rows[posed]]
-            new = inverse_transform(frame_pair.target_frame) @ found.base_tip
-            result.frame_tip[rows[posed]] = new[posed]
-        shifted = np.eye(4) if frame_pair.source_frame is None else frame_pair.source_frame
-        there = np.eye(4) if frame_pair.target_frame is None else frame_pair.target_frame
+        here, there = carried.source_frame, carried.target_frame
+        if here is not None and there is not None:
+            before[posed] = rows_of_poses(here, posed) @ points.tips_of(rows[posed])
+            new = inverse_transform(there) @ found.base_tip
+            result.frame_tip[rows[posed]] = points.written_tips(rows[posed], new[posed])
         result.shift_m[rows], result.turn_rad[rows] = same_place(
-            inverse_transform(shifted) @ before, inverse_transform(there) @ found.base_tip
+            inverse_transform(np.eye(4) if here is None else here) @ before,
+            inverse_transform(np.eye(4) if there is None else there) @ found.base_tip,
         )
         result.uncorrected_m[rows] = same_place(way.change @ before, found.base_tip)[0]
+        if result.carried is not None:
+            result.carried.store_changes(rows, carried, way.change)
+            result.axis_values[rows] = carried.target_values
         written = ~posed | np.isfinite(points.joints[rows]).all(axis=1)
         if written.any():
             result.joints = result.joints if result.joints.flags.writeable else result.joints.copy()

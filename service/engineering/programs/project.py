@@ -5,7 +5,7 @@ kept as plain values in SI.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,13 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.service.configuration.cell_shapes import read_cell_shape
+from cellcal.service.engineering.programs.external.axis_tables import (
+    frames_at_zero,
+    read_axes,
+    read_fixture_values,
+)
+from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
+from cellcal.service.engineering.programs.external.standing_tools import NO_STANDING_TOOLS, StandingTools
 from cellcal.service.engineering.programs.project_arms import (
     IdentifiedArm,
     factory_arm,
@@ -33,6 +40,7 @@ from cellcal.service.engineering.programs.project_arms import (
 from cellcal.service.engineering.programs.project_backup import frames_of_backup, pose_or_backup
 from cellcal.service.engineering.programs.project_poses import (
     ProjectError,
+    ProjectTool,
     pose_keys,
     pose_of,
     read_number,
@@ -43,25 +51,23 @@ from cellcal.service.engineering.programs.project_poses import (
 )
 from cellcal.service.engineering.programs.project_pulses import pulses_per_rad
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
+from cellcal.service.engineering.programs.starting_postures import (
+    NO_STARTING_POSTURES,
+    StartingPostures,
+    read_starting_postures,
+)
 
 FORMAT = 1
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
 
 _ROBOT = {
     "serial", "model", "factory", "parameters", "parameter_store", "parameter_version", "held_out_rms_mm",
-    "lower_deg", "upper_deg", "smallest_sigma", "backup", "arm", "pulses_per_rad",
+    "lower_deg", "upper_deg", "smallest_sigma", "backup", "arm", "pulses_per_rad", "starting_posture_deg",
 }  # fmt: skip
-_TOP = {"format", "name", "master", "robot", "tools", "frames", "unsaid", "fixture", "shapes", "programs"}
-
-
-@dataclass(frozen=True, eq=False)
-class ProjectTool:
-    """A tool as the controller has it, and as it really is."""
-
-    entered: Array  # (4, 4) flange_tip in the controller
-    real: Array  # (4, 4), the same where it was not measured
-    sigma_m: float = 0.0  # of one coordinate of the real tip
-    measured: bool = False
+_TOP = {
+    "format", "name", "master", "robot", "tools", "frames", "unsaid", "fixture", "shapes", "programs",
+    "track", "positioner", "standing_tools", "held_work", "starting_postures",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +92,12 @@ class Project:
     programs: tuple[str, ...]  # patterns relative to the project's folder
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
     backup: Path | None = None  # folder of the controller's .VA files
+    axes: CellAxes = NO_AXES  # external axes
+    table_frames: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # of frames that a table turns: what their pose in the controller is seen from
+    standing_tools: StandingTools = NO_STANDING_TOOLS
+    starting: StartingPostures = NO_STARTING_POSTURES
 
     @property
     def identified_state(self) -> ArmState | None:
@@ -151,6 +163,11 @@ def read_project(path: Path) -> Project:
     refuse_keys(unsaid, {"tool", "frame"}, f"{where}: [unsaid]")
     smallest = read_number(robot, "smallest_sigma", where)
     backup, make = frames_of_backup(robot, folder, nominal, where), make_of(nominal)
+    frames = _read_frames(sub_table(data, "frames", where), backup.frames, make, where)
+    fixture = sub_table(data, "fixture", where)
+    axes = read_axes(data, folder, make, tuple(frames), where)
+    axes = replace(axes, fixture_at=read_fixture_values(fixture, axes, f"{where}: [fixture]"))
+    frames, table_frames = frames_at_zero(frames, axes)
     return Project(
         path=path,
         name=read_text(data, "name", where) or path.stem,
@@ -160,16 +177,23 @@ def read_project(path: Path) -> Project:
         factory_known=factory is not None,
         identified=identified_arm(robot, folder, replace_limits(nominal, controller), serial, where),
         tools=_read_tools(sub_table(data, "tools", where), backup.tools, make, where),
-        frames=_read_frames(sub_table(data, "frames", where), backup.frames, make, where),
+        frames=frames,
         unsaid_tool=read_text(unsaid, "tool", where),
         unsaid_frame=read_text(unsaid, "frame", where),
-        alignment=_read_alignment(sub_table(data, "fixture", where), folder, serial, where),
+        alignment=_read_alignment(fixture, folder, serial, where),
         shapes=_read_shapes(sub_table(data, "shapes", where), folder, controller, where),
         smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
         master=_read_master(data, folder, where),
         programs=_program_patterns(data, where),
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         backup=backup.folder,
+        axes=axes,
+        table_frames=table_frames,
+        standing_tools=StandingTools(
+            tools=_read_tools(sub_table(data, "standing_tools", where), {}, None, where, "standing_tools"),
+            works=_read_tools(sub_table(data, "held_work", where), {}, None, where, "held_work"),
+        ),
+        starting=read_starting_postures(robot, sub_table(data, "starting_postures", where), nominal, where),
     )
 
 
@@ -216,11 +240,15 @@ def _with_limits(model: RobotModel, robot: Mapping[str, Any], where: str) -> Rob
 
 
 def _read_tools(
-    tables: Mapping[str, Any], from_backup: Mapping[str, Array], make: RobotMake | None, where: str
+    tables: Mapping[str, Any],
+    from_backup: Mapping[str, Array],
+    make: RobotMake | None,
+    where: str,
+    heading: str = "tools",
 ) -> dict[str, ProjectTool]:
     tools = {name: ProjectTool(pose, pose) for name, pose in from_backup.items()}
     for name in tables:
-        place = f"{where}: [tools.{name}]"
+        place = f"{where}: [{heading}.{name}]"
         table = sub_table(tables, name, place)
         refuse_keys(table, {"entered", "real"}, place)
         entered, real = sub_table(table, "entered", place), sub_table(table, "real", place)
@@ -259,7 +287,7 @@ def _refuse_moved(pose: Array, place: str, what: str) -> None:
 
 
 def _read_alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) -> Alignment | None:
-    refuse_keys(table, {"alignment", "name"}, f"{where}: [fixture]")
+    refuse_keys(table, {"alignment", "name", "at"}, f"{where}: [fixture]")
     file, name = read_text(table, "alignment", where), read_text(table, "name", where)
     if file is None:
         return None

@@ -1,6 +1,7 @@
 """What a project file writes in millimetres and degrees: poses, limits, and the words around them."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,16 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 
 Table = Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectTool:
+    """A tool as the controller has it, and as it really is."""
+
+    entered: Array  # (4, 4) flange_tip in the controller
+    real: Array  # (4, 4), the same where it was not measured
+    sigma_m: float = 0.0  # of one coordinate of the real tip
+    measured: bool = False
 
 
 class ProjectError(CellError):

@@ -25,8 +25,10 @@ from cellcal.service.engineering.programs.cell_of_program import (
     tool_of,
 )
 from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
+from cellcal.service.engineering.programs.external.carried_points import AxisEnd, carry_points
 from cellcal.service.engineering.programs.postures import PostureSearch
-from cellcal.service.engineering.programs.project import Project, ProjectTool
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
 
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
@@ -58,7 +60,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     for program in programs:
         refuse_foreign(program, cell)
     axes = cell.nominal.axis_count
-    points = points_of(programs, axes)
+    points = points_of(programs, cell)
     rule = brand_named(programs[0].brand).configurations
     search = PostureSearch(cell.nominal, cell.controller, rule)
     found = _ReachColumns.make_empty(len(points), axes)
@@ -105,11 +107,11 @@ def _of_group(
 ) -> None:
     """Fill in the points that share tool and frame."""
     program, rows = points.programs[points.of[group.rows[0]]], group.rows
-    tool, frame = tool_of(cell, program, group.tool), frame_of(cell, program, group.frame)
+    tool, frame, other = _frames_of_group(group, program, cell)
     taught = np.isfinite(points.joints[rows]).all(axis=1)
     found.joints_rad[rows[taught]] = points.joints[rows[taught]]
     posed = rows[~taught]
-    if other := find_contradiction(cell, program, group.tool, group.frame):
+    if other:
         points.refuse_points(rows, other)
         return
     if tool is None:
@@ -119,12 +121,26 @@ def _of_group(
         points.refuse_points(posed, missing_reason("user frame", group.frame, cell))
         posed = posed[:0]
     if frame is not None and len(posed):
-        base_flange = frame @ points.frame_tip[posed] @ inverse_transform(tool.entered)
+        end = AxisEnd(cell.axes, False, frame, group.frame or cell.unsaid_frame, program.brand, group.held)
+        carried = carry_points(end, end, points.axis_values[posed])
+        assert carried.source_frame is not None
+        base_flange = carried.source_frame @ points.tips_of(posed) @ inverse_transform(tool.entered)
         texts = [points.texts[i] for i in posed.tolist()]
         joints, why = search.find_joints(base_flange, texts, points.taught_before(posed))
         found.joints_rad[posed] = joints
         _mark_failed(points, posed, why, found)
     _judge_points(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
+
+
+def _frames_of_group(
+    group: PointGroup, program: ProgramFile, cell: Project
+) -> tuple[ProjectTool | None, Array | None, str]:
+    """Return the tool and the user frame, and why they contradict; of work in the gripper, work and standing tool."""
+    if group.held:
+        found = cell.standing_tools.of_position(program.brand, group.tool, group.frame)
+        return (None, None, "") if found is None else (found[1], found[0].entered, "")
+    other = find_contradiction(cell, program, group.tool, group.frame)
+    return tool_of(cell, program, group.tool), frame_of(cell, program, group.frame), other
 
 
 def _judge_points(

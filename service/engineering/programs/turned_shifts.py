@@ -14,6 +14,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, frame_of, name_in
+from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import PointFinding
 
@@ -64,34 +65,38 @@ class _TurnedChange(NamedTuple):
     exact: bool
 
 
-def find_turned_shifts(points: ProgramPoints, route: ChangeRoute) -> list[tuple[PointFinding, ...]]:
+def find_turned_shifts(
+    points: ProgramPoints, route: ChangeRoute, carried: CarriedChanges | None = None
+) -> list[tuple[PointFinding, ...]]:
     """Return for each program its shifted points that the change does not bring to where they belong."""
     starts = np.searchsorted(points.of, np.arange(len(points.programs)))
     return [
-        tuple(_findings_of(points, number, int(start), route)) if program.positions.shifts else ()
+        tuple(_findings_of(points, number, int(start), (route, carried))) if program.positions.shifts else ()
         for number, (program, start) in enumerate(zip(points.programs, starts, strict=True))
     ]
 
 
-def _findings_of(points: ProgramPoints, number: int, start: int, route: ChangeRoute) -> list[PointFinding]:
-    program = points.programs[number]
+def _findings_of(
+    points: ProgramPoints, number: int, start: int, by: tuple[ChangeRoute, CarriedChanges | None]
+) -> list[PointFinding]:
+    (route, carried), program = by, points.programs[number]
     by_frame: dict[str | None, _TurnedChange] = {}
     found: list[PointFinding] = []
     for shift in program.positions.shifts:
         if not shift.rows:
             frame = name_in(route.source, program, shift.user_frame)
             if frame is None or route.covers_frame(frame, bare_joints=False) is True:
-                found.append(
-                    _shift_finding(
-                        shift, shift.point, -1, None, _turned_change(by_frame, program, frame, shift, route)
-                    )
-                )
+                turned = _turned_change(by_frame, program, frame, shift, route)
+                turned = turned if carried is None else turned._replace(exact=False)
+                found.append(_shift_finding(shift, shift.point, -1, None, turned))
             continue
         for row in shift.rows:
             at = start + row
             if points.reasons[at] or points.stays[at]:
                 continue  # it is named already, or does not go along
             turned = _turned_change(by_frame, program, points.user_frames[at], shift, route)
+            if carried is not None:
+                turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
             found.append(_shift_finding(shift, program.positions.names[row], row, pose, turned))
     return [one for one in found if one.text]
@@ -113,6 +118,13 @@ def _turned_change(
             by_frame[frame] = _TurnedChange(inverse_transform(after) @ route.change @ before, before, True)
     turned = by_frame[frame]
     return _TurnedChange(route.change, turned.frame, True) if shift.axes is ShiftAxes.BASE else turned
+
+
+def _carried_change(carried: CarriedChanges, row: int, shift: ProgramShift) -> _TurnedChange:
+    """Return the change as a point that external axes carry meets it; along axes of the base by its size only."""
+    if shift.axes is ShiftAxes.BASE:
+        return _TurnedChange(carried.in_base[row], carried.frame[row], False)
+    return _TurnedChange(carried.in_frame[row], carried.frame[row], True)
 
 
 def _shift_finding(

@@ -4,16 +4,16 @@ import { language, type Key } from "./i18n.svelte";
 import { english, messageOf, type Argument } from "./messages";
 import { sayings } from "./say.svelte";
 import { unitOf } from "./units";
-import { nameOf, written } from "./values";
+import { written } from "./values";
 
 export interface Fault {
   setting: string;
   words: string;
 }
 
-const ALL = "{procedure} cannot be run so: {faults}.";
-const ONE = "{setting}: {fault}";
-const BOUND = "Input should be {bound} {limit}";
+const ALL = /^\S+ cannot be run so: (.*)\.$/s;
+const ONE = /^(.*) \(([\w.]+)\): (.*)$/s; // what a setting is called and, for the terminal, its name
+const BOUND = /^Input should be (less than or equal to|greater than or equal to|less than|greater than) (-?[\d.e+-]+)$/;
 const BOUNDS: Record<string, Key> = {
   "less than or equal to": "fault_most",
   "greater than or equal to": "fault_least",
@@ -23,12 +23,13 @@ const BOUNDS: Record<string, Key> = {
 
 /** The settings that are wrong; empty where the service says something else. */
 export function faultsOf(message: string): Fault[] {
-  const found = messageOf(message);
-  const faults = found?.template === ALL ? found.arguments.faults : undefined;
-  if (faults === undefined || typeof faults === "string") return [];
-  const each = faults.template === ONE ? [faults] : Object.values(faults.arguments);
-  const all = each.map(faultOf);
-  return all.includes(null) ? [] : (all as Fault[]);
+  const all = ALL.exec(message)?.[1]?.split("; ") ?? [];
+  const found = all.map((each) => ONE.exec(each));
+  if (found.includes(null)) return [];
+  return found.map((each) => ({
+    setting: each![1]!.split(" · ").map(sayings.say).join(" · "),
+    words: inWords(each![2]!, each![3]!),
+  }));
 }
 
 function faultOf(one: Argument): Fault | null {

@@ -1,8 +1,6 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
 import { language } from "./i18n.svelte";
-import { learn } from "./messages";
-import { sayings } from "./say.svelte";
 
 export interface ReviewPoint {
   step: string;
@@ -184,8 +182,3 @@ function plainly(unit: string, whole: boolean): [string, number, number] {
 
 export const local = (utc: string): string =>
   new Date(utc).toLocaleString(language.locale === "zh" ? "zh-Hans" : language.locale);
-
-export const plain = (name: string): string => name.replaceAll("_", " ");
-
-/** What a procedure is called in the page's language. */
-export const called = (procedure: string): string => sayings.say(plain(procedure));

@@ -8,16 +8,21 @@
 
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
-import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
+import labels from "./setting_labels.json";
 
-const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
-const KINDS = ["procedures", "refusals"];
+const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
+const KINDS = ["procedures", "settings", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
+
+// Names of settings in messages, which the terminal needs: a page says what they are called. An empty label is one of
+// a name that stands for several settings: in brackets it is left out.
+const LABELS: Record<string, string> = labels;
+const NAMED = /( ?\()?\b(?:[a-z]+\.)*([a-z0-9]+(?:_[a-z0-9]+)+)\b(\))?/g;
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -55,7 +60,15 @@ class Sayings {
   }
 
   /** The same, sentence by sentence. */
-  parts = (text: string): Spoken[] => this.#parts(text).map((part) => ({ text: part.text, english: this.#isEnglish(part) }));
+  parts = (text: string): Spoken[] => {
+    const english = language.locale !== "en";
+    if (text === "") return [];
+    return text.split(SENTENCE).map((part) => {
+      const said = this.#one(part);
+      const text = this.#labelled(said ?? part);
+      return { text, english: said === null && english && WORD.test(part) };
+    });
+  };
 
   /** The same as whole sentences, each with its capital and its stop, where they were parts of one. */
   sentences = (text: string): Spoken[] => this.parts(text).map((part) => ({ ...part, text: wholeSentence(part) }));
@@ -71,12 +84,16 @@ class Sayings {
     return cut > 0 && isCount(name.slice(cut + 1)) ? `${this.step(name.slice(0, cut))} ${name.slice(cut + 1)}` : name;
   };
 
-  #isEnglish(part: Part): boolean {
-    return !part.said && language.locale !== "en" && WORD.test(part.text);
+  #labelled(text: string): string {
+    return text.replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
+      const label = LABELS[name];
+      if (label === undefined) return whole;
+      if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;
+      return `${before ?? ""}“${this.#one(label) ?? label}”${after ?? ""}`;
+    });
   }
 
-  #parts(text: string): Part[] {
-    if (text === "") return [];
+  #one(text: string): string | null {
     const table = this.#table; // read first: who asks is told when another language has come
     let parts = this.#heard.get(text);
     if (parts) return parts;

@@ -1,9 +1,21 @@
-// Settings by their JSON schema: what kind of field each is, so that a new procedure needs no form of its own.
+// Settings by their JSON schema: what kind of field each is, what it is called and what a person is told about it.
+// The words stand where a setting is defined; a new procedure needs no form of its own.
 
-import names from "./setting_names.json";
+import { unitOf, unitOfSymbol, type Unit } from "./units";
 
 export interface Field {
   type?: string;
+  title?: string;
+  description?: string;
+  minimum?: number;
+  maximum?: number;
+  exclusiveMinimum?: number;
+  exclusiveMaximum?: number;
+  "x-group"?: string;
+  "x-unit"?: string;
+  "x-basic"?: boolean;
+  "x-drawing"?: string;
+  "x-choices"?: Record<string, string>;
   properties?: Record<string, Field>;
   required?: string[];
   anyOf?: Field[];
@@ -51,11 +63,43 @@ export function memberOf(setting: Setting, at: number): Setting {
 /** How many numbers a row has. */
 export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.known).minItems ?? 0;
 
-// Names that do not tell a person enough, or stand twice in one form.
-const SAID: Record<string, string> = names;
+/** What a setting is called: as it is where it is defined; of one that is no more, its name without underscores. */
+export const labelOf = (name: string, field: Field | undefined): string =>
+  field?.title ?? name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
 
-/** A name as it is said: without its unit, which stands beside the value. */
-export const plainName = (name: string): string => SAID[name] ?? name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
+/** The unit that a setting is typed in. */
+export const unitOfSetting = (setting: Setting): Unit => {
+  const symbol = setting.field["x-unit"];
+  return symbol === undefined ? unitOf(setting.name) : unitOfSymbol(symbol);
+};
+
+/** The field at a path of settings, a place in a list left out: room.surroundings.planes.name. */
+export function fieldAt(schema: Record<string, unknown> | undefined, names: string[]): Field | undefined {
+  const known = (schema?.$defs ?? {}) as Known;
+  let field = schema as Field | undefined;
+  for (const name of names) {
+    let there = field ? resolved(field, known) : undefined;
+    while (there?.type === "array" && there.items) there = resolved(there.items, known);
+    field = there?.properties?.[name];
+  }
+  return field;
+}
+
+/** Settings that a technician knows, and those for an engineer in their groups. */
+export function grouped(settings: Setting[]): { basic: Setting[]; groups: [string, Setting[]][] } {
+  const groups = new Map<string, Setting[]>();
+  for (const each of settings.filter((one) => !isBasic(one))) {
+    const group = each.field["x-group"] ?? "";
+    groups.set(group, [...(groups.get(group) ?? []), each]);
+  }
+  return { basic: settings.filter(isBasic), groups: [...groups] };
+}
+
+/** The least and the most that a number may be, SI; whether the bound itself is allowed does not matter to a reader. */
+export function boundsOf(setting: Setting): [number | undefined, number | undefined] {
+  const field = resolved(setting.field, setting.known);
+  return [field.minimum ?? field.exclusiveMinimum, field.maximum ?? field.exclusiveMaximum];
+}
 
 function partsIn(field: Field, known: Known, prefix: string): Setting[] {
   const required = field.required ?? [];
@@ -70,10 +114,8 @@ function resolved(field: Field, known: Known): Field {
   return known[real.$ref?.split("/").pop() ?? ""] ?? real;
 }
 
-/** What a technician decides: what must be told, choices, and points. The rest stands at its usual value. */
-export function isEssential(setting: Setting): boolean {
-  return setting.required || ["choice", "yesno", "triples", "numbers"].includes(setting.kind);
-}
+/** What a technician knows: at most four of a procedure. The rest stands at its usual value. */
+export const isBasic = (setting: Setting): boolean => setting.required || setting.field["x-basic"] === true;
 
 function kindOf(field: Field, known: Known): Kind {
   if (field["x-file"]) return "file";
@@ -97,7 +139,9 @@ function isTriple(field: Field): boolean {
   return field.type === "array" && field.minItems === 3 && field.maxItems === 3;
 }
 
-/** The values that may be chosen. */
-export function choicesOf(setting: Setting): string[] {
-  return ((setting.field.anyOf ?? [setting.field]).find((each) => each.enum)?.enum ?? []).map(String);
+/** The values that may be chosen, and what each is called. */
+export function choicesOf(setting: Setting): [string, string][] {
+  const words = setting.field["x-choices"] ?? {};
+  const values = (setting.field.anyOf ?? [setting.field]).find((each) => each.enum)?.enum ?? [];
+  return values.map(String).map((value) => [value, words[value] ?? value]);
 }

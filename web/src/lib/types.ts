@@ -146,6 +146,7 @@ export interface PromptData {
   axes?: AxisLever[];
   count?: number; // of numbers that are asked for
   usual?: number; // of a number that is asked for, in the unit shown
+  counts?: Record<string, number[]>; // of encoders, one for each axis
   target?: { joints_rad: number[]; tolerance_rad: number };
 }
 
@@ -158,6 +159,11 @@ export interface Prompt {
   step: string;
   page: StepKind;
   data: PromptData;
+  yes: string; // what the buttons say
+  no: string;
+  question: string; // in place of the words; may be empty
+  is_folded: boolean;
+  drawing: string;
 }
 
 export interface MeterFigure {
@@ -267,6 +273,11 @@ export interface Procedure {
   version: number;
   lacks: string[] | null;
   due: string | null; // when it should be run next (ISO date)
+  remedies: string[]; // how to get each thing that it lacks
+  uses: string; // what a person has at hand for it
+  intention: "lost" | "tool" | "work" | "accurate" | "check";
+  when: string;
+  minutes: [number, number];
   settings: Record<string, unknown>;
 }
 

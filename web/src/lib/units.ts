@@ -19,12 +19,15 @@ const BY_SYMBOL: Record<string, Unit> = {
   m: { name: "mm", factor: 1000, digits: 3 },
   rad: { name: "°", factor: PER_DEGREE, digits: 3 },
   s: { name: "s", factor: 1, digits: 1 },
+  "m/s": { name: "mm/s", factor: 1000, digits: 1 },
+  "rad/s": { name: "°/s", factor: PER_DEGREE, digits: 1 },
+  "": NONE,
   "1": { name: "", factor: 1, digits: 3 },
   count: { name: "", factor: 1, digits: 0 },
   turn: { name: "rev", factor: 1, digits: 3 },
 };
 
-/** The unit of a setting, by its name. */
+/** The unit of a value of a run, by the name it is kept under. */
 export function unitOf(name: string): Unit {
   return BY_ENDING.find(([end]) => name.endsWith(end))?.[1] ?? NONE;
 }

@@ -2,7 +2,7 @@
 
 import { language } from "./i18n.svelte";
 import { sayings } from "./say.svelte";
-import { plainName } from "./schema";
+import { fieldAt, labelOf } from "./schema";
 import { unitOf, type Unit } from "./units";
 
 export interface Row {
@@ -17,27 +17,34 @@ const NOTHING = "–";
 const LONGEST = 6; // numbers that are read as one thing: a point, joints
 
 /** The rows of one setting: what has parts has a row for each part that differs. */
-export function rowsOf(path: string, before: unknown, after: unknown): Row[] {
+export function rowsOf(path: string, before: unknown, after: unknown, schema?: Record<string, unknown>): Row[] {
   if (isGroup(before) || isGroup(after)) {
     const [old, fresh] = [partsOf(before), partsOf(after)];
     const names = [...new Set([...Object.keys(old), ...Object.keys(fresh)])];
-    return names.flatMap((name) => rowsOf(`${path}.${name}`, old[name], fresh[name]));
+    return names.flatMap((name) => rowsOf(`${path}.${name}`, old[name], fresh[name], schema));
   }
   if (JSON.stringify(before ?? null) === JSON.stringify(after ?? null)) return [];
   const names = path.split(".");
   const unit = unitOf(names.filter((name) => !/^\d+$/.test(name)).pop() ?? "");
   return [{
     path,
-    said: nameOf(path),
+    said: nameOf(path, schema),
     before: written(before, unit),
     after: written(after, unit),
     change: difference(before, after, unit),
   }];
 }
 
-/** What a path is called: "room · tip speed". */
-export const nameOf = (path: string): string =>
-  path.split(".").map((name) => (/^\d+$/.test(name) ? name : sayings.say(plainName(name)))).join(" · ");
+/** What a path is called: "Motion · Speed of the tip", by the settings of its procedure. */
+export function nameOf(path: string, schema?: Record<string, unknown>): string {
+  const names: string[] = [];
+  const said = path.split(".").map((name) => {
+    if (/^\d+$/.test(name)) return name;
+    names.push(name);
+    return sayings.say(labelOf(name, fieldAt(schema, names)));
+  });
+  return said.join(" · ");
+}
 
 const isNumbers = (value: unknown): value is number[] =>
   Array.isArray(value) && value.length > 0 && value.length <= LONGEST && value.every((each) => typeof each === "number");

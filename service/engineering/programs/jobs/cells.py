@@ -12,8 +12,9 @@ from cellcal.calibration.motion.collision import CellShape
 from cellcal.procedures.surroundings import NOTHING_KNOWN, cell_shape
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project, ProjectTool
+from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project
 from cellcal.service.engineering.programs.project_arms import IdentifiedArm, identified_arm
+from cellcal.service.engineering.programs.project_poses import ProjectTool
 
 _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
 

@@ -1,0 +1,77 @@
+"""[[robot]] driver = "abb_web_services" in cell.toml. The model is the factory."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellcal.drivers.interfaces import RobotCapabilities
+
+if TYPE_CHECKING:
+    from cellcal.drivers.abb.robot_web_services.robot import AbbRobot
+
+_TELEGRAM_SHARE = 0.5  # of the deadline: a failed telegram leaves time for a stop and for saying so
+
+
+class AbbWebServicesConfig(BaseModel):
+    """How to reach an ABB controller with RobotWare 6, and how its arm may move."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    driver: Literal["abb_web_services"]
+    name: str = Field(min_length=1, max_length=64)
+    address: str = Field(min_length=1)
+    port: int = Field(default=80, ge=1, le=65535)
+    user: str = Field(default="Default User", min_length=1, max_length=64)
+    password: str = Field(default="robotics", max_length=64)  # both are the maker's defaults
+    model: str = Field(min_length=1)  # name of the nominal robot model
+    serial: str = Field(min_length=1)  # of the controller (ctrl-id); compared at every connect
+    deadline_s: float = Field(default=3.0, gt=0, le=60)
+    speed_limit_rad_s: float = Field(gt=0, le=3.0)
+    step_s: float = Field(default=0.5, gt=0, le=5.0)  # so long the arm may go on when the link is lost
+    settle_s: float = Field(default=0.5, ge=0, le=60)
+    stuck_s: float = Field(default=2.0, gt=0, le=60)
+    tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """What this robot can do, known before it is reached."""
+        from cellcal.drivers.abb.robot_web_services.robot import CAPABILITIES  # noqa: PLC0415  a cell file is read without it
+
+        return CAPABILITIES
+
+    @property
+    def pendant_language(self) -> str:
+        """The key of the pendant's language among the program writers of the registry."""
+        return self.driver
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator["AbbRobot"]:
+        """Open a session, compare the serial number, and give the session back at the end."""
+        from cellcal.drivers.abb.robot_web_services.rapid_values import AXES  # noqa: PLC0415  as above
+        from cellcal.drivers.abb.robot_web_services.robot import AbbOptions, AbbRobot  # noqa: PLC0415  as above
+        from cellcal.drivers.abb.robot_web_services.web_link import WebLink  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
+
+        link = WebLink(
+            self.name,
+            f"http://{self.address}:{self.port}",
+            (self.user, self.password),
+            deadline_s=_TELEGRAM_SHARE * self.deadline_s,
+        )
+        motion = StepwiseOptions(
+            AXES,
+            self.deadline_s,
+            self.speed_limit_rad_s,
+            self.step_s,
+            self.settle_s,
+            self.stuck_s,
+            self.tolerance_rad,
+        )
+        robot = AbbRobot(link, AbbOptions(self.serial, motion))
+        try:
+            await robot.connect()
+            yield robot
+        finally:
+            await robot.close()

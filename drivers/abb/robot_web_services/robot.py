@@ -1,0 +1,156 @@
+"""An ABB arm over Robot Web Services 1; moves through the RAPID module CellcalServer on the controller."""
+
+import logging
+import time
+from dataclasses import dataclass
+from functools import partial
+
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer
+from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, read_tool
+from cellcal.drivers.abb.robot_web_services.state import (
+    condition_of,
+    converted,
+    number_of,
+    read_flange_pose,
+    read_joints,
+    read_state,
+    read_symbol,
+    read_unit_names,
+)
+from cellcal.drivers.abb.robot_web_services.web_link import WebLink
+from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import (
+    ActiveFrames,
+    Condition,
+    Identity,
+    JointReading,
+    Joints,
+    Readiness,
+    RobotCapabilities,
+)
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+
+_LOG = logging.getLogger(__name__)
+VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
+_BASE = "wobj0"
+
+CAPABILITIES = RobotCapabilities(
+    axes=AXES, tells_lost_position=True, tells_active_frames=True, tells_mode=True, tells_speed_override=True
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AbbOptions:
+    """What the cell file says about the robot and its motion."""
+
+    serial: str
+    motion: StepwiseOptions
+
+
+class AbbRobot(StepwiseMotion):
+    """Robot with active tool, mode and override. Revolution counters are updated by a person at the pendant."""
+
+    def __init__(self, link: WebLink, options: AbbOptions) -> None:
+        super().__init__(options.motion)
+        self._link, self._options = link, options
+        self._server = MotionServer(link)
+
+    @property
+    def name(self) -> str:
+        return self._link.device
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return CAPABILITIES
+
+    async def connect(self) -> None:
+        """Open the session and compare the serial number. Nothing is ordered."""
+        found = await self.identify()
+        if found.serial != self._options.serial:
+            raise WrongDeviceError(
+                self.name,
+                make_message(
+                    "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
+                    serial=found.serial,
+                    serial_2=self._options.serial,
+                ),
+                remedy="Check the address, or correct the serial number in the cell file.",
+            )
+        if not found.firmware.startswith(VERIFIED_ON):
+            _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
+
+    async def close(self) -> None:
+        """Give the session back."""
+        await self._link.close()
+
+    async def identify(self) -> Identity:
+        async with self._answer_deadline("asking who it is"):
+            identity = await self._link.get_state("/ctrl/identity")
+            system = await self._link.get_state("/rw/system")
+        return Identity(
+            "ABB",
+            str(identity.get("ctrl-type", "")),
+            str(identity.get("ctrl-id", "")),
+            f"RobotWare {system.get('rwversion', '')}".strip(),
+        )
+
+    async def read_condition(self) -> Condition:
+        try:
+            async with self._answer_deadline("asking its condition"):
+                return condition_of(await read_state(self._link))
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+
+    async def read_joints(self) -> JointReading:
+        async with self._answer_deadline("reading the joints"):
+            before, _ = await read_joints(self._link)
+            joints, reply = await read_joints(self._link)
+        moving = bool(self._doing) or joints != before  # the service tells no motion of others
+        return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))
+
+    async def flange_pose(self) -> Pose:
+        async with self._answer_deadline("reading the pose"):
+            return await read_flange_pose(self._link)
+
+    async def active_frames(self) -> ActiveFrames:
+        async with self._answer_deadline("reading the active tool"):
+            tool_name, work_object = await read_unit_names(self._link)
+            text = await read_symbol(self._link, tool_name)
+        robot_carries, flange_tool, mass_kg = converted(self._link, partial(read_tool, text))
+        if not robot_carries:
+            raise RefusedError(
+                self.name,
+                make_message("the active tool {tool_name} stands beside the robot.", tool_name=tool_name),
+                remedy="Select the tool that the robot carries.",
+            )
+        payload_kg = mass_kg if mass_kg >= 0 else None
+        return ActiveFrames(None, flange_tool, 0 if work_object == _BASE else None, payload_kg)
+
+    async def controller_mode(self) -> str:
+        async with self._answer_deadline("reading the mode"):
+            return str((await self._link.get_state("/rw/panel/opmode"))["opmode"])
+
+    async def speed_override(self) -> float:
+        async with self._answer_deadline("reading the speed override"):
+            state = await self._link.get_state("/rw/panel/speedratio")
+            return number_of(self._link, state, "speedratio") / 100.0
+
+    # a move
+
+    async def _read_angles(self) -> Joints:
+        return (await read_joints(self._link))[0]
+
+    async def _begin_motion(self, speed_rad_s: float) -> None:
+        await self._server.require_running()
+
+    async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
+        request = await self._server.order_move(tuple(target_rad.tolist()), duration_s)
+        return partial(self._server.has_finished, request)
+
+    async def _halt_arm(self) -> None:
+        await self._server.stop()
+
+    async def _release_arm(self) -> None:
+        """Do nothing: the next motion releases the stop."""

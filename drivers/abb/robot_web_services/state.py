@@ -1,0 +1,146 @@
+"""What an ABB controller says of itself, and what it means to a person."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, pose_of
+from cellcal.drivers.abb.robot_web_services.web_link import WebLink
+from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+
+T = TypeVar("T")
+_UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_SYNCHRONISED = "Synchronized"
+_COUNTER_LOST = "20032"
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """Mode, motors, and the axes that are not synchronised, with the controller's word for each."""
+
+    mode: str  # AUTO, MANR, MANF
+    motors: str  # motoron, motoroff, guardstop, emergencystop, ...
+    lost_axes: Mapping[int, str]  # by 0-based axis
+
+
+async def read_state(link: WebLink) -> ControllerState:
+    """Read mode, motors and the state of each axis."""
+    mode = _text(link, await link.get_state("/rw/panel/opmode"), "opmode")
+    motors = _text(link, await link.get_state("/rw/panel/ctrlstate"), "ctrlstate")
+    lost = {}
+    for axis in range(AXES):
+        status = _text(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status")
+        if status != _SYNCHRONISED:
+            lost[axis] = status
+    return ControllerState(mode, motors, lost)
+
+
+async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, Any]]:
+    """Return the joint angles [rad] and the reply."""
+    state = await link.get_state(f"{_UNIT}/jointtarget")
+    angles = [number_of(link, state, f"rax_{axis}") for axis in range(1, AXES + 1)]
+    if any(abs(angle) >= NO_AXIS * 0.9 for angle in angles):
+        raise unreadable(link, "an axis is missing")
+    return tuple(map(math.radians, angles)), state
+
+
+async def read_flange_pose(link: WebLink) -> Pose:
+    """Return base_flange: the controller takes tool0 and the base itself."""
+    state = await link.get_state(f"{_UNIT}/robtarget", tool="tool0", wobj="wobj0", coordinate="Base")
+    position = [number_of(link, state, key) for key in "xyz"]
+    return converted(link, lambda: pose_of(position, [number_of(link, state, f"q{k}") for k in range(1, 5)]))
+
+
+async def read_unit_names(link: WebLink) -> tuple[str, str]:
+    """Return the names of the active tool and work object."""
+    state = await link.get_state(_UNIT)
+    return _text(link, state, "tool-name"), _text(link, state, "wobj-name")
+
+
+async def read_symbol(link: WebLink, name: str) -> str:
+    """Return the value of a RAPID symbol of the motion task, as text."""
+    return _text(link, await link.get_state(f"/rw/rapid/symbol/data/RAPID/T_ROB1/{name}"), "value")
+
+
+async def write_symbol(link: WebLink, name: str, value: str) -> None:
+    """Write a RAPID symbol of the motion task."""
+    await link.post_action(f"/rw/rapid/symbol/data/RAPID/T_ROB1/{name}", "set", value=value)
+
+
+def condition_of(state: ControllerState) -> Condition:
+    """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    alarms = tuple(
+        Alarm(
+            _COUNTER_LOST,
+            make_message("axis {axis}: {word}", axis=axis + 1, word=word),
+            axis,
+            AlarmKind.TURNS,
+        )
+        for axis, word in state.lost_axes.items()
+    )
+    if alarms:
+        axes = ", ".join(str(axis + 1) for axis in state.lost_axes)
+        remedy = (
+            "In manual mode jog each of these axes to its mark and update its revolution counter, then run a drift "
+            "check."
+        )
+        return Condition(
+            Readiness.POSITION_LOST,
+            make_message("axes {axes} are not synchronised.", axes=axes),
+            remedy,
+            alarms,
+        )
+    if state.mode != "AUTO":
+        return Condition(
+            Readiness.NOT_READY,
+            make_message("the controller is in {mode}, not in AUTO.", mode=state.mode),
+            "Turn the mode switch to AUTO and confirm at the pendant.",
+        )
+    if state.motors != "motoron":
+        return Condition(
+            Readiness.STOPPED,
+            make_message("the motors are off ({motors}).", motors=state.motors),
+            "Look at the cell, release the emergency stop, then press the motors-on button.",
+        )
+    return Condition(Readiness.READY)
+
+
+def converted(link: WebLink, convert: Callable[[], T]) -> T:
+    """Return what ``convert`` returns; its ValueError becomes an error of the device."""
+    try:
+        return convert()
+    except ValueError as error:
+        raise unreadable(link, str(error)) from error
+
+
+def number_of(link: WebLink, state: Mapping[str, Any], key: str) -> float:
+    """Return a number of a state, which the controller writes as text."""
+    value = state.get(key)
+    try:
+        number = float(value) if isinstance(value, str | int | float) else math.nan
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise unreadable(link, f"{key} is no finite number")
+    return number
+
+
+def unreadable(link: WebLink, what: str) -> WireProtocolError:
+    """Return the error of an answer that is none."""
+    return WireProtocolError(
+        link.device,
+        make_message("an answer cannot be read: {what}.", what=what),
+        remedy="Report this with the log of the wire.",
+        frame=link.trace.last_received(),
+    )
+
+
+def _text(link: WebLink, state: Mapping[str, Any], key: str) -> str:
+    value = state.get(key)
+    if not isinstance(value, str) or not value:
+        raise unreadable(link, f"{key} is missing")
+    return value

@@ -1,0 +1,249 @@
+"""A controller's files over FTP, read only: no command that writes, renames or deletes leaves this module.
+
+A FANUC controller produces its text files when they are read. Facts: it may answer USER with 230 directly; the root
+is a list of devices, MD: holds the files; names are upper or lower case; the data connection goes to the peer of the
+control connection, whatever address the controller names.
+"""
+
+import ftplib
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
+from cellcal.drivers.fanuc.controller_files.file_sources import MAX_FILE_BYTES, MAX_NAMES
+
+READING_COMMANDS = frozenset(("USER", "PASS", "TYPE", "CWD", "PASV", "EPSV", "NLST", "RETR", "QUIT"))
+_CHUNK = 65_536
+_FAILURES = (OSError, EOFError, ValueError, OverflowError)  # the last two of a port that is none
+_MOST_REPLY_LINES = 500
+_CABLE = "Check the cable and the address, and that the controller's FTP server is on (SETUP > Host Comm)."
+_AGAIN = "Read it once more; if it happens again, look at the network."
+_NOT_THERE = "550"
+_WRONG_LOGIN = "530"
+_NAME_END = re.compile(r"[^/\\:]+\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class FtpLogin:
+    """Who reads, and how long an answer and a whole file may take."""
+
+    user: str = "anonymous"
+    password: str = ""
+    timeout_s: float = 10.0
+    file_timeout_s: float = 120.0
+
+
+class ReadOnlyFtp(ftplib.FTP):
+    """The standard client without any command that changes something, and with an end to every reply."""
+
+    _reply_lines = 0
+
+    def getline(self) -> str:
+        """Read a line of a reply; one without an end is no reply."""
+        self._reply_lines += 1
+        if self._reply_lines > _MOST_REPLY_LINES:
+            raise ftplib.error_proto(f"a reply of more than {_MOST_REPLY_LINES} lines")
+        return super().getline()
+
+    def putcmd(self, line: str) -> None:
+        """Send a command that reads; any other is a fault of ours and is not sent."""
+        verb = line.split(" ", 1)[0].upper()
+        if verb not in READING_COMMANDS:
+            raise AssertionError(verb)
+        self._reply_lines = 0
+        super().putcmd(line)
+
+
+class FtpSource:
+    """Files of a controller; a context that connects and hangs up."""
+
+    def __init__(self, address: ControllerAddress, login: FtpLogin | None = None) -> None:
+        self._address, self._login = address, login or FtpLogin()
+        self._ftp = ReadOnlyFtp(encoding="latin-1")  # any byte is a character
+        self._names: dict[str, str] | None = None
+
+    @property
+    def device(self) -> str:
+        return str(self._address)
+
+    @property
+    def is_live(self) -> bool:
+        return True
+
+    def __enter__(self) -> "FtpSource":
+        try:
+            self._open_link()
+        except BaseException:
+            self._ftp.close()
+            raise
+        return self
+
+    def __exit__(self, *_exc: object) -> None:
+        try:
+            self._ftp.quit()
+        except (*_FAILURES, ftplib.Error):
+            pass  # it has hung up first; what was read was read whole
+        finally:
+            self._ftp.close()
+
+    def read_file(self, name: str) -> bytes | None:
+        found = self._index_names().get(name.lower())
+        candidates = (found,) if found is not None else (name.lower(), name.upper())
+        for candidate in candidates:
+            content = self._retrieve(candidate)
+            if content is not None:
+                return content
+        return None
+
+    def list_names(self) -> tuple[str, ...]:
+        return tuple(sorted(self._index_names()))
+
+    def _open_link(self) -> None:
+        device, login = self.device, self._login
+        try:
+            self._ftp.connect(self._address.host, self._address.port, timeout=login.timeout_s)
+        except TimeoutError as error:
+            raise UnreachableError(
+                device,
+                make_message("no FTP server answers within {timeout_s:g} s.", timeout_s=login.timeout_s),
+                remedy=_CABLE,
+            ) from error
+        except (*_FAILURES, ftplib.Error) as error:
+            raise UnreachableError(
+                device, make_message("no FTP server answers: {reason}.", reason=_reason(error)), remedy=_CABLE
+            ) from error
+        with self._named_failures("the login"):
+            try:
+                self._ftp.login(login.user, login.password)
+            except ftplib.error_perm as error:
+                raise RefusedError(
+                    device,
+                    make_message(
+                        "the FTP login of {user!r} was refused: {reason}.",
+                        user=login.user,
+                        reason=_reason(error),
+                    ),
+                    remedy="Allow anonymous reading on the controller (SETUP > Host Comm > FTP), or give --user.",
+                ) from error
+            try:
+                self._ftp.cwd("md:")
+            except ftplib.error_perm as error:
+                if not str(error).startswith(_NOT_THERE):
+                    raise  # a server without devices, such as a copy of MD:, has its files at the root
+
+    def _index_names(self) -> dict[str, str]:
+        if self._names is None:
+            names: list[str] = []
+
+            def take_name(name: str) -> None:
+                names.append(name)
+                if len(names) > MAX_NAMES:
+                    raise WireProtocolError(
+                        self.device,
+                        make_message(
+                            "it lists {name_count} files, more than a controller has.", name_count=len(names)
+                        ),
+                        remedy=_CABLE,
+                    )
+
+            with self._named_failures("listing its files"):
+                try:
+                    self._ftp.retrlines("NLST", take_name)
+                except ftplib.error_perm:
+                    names.clear()  # an empty folder, or a server that lists nothing: names are tried one by one
+            ends = [end[0] for name in names if (end := _NAME_END.search(name.strip()))]
+            self._names = {end.lower(): end for end in ends}
+        return self._names
+
+    def _retrieve(self, name: str) -> bytes | None:
+        """Return a file's bytes once the controller has confirmed that they are all; None where it has none."""
+        if re.search(r"[\r\n\0]", name):
+            return None
+        with self._named_failures(f"reading {name}"):
+            try:
+                self._ftp.voidcmd("TYPE I")
+                connection = self._ftp.transfercmd(f"RETR {name}")
+            except ftplib.error_perm as error:
+                if str(error).startswith(_NOT_THERE):
+                    return None
+                raise
+            with connection:
+                content = self._receive_content(connection, name)
+            self._ftp.voidresp()
+        return content
+
+    def _receive_content(self, connection: object, name: str) -> bytes:
+        pieces, size = [], 0
+        limit_s = time.monotonic() + self._login.file_timeout_s
+        while piece := connection.recv(_CHUNK):  # type: ignore[attr-defined]
+            pieces.append(piece)
+            size += len(piece)
+            if size > MAX_FILE_BYTES:
+                raise WireProtocolError(
+                    self.device,
+                    make_message(
+                        "{name} is larger than {max_file_bytes} MB: no file of a controller is.",
+                        name=name,
+                        max_file_bytes=MAX_FILE_BYTES >> 20,
+                    ),
+                    remedy=_CABLE,
+                )
+            if time.monotonic() > limit_s:
+                raise DeviceTimeoutError(
+                    self.device,
+                    make_message(
+                        "{name} did not arrive within {file_timeout_s:g} s.",
+                        name=name,
+                        file_timeout_s=self._login.file_timeout_s,
+                    ),
+                    remedy=_AGAIN,
+                )
+        return b"".join(pieces)
+
+    @contextmanager
+    def _named_failures(self, doing: str) -> Iterator[None]:
+        """Turn what the library raises into an error that names the device, the cause and what to do."""
+        try:
+            yield
+        except TimeoutError as error:
+            if isinstance(error, DeviceTimeoutError):
+                raise
+            raise DeviceTimeoutError(
+                self.device,
+                make_message(
+                    "no answer within {timeout_s:g} s while {doing}.",
+                    timeout_s=self._login.timeout_s,
+                    doing=doing,
+                ),
+                remedy=_AGAIN,
+            ) from error
+        except ftplib.error_perm as error:
+            code = "login" if str(error).startswith(_WRONG_LOGIN) else "command"
+            raise RefusedError(
+                self.device,
+                make_message(
+                    "the FTP {code} was refused while {doing}: {reason}.",
+                    code=code,
+                    doing=doing,
+                    reason=_reason(error),
+                ),
+                remedy=_AGAIN,
+            ) from error
+        except (*_FAILURES, ftplib.Error) as error:
+            raise UnreachableError(
+                self.device,
+                make_message(
+                    "the FTP connection was lost while {doing}: {reason}.", doing=doing, reason=_reason(error)
+                ),
+                remedy=_AGAIN,
+            ) from error
+
+
+def _reason(error: BaseException) -> str:
+    text = getattr(error, "strerror", None) or str(error) or "it hung up"
+    return " ".join(text.split()).rstrip(".")[:200]

@@ -1,0 +1,110 @@
+"""CURPOS.DG: the joints that the controller shows, to a hundredth of a degree.
+
+::
+
+    CURRENT ROBOT POSITION::
+    Group #:  1
+
+    CURRENT JOINT POSITION:
+    Joint   1:    -35.00
+
+    Frame #:   3  Tool #:   1
+    CURRENT USER FRAME POSITION:
+"""
+
+import re
+from dataclasses import dataclass, field
+
+from cellcal.drivers.fanuc.controller_files.report_text import (
+    ReportHeading,
+    damaged_report_error,
+    decode_report,
+    read_heading,
+)
+
+_GROUP = re.compile(r"\s*GROUP\s*#?\s*:?\s*(\d+)", re.IGNORECASE)
+_JOINTS = re.compile(r"\s*CURRENT\s+JOINT\s+POSITION", re.IGNORECASE)
+_OTHER_SECTION = re.compile(r"\s*(?:CURRENT\s+(?!JOINT)|FRAME\s*#|TOOL\s*#)", re.IGNORECASE)
+_JOINT = re.compile(r"\s*(?:JOINT|J)\s*(\d+)\s*[:=]\s*(\S+)", re.IGNORECASE)
+_SELECTED = re.compile(r"\s*FRAME\s*#\s*:\s*(\d+)\s+TOOL\s*#\s*:\s*(\d+)", re.IGNORECASE)
+_ANGLE = re.compile(r"[+-]?(?:\d{1,6}(?:\.\d{0,6})?|\.\d{1,6})\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class GroupPosition:
+    """Where one motion group stands; a joint is None where the controller shows no number."""
+
+    group: int
+    joints_deg: tuple[float | None, ...]
+    frame: int | None = None
+    tool: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PositionReport:
+    """Where the controller says its robots stand."""
+
+    heading: ReportHeading
+    groups: tuple[GroupPosition, ...]
+
+    def find_group(self, group: int) -> GroupPosition | None:
+        """Return a motion group; None where the report has none."""
+        return next((each for each in self.groups if each.group == group), None)
+
+
+@dataclass(slots=True)
+class _OpenGroup:
+    group: int
+    joints: dict[int, float | None] = field(default_factory=dict)
+    frame: int | None = None
+    tool: int | None = None
+
+
+def read_position_report(data: bytes, file: str = "curpos.dg") -> PositionReport:
+    """Read the shown joints of every group.
+
+    Raises
+    ------
+    ProgramFileError
+        There are none, or a joint is missing or no number.
+    """
+    lines = decode_report(file, data)
+    groups: list[_OpenGroup] = []
+    inside = False
+    for number, line in enumerate(lines, 1):
+        group, selected = _GROUP.match(line), _SELECTED.match(line)
+        if group is not None:
+            groups.append(_OpenGroup(int(group[1])))
+            inside = False
+        elif _JOINTS.match(line):
+            inside = True
+            groups = groups or [_OpenGroup(1)]
+        elif selected is not None and groups:
+            groups[-1].frame, groups[-1].tool = int(selected[1]), int(selected[2])
+        inside = inside and not _OTHER_SECTION.match(line)
+        if inside:
+            _take_joint(groups[-1], line, file, number)
+    if not any(group.joints for group in groups):
+        raise damaged_report_error(file, "it holds no joints (CURRENT JOINT POSITION).")
+    return PositionReport(read_heading(lines), tuple(_close_group(group, file) for group in groups))
+
+
+def _take_joint(group: _OpenGroup, line: str, file: str, number: int) -> None:
+    found = _JOINT.match(line)
+    if found is None:
+        return
+    axis, text = int(found[1]), found[2]
+    if axis in group.joints:
+        raise damaged_report_error(file, f"joint {axis} is there a second time.", number)
+    unknown = set(text) == {"*"}
+    if not unknown and not _ANGLE.match(text):
+        raise damaged_report_error(file, f"{text[:40]!r} is no angle.", number)
+    group.joints[axis] = None if unknown else float(text)
+
+
+def _close_group(group: _OpenGroup, file: str) -> GroupPosition:
+    if sorted(group.joints) != list(range(1, len(group.joints) + 1)):
+        axes = ", ".join(map(str, sorted(group.joints)))
+        raise damaged_report_error(file, f"joints {axes} are there; one between is missing.")
+    joints = tuple(group.joints[axis] for axis in sorted(group.joints))
+    return GroupPosition(group.group, joints, group.frame, group.tool)

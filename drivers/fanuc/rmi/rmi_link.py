@@ -1,0 +1,264 @@
+"""Packets of the Remote Motion Interface: JSON objects that end in CR LF, over one TCP connection.
+
+Source: FANUC B-84184EN/03. A command is answered at once, an instruction after it was executed; the controller also
+sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID.
+"""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cellcal.calibration.documents.errors import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.tables import code_table
+from cellcal.drivers.wire.trace import FrameTrace
+
+_MOST_OCTETS = 65_536
+_ERROR_BASE = 2_556_928
+_CABLE = "Check that the controller is switched on, the network cable plugged in and option R912 installed."
+_OCCUPIED = (
+    "End the other client of the Remote Motion Interface; one that hangs keeps it until it is switched off."
+)
+_REPORT = "Report this with the log of the wire."
+Packet = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class RmiVersion:
+    """The version of the interface that the controller names when it is connected to."""
+
+    major: int
+    minor: int
+
+
+class RmiLink:
+    """One client connection. After a loss the next question opens it again; a motion is never sent again."""
+
+    def __init__(self, device: str, address: str, port: int, *, deadline_s: float) -> None:
+        self.device = device
+        self._address, self._port, self._deadline_s = address, port, deadline_s
+        self._writer: asyncio.StreamWriter | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._commands = asyncio.Lock()
+        self._opening = asyncio.Lock()
+        self._answer: tuple[str, asyncio.Future[Packet]] | None = None
+        self._instructions: dict[int, asyncio.Future[Packet]] = {}
+        self._failure: DeviceError | None = None
+        self.version = RmiVersion(0, 0)
+        self.connections = 0  # counts up with each new one, so that a user notices a change
+        self.trace = FrameTrace(device)
+
+    async def open(self) -> None:
+        """Connect where there is no connection.
+
+        Raises
+        ------
+        UnreachableError, DeviceTimeoutError, WireProtocolError, RefusedError
+            No controller, no answer, no such interface, or another client has it.
+        """
+        async with self._opening:
+            if self._writer is not None and self._failure is None:
+                return
+            await self._drop_connection()
+            async with answer_deadline(self.device, self._deadline_s, "connecting"):
+                port = await self._ask_for_port()
+                reader, self._writer = await self._connect(port, _OCCUPIED)
+            self._failure = None
+            self.connections += 1
+            self._reading = asyncio.create_task(self._read_packets(reader))
+
+    async def close(self) -> None:
+        """Say goodbye and hang up."""
+        if self._writer is not None and self._failure is None:
+            with contextlib.suppress(DeviceError, OSError):
+                await self._send({"Communication": "FRC_Disconnect"})
+        await self._drop_connection()
+
+    async def send_command(self, name: str, **fields: Any) -> Packet:
+        """Return the reply of a command.
+
+        Raises
+        ------
+        RefusedError
+            The controller refuses; its error number is in ``vendor_code``.
+        DeviceError
+            No connection, no answer, or an answer that is none.
+        """
+        await self.open()
+        async with self._commands, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
+            answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
+            self._answer = (name, answer)
+            try:
+                await self._send({"Command": name, **fields})
+                return self.accept_reply(await answer)
+            finally:
+                self._answer = None
+
+    async def send_instruction(self, name: str, sequence_id: int, **fields: Any) -> "asyncio.Future[Packet]":
+        """Send a motion once and return what will hold its reply, which comes when it was executed."""
+        executed: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
+        self._instructions = {
+            sequence_id: executed
+        }  # one at a time: the reply to an earlier one is forgotten
+        await self._send({"Instruction": name, "SequenceID": sequence_id, **fields})
+        return executed
+
+    def accept_reply(self, reply: Packet) -> Packet:
+        """Return a reply; raise RefusedError where the controller refuses."""
+        code = reply.get("ErrorID", 0)
+        if code == 0:
+            return reply
+        if not isinstance(code, int):
+            raise self._unreadable("an ErrorID is no number")
+        number = code - _ERROR_BASE
+        entry = code_table("cellcal.drivers.fanuc.rmi", "refusals.tsv").get(number)
+        text = (
+            make_message("RMIT-{number:03d}, {entry_text}", number=number, entry_text=entry.text)
+            if entry
+            else make_message("error {code}", code=code)
+        )
+        raise RefusedError(
+            self.device,
+            make_message("the controller refuses: {text}.", text=text),
+            remedy=entry.remedy if entry else "Read the message on the pendant.",
+            vendor_code=code,
+        )
+
+    # the connection
+
+    async def _ask_for_port(self) -> int:
+        reader, writer = await self._connect(self._port, _CABLE)
+        try:
+            writer.write(_encode({"Communication": "FRC_Connect"}))
+            reply = self.decode_packet(await self._read_line(reader))
+        finally:
+            writer.close()
+        self.accept_reply(reply)
+        port, major, minor = (reply.get(key) for key in ("PortNumber", "MajorVersion", "MinorVersion"))
+        if not (isinstance(port, int) and 0 < port < 65536):
+            raise self._unreadable("the reply to FRC_Connect names no port")
+        self.version = RmiVersion(
+            major if isinstance(major, int) else 0, minor if isinstance(minor, int) else 0
+        )
+        return port
+
+    async def _connect(self, port: int, remedy: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        try:
+            return await asyncio.open_connection(self._address, port, limit=_MOST_OCTETS)
+        except OSError as error:
+            raise UnreachableError(
+                self.device,
+                make_message(
+                    "no connection to {address}: {strerror}.",
+                    address=self._address,
+                    strerror=error.strerror or error,
+                ),
+                remedy=remedy,
+            ) from error
+
+    async def _drop_connection(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._reading
+        if self._writer is not None:
+            self._writer.close()
+        self._reading = self._writer = None
+
+    async def _send(self, packet: Packet) -> None:
+        if self._writer is None or self._failure is not None:
+            raise self._failure or UnreachableError(self.device, "the connection is closed.", remedy=_CABLE)
+        octets = _encode(packet)
+        self.trace.add_frame(">", octets.decode())
+        try:
+            self._writer.write(octets)
+            await self._writer.drain()
+        except OSError as error:
+            self._fail(self._lost(error))
+            raise self._lost(error) from error
+
+    # what comes
+
+    async def _read_packets(self, reader: asyncio.StreamReader) -> None:
+        """Hand each packet to who waits for it, until the connection ends."""
+        try:
+            while True:
+                line = await self._read_line(reader)
+                self.trace.add_frame("<", line.decode("ascii", "replace"))
+                self._hand_over(self.decode_packet(line))
+        except DeviceError as error:
+            self._fail(error)
+
+    async def _read_line(self, reader: asyncio.StreamReader) -> bytes:
+        try:
+            return await reader.readuntil(b"\r\n")
+        except asyncio.LimitOverrunError as error:
+            raise self._unreadable("a packet does not end") from error
+        except (OSError, asyncio.IncompleteReadError) as error:
+            raise self._lost(error) from error
+
+    def _hand_over(self, packet: Packet) -> None:
+        sequence_id = packet.get("SequenceID")
+        if packet.get("Communication") == "FRC_Terminate":
+            raise UnreachableError(self.device, "the controller ended the connection.", remedy="Try again.")
+        if packet.get("Communication") == "FRC_SystemFault":
+            self._end_instructions(
+                RefusedError(
+                    self.device,
+                    "the controller reports a fault that ended the motion.",
+                    remedy="Read the alarm at the pendant and reset it.",
+                )
+            )
+        elif "Instruction" in packet and isinstance(sequence_id, int):
+            executed = self._instructions.get(sequence_id)
+            if executed is not None and not executed.done():
+                executed.set_result(packet)
+        elif self._answer is not None and packet.get("Command") in (self._answer[0], "Unknown"):
+            self._answer[1].set_result(packet)
+            self._answer = None
+
+    def _fail(self, error: DeviceError) -> None:
+        self._failure = error
+        if self._answer is not None and not self._answer[1].done():
+            self._answer[1].set_exception(error)
+        self._end_instructions(error)
+
+    def _end_instructions(self, error: DeviceError) -> None:
+        for executed in self._instructions.values():
+            if not executed.done():
+                executed.set_exception(error)
+                executed.exception()  # read here: the motion may have been given up meanwhile
+
+    def decode_packet(self, line: bytes) -> Packet:
+        """Return the fields of a line; raise WireProtocolError where it is none."""
+        try:
+            packet = parse_json(line)
+        except (DocumentError, ValueError) as error:
+            raise self._unreadable("a packet is no JSON", line) from error
+        if not isinstance(packet, dict):
+            raise self._unreadable("a packet is no JSON object", line)
+        return packet
+
+    def _lost(self, error: Exception) -> UnreachableError:
+        reason = getattr(error, "strerror", None) or "the controller hung up"
+        return UnreachableError(
+            self.device, make_message("the connection was lost: {reason}.", reason=reason), remedy=_CABLE
+        )
+
+    def _unreadable(self, what: str, frame: bytes = b"") -> WireProtocolError:
+        return WireProtocolError(
+            self.device,
+            make_message("an answer cannot be read: {what}.", what=what),
+            remedy=_REPORT,
+            frame=frame[:200].hex(),
+        )
+
+
+def _encode(packet: Packet) -> bytes:
+    return json.dumps(packet, allow_nan=False).encode("ascii") + b"\r\n"

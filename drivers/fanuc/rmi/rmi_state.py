@@ -1,0 +1,179 @@
+"""What the controller says over the Remote Motion Interface: status, joints, frames, alarms."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
+from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.wire.tables import code_table
+
+AXES = 6
+_FRAME_KEYS = ("X", "Y", "Z", "W", "P", "R")
+_ALARM_CODE = re.compile(r"\b(SRVO)-(\d{3})\b\s*(.*)", re.DOTALL)
+_ALARM_AXIS = re.compile(r"A(?:xis)?\s*:\s*(\d+)", re.IGNORECASE)
+_SERVO_FAMILY = 11_000
+_KINDS = {
+    "lost": AlarmKind.TURNS,
+    "index": AlarmKind.TURNS,
+    "encoder": AlarmKind.ENCODER,
+    "collision": AlarmKind.COLLISION,
+    "battery_low": AlarmKind.BATTERY_LOW,
+    "stopped": AlarmKind.OTHER,
+}
+_MOST_ALARMS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class RmiStatus:
+    """The reply of FRC_GetStatus."""
+
+    has_servo_power: bool
+    pendant_enabled: bool
+    motion_runs: bool
+    single_step: bool
+    next_sequence_id: int
+    override: float  # 0 to 1
+
+
+async def read_status(link: RmiLink) -> RmiStatus:
+    """Read the status of controller and motion program."""
+    reply = await link.send_command("FRC_GetStatus")
+    return RmiStatus(
+        _number(link, reply, "ServoReady") != 0,
+        _number(link, reply, "TPMode") != 0,
+        _number(link, reply, "RMIMotionStatus") != 0,
+        _number(link, reply, "SingleStepMode", 0.0) != 0,
+        int(_number(link, reply, "NextSequenceID", 1.0)),
+        _number(link, reply, "Override", 100.0) / 100.0,
+    )
+
+
+async def read_joint_angles(link: RmiLink) -> tuple[tuple[float, ...], Packet]:
+    """Return J1 to J6 [rad], as the pendant shows them, and the reply."""
+    reply = await link.send_command("FRC_ReadJointAngles")
+    angles = reply.get("JointAngle", reply.get("JointAngles"))
+    if not isinstance(angles, Mapping):
+        raise _unreadable(link, "there are no joint angles")
+    return tuple(math.radians(_number(link, angles, f"J{axis}")) for axis in range(1, AXES + 1)), reply
+
+
+async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
+    """Return the tip in the active user frame, and the numbers of user frame and tool."""
+    reply = await link.send_command("FRC_ReadCartesianPosition")
+    position, configuration = reply.get("Position"), reply.get("Configuration")
+    if not isinstance(position, Mapping) or not isinstance(configuration, Mapping):
+        raise _unreadable(link, "there is no position")
+    user = int(_number(link, configuration, "UFrameNumber"))
+    return _pose(link, position), user, int(_number(link, configuration, "UToolNumber"))
+
+
+async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
+    """Return tool frame (``UTool``, seen from the flange) or user frame (``UFrame``, seen from the base)."""
+    reply = await link.send_command(f"FRC_Read{kind}Data", **{_number_key(kind): number})
+    frame = reply.get("Frame")
+    if not isinstance(frame, Mapping):
+        raise _unreadable(link, "there is no frame")
+    return _pose(link, frame)
+
+
+async def write_frame(link: RmiLink, kind: str, number: int, pose: Pose) -> None:
+    """Write a tool frame or user frame."""
+    wpr = np.degrees(values_from("fanuc_wpr", pose.rotation_matrix()))
+    values = [*(value * 1e3 for value in pose.position_m), *(float(angle) for angle in wpr)]
+    frame = dict(zip(_FRAME_KEYS, values, strict=True))
+    await link.send_command(f"FRC_Write{kind}Data", **{_number_key(kind): number}, Frame=frame)
+
+
+async def read_active_numbers(link: RmiLink) -> tuple[int, int]:
+    """Return the numbers of the active user frame and tool."""
+    reply = await link.send_command("FRC_GetUFrameUTool")
+    return int(_number(link, reply, "UFrameNumber")), int(_number(link, reply, "UToolNumber"))
+
+
+async def read_alarm_texts(link: RmiLink) -> tuple[str, ...]:
+    """Return the newest messages of the controller."""
+    reply = await link.send_command("FRC_ReadError", Count=_MOST_ALARMS)
+    keys = ("ErrorData", *(f"ErrorData{number}" for number in range(2, _MOST_ALARMS + 1)))
+    texts = (reply.get(key) for key in keys)
+    return tuple(text.strip() for text in texts if isinstance(text, str) and text.strip())
+
+
+def condition_of(status: RmiStatus, texts: tuple[str, ...]) -> Condition:
+    """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    alarms = tuple(_alarm_of(text) for text in texts)
+    lost = next((alarm for alarm in alarms if alarm.kind is AlarmKind.TURNS), None)
+    if lost is not None and not status.has_servo_power:
+        remedy = "Follow the mastering recovery: only a person at the pendant can move this axis now."
+        return Condition(
+            Readiness.POSITION_LOST,
+            make_message("{lost_code} {lost_text}.", lost_code=lost.code, lost_text=lost.text),
+            remedy,
+            alarms,
+        )
+    if not status.has_servo_power:
+        text = (
+            make_message(
+                "{alarms_code} {alarms_text}.", alarms_code=alarms[0].code, alarms_text=alarms[0].text
+            )
+            if alarms
+            else "the servo power is off."
+        )
+        remedy = "Look at the cell, release the emergency stop and reset on the pendant."
+        return Condition(Readiness.STOPPED, text, remedy, alarms)
+    if status.pendant_enabled:
+        remedy = "Switch the teach pendant off and the mode switch to AUTO."
+        return Condition(Readiness.NOT_READY, "the teach pendant is enabled.", remedy)
+    if status.single_step:
+        return Condition(
+            Readiness.NOT_READY, "the single step mode is on.", "Switch single step off at the pendant."
+        )
+    return Condition(Readiness.READY)
+
+
+def _alarm_of(text: str) -> Alarm:
+    found, axis = _ALARM_CODE.search(text), _ALARM_AXIS.search(text)
+    if found is None:
+        return Alarm("", text)
+    entry = code_table("cellcal.drivers.modbus_robot", "alarms.tsv").get(_SERVO_FAMILY + int(found[2]))
+    kind = AlarmKind.UNKNOWN if entry is None else _KINDS.get(entry.kind, AlarmKind.UNKNOWN)
+    return Alarm(
+        make_message("{rows}-{rows_2}", rows=found[1], rows_2=found[2]),
+        found[3].strip(),
+        int(axis[1]) - 1 if axis else None,
+        kind,
+    )
+
+
+def _number_key(kind: str) -> str:
+    return "ToolNumber" if kind == "UTool" else "FrameNumber"
+
+
+def _pose(link: RmiLink, values: Mapping[str, Any]) -> Pose:
+    x, y, z, w, p, r = (_number(link, values, key) for key in _FRAME_KEYS)
+    rotation = rotation_from("fanuc_wpr", np.radians([w, p, r]))
+    return Pose.from_matrix(homogeneous_matrix(rotation, np.array([x, y, z]) * 1e-3))
+
+
+def _number(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
+    value = values.get(key, otherwise)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise _unreadable(link, f"{key} is no finite number")
+    return float(value)
+
+
+def _unreadable(link: RmiLink, what: str) -> WireProtocolError:
+    return WireProtocolError(
+        link.device,
+        make_message("an answer cannot be read: {what}.", what=what),
+        remedy="Report this with the log of the wire.",
+        frame=link.trace.last_received(),
+    )

@@ -1,0 +1,206 @@
+"""A FANUC arm over the Remote Motion Interface (option R912): joints, frames, moves, stop, alarms."""
+
+import asyncio
+import logging
+import math
+import time
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
+from cellcal.drivers.fanuc.rmi.rmi_state import (
+    AXES,
+    RmiStatus,
+    condition_of,
+    read_active_numbers,
+    read_alarm_texts,
+    read_frame,
+    read_joint_angles,
+    read_pose,
+    read_status,
+    write_frame,
+)
+from cellcal.drivers.interfaces import (
+    ActiveFrames,
+    Condition,
+    Identity,
+    JointReading,
+    Joints,
+    Readiness,
+    RobotCapabilities,
+)
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+
+_LOG = logging.getLogger(__name__)
+VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
+_POLL_S = 0.05
+_SAME_M, _SAME_RAD = 2e-6, 2e-5  # the interface reads to 0.001 mm and 0.001 deg
+_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
+
+CAPABILITIES = RobotCapabilities(
+    axes=AXES,
+    writes_tool_frame=True,
+    writes_user_frame=True,
+    tells_lost_position=True,
+    tells_active_frames=True,
+    tells_mode=True,
+    tells_speed_override=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RmiOptions:
+    """What the cell file says about the robot and its motion."""
+
+    serial: str
+    model: str
+    motion: StepwiseOptions
+
+
+class FanucRmiRobot(StepwiseMotion):
+    """Robot with frames, mode and override. Mastering is not reached over this link."""
+
+    def __init__(self, link: RmiLink, options: RmiOptions) -> None:
+        super().__init__(options.motion)
+        self._link, self._options = link, options
+
+    @property
+    def name(self) -> str:
+        return self._link.device
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return CAPABILITIES
+
+    async def connect(self) -> None:
+        """Connect for reading; nothing is initialised, so hand guiding and the pendant are not disturbed."""
+        await self._link.open()
+        firmware = (await self.identify()).firmware
+        if not firmware.startswith(VERIFIED_ON):
+            _LOG.warning("%s: not verified on controller software %r", self.name, firmware)
+
+    async def close(self) -> None:
+        """Hang up."""
+        await self._link.close()
+
+    async def identify(self) -> Identity:
+        """Return who answers; this link tells the interface's version only, the rest is the cell file's."""
+        await self._link.open()
+        version = self._link.version
+        firmware = f"RMI {version.major}.{version.minor}"
+        return Identity("FANUC", self._options.model, self._options.serial, firmware)
+
+    async def read_condition(self) -> Condition:
+        try:
+            async with self._answer_deadline("asking its condition"):
+                status = await read_status(self._link)
+                texts = () if status.has_servo_power else await read_alarm_texts(self._link)
+                return condition_of(status, texts)
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+
+    async def read_joints(self) -> JointReading:
+        async with self._answer_deadline("reading the joints"):
+            before, _ = await read_joint_angles(self._link)
+            joints, reply = await read_joint_angles(self._link)
+        moving = bool(self._doing) or joints != before  # this link tells no motion of others
+        return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))
+
+    async def flange_pose(self) -> Pose:
+        async with self._answer_deadline("reading the pose"):
+            user_tip, user, tool = await read_pose(self._link)
+            base_user = await read_frame(self._link, "UFrame", user) if user else Pose((0.0, 0.0, 0.0))
+            flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
+        return base_user @ user_tip @ flange_tool.inverse()
+
+    async def active_frames(self) -> ActiveFrames:
+        async with self._answer_deadline("reading the active tool"):
+            user, tool = await read_active_numbers(self._link)
+            flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
+        return ActiveFrames(tool, flange_tool, user)
+
+    async def controller_mode(self) -> str:
+        status = await self._read_status("reading the mode")
+        return "TP on" if status.pendant_enabled else "TP off"
+
+    async def speed_override(self) -> float:
+        return (await self._read_status("reading the speed override")).override
+
+    async def read_tool_frame(self, number: int) -> Pose:
+        return await self._read_frame("UTool", number)
+
+    async def write_tool_frame(self, number: int, flange_tool: Pose) -> Pose:
+        return await self._write_frame("UTool", number, flange_tool)
+
+    async def read_user_frame(self, number: int) -> Pose:
+        return await self._read_frame("UFrame", number)
+
+    async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
+        return await self._write_frame("UFrame", number, base_user)
+
+    # a move
+
+    async def _read_angles(self) -> Joints:
+        return (await read_joint_angles(self._link))[0]
+
+    async def _begin_motion(self, speed_rad_s: float) -> None:
+        """Start RMI_MOVE, where it does not run already."""
+        if not (await read_status(self._link)).motion_runs:
+            await self._link.send_command("FRC_Initialize")
+
+    async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
+        sequence_id = (await read_status(self._link)).next_sequence_id
+        angles = {f"J{axis + 1}": math.degrees(value) for axis, value in enumerate(target_rad)}
+        reply = await self._link.send_instruction(
+            "FRC_JointMotionJRep",
+            sequence_id,
+            JointAngle=angles,
+            SpeedType="mSec",
+            Speed=max(1, math.ceil(duration_s * 1000.0)),
+            TermType="FINE",
+            TermValue=0,
+        )
+        return partial(self._is_executed, reply)
+
+    async def _is_executed(self, reply: "asyncio.Future[Packet]") -> bool:
+        """Return whether the reply to a step has come; raise what it says."""
+        if not (await asyncio.wait({reply}, timeout=_POLL_S))[0]:
+            return False
+        self._link.accept_reply(reply.result())
+        return True
+
+    async def _halt_arm(self) -> None:
+        await self._link.send_command("FRC_Abort")
+
+    async def _release_arm(self) -> None:
+        """Do nothing: the next motion starts RMI_MOVE again."""
+
+    # inside
+
+    async def _read_status(self, doing: str) -> RmiStatus:
+        async with self._answer_deadline(doing):
+            return await read_status(self._link)
+
+    async def _read_frame(self, kind: str, number: int) -> Pose:
+        async with self._answer_deadline("reading a frame"):
+            return await read_frame(self._link, kind, number)
+
+    async def _write_frame(self, kind: str, number: int, pose: Pose) -> Pose:
+        with self._exclusive_use("frame"):
+            async with self._answer_deadline("writing a frame"):
+                await write_frame(self._link, kind, number, pose)
+                found = await read_frame(self._link, kind, number)
+        near = np.allclose(found.position_m, pose.position_m, rtol=0, atol=_SAME_M)
+        alike = np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=_SAME_RAD)
+        if not (near and alike):
+            raise RefusedError(
+                self.name,
+                make_message("frame {number} was not written as sent.", number=number),
+                remedy="Check that the frame is not locked on the controller, then write again.",
+            )
+        return found

@@ -1,0 +1,197 @@
+"""A KUKA arm through the variables of its controller; moves through CELLCAL.SRC on the controller."""
+
+import logging
+import time
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import (
+    DeviceError,
+    RefusedError,
+    WrongDeviceError,
+)
+from cellcal.drivers.interfaces import (
+    ActiveFrames,
+    Condition,
+    Identity,
+    JointReading,
+    Joints,
+    Readiness,
+    RobotCapabilities,
+)
+from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_percent
+from cellcal.drivers.kuka.variables.state import condition_of, read_fraction, read_state, read_value
+from cellcal.drivers.kuka.variables.values import (
+    AXES,
+    read_axes,
+    read_members,
+    read_number,
+    read_pose,
+    write_pose,
+)
+from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+
+_LOG = logging.getLogger(__name__)
+VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
+_POLL_S = 0.01
+_SAME_M, _SAME_RAD = 2e-6, 2e-5
+_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
+
+CAPABILITIES = RobotCapabilities(
+    axes=AXES,
+    writes_tool_frame=True,
+    writes_user_frame=True,
+    tells_lost_position=True,
+    tells_active_frames=True,
+    tells_mode=True,
+    tells_speed_override=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class KukaOptions:
+    """What the cell file says about the robot and its motion."""
+
+    serial: str
+    fastest_axis_rad_s: float
+    motion: StepwiseOptions
+
+
+class KukaRobot(StepwiseMotion):
+    """Robot with frames, mode and override. Mastering is pendant work on this controller."""
+
+    def __init__(self, link: VariableLink, options: KukaOptions) -> None:
+        super().__init__(options.motion)
+        self._link, self._options = link, options
+        self._server = MotionServer(link)
+
+    @property
+    def name(self) -> str:
+        return self._link.device
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        return CAPABILITIES
+
+    async def connect(self) -> None:
+        """Connect, find out which server answers, and compare the serial number. Nothing is ordered."""
+        found = await self.identify()
+        if found.serial != self._options.serial:
+            raise WrongDeviceError(
+                self.name,
+                make_message(
+                    "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
+                    serial=found.serial,
+                    serial_2=self._options.serial,
+                ),
+                remedy="Check the address, or correct the serial number in the cell file.",
+            )
+        if not found.firmware.startswith(VERIFIED_ON):
+            _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
+
+    async def close(self) -> None:
+        """Hang up."""
+        await self._link.close()
+
+    async def identify(self) -> Identity:
+        async with self._answer_deadline("asking who it is"):
+            server = await self._link.identify_server()
+            model = (await self._link.read_text("$MODEL_NAME[]")).strip().strip('"').lstrip("#")
+            serial = (await self._link.read_text("$KR_SERIALNO")).strip().strip('"')
+        return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
+
+    async def read_condition(self) -> Condition:
+        try:
+            async with self._answer_deadline("asking its condition"):
+                return condition_of(await read_state(self._link))
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+
+    async def read_joints(self) -> JointReading:
+        async with self._answer_deadline("reading the joints"):
+            before = await self._read_angles()
+            text = await self._link.read_text("$AXIS_ACT")
+            joints = await self._read_angles()
+        moving = bool(self._doing) or joints != before  # the server tells no motion of others
+        return JointReading(joints, moving, time.monotonic(), raw=text)
+
+    async def flange_pose(self) -> Pose:
+        async with self._answer_deadline("reading the pose"):
+            base_frame = await read_value(self._link, "$BASE", read_pose)
+            frame_tip = await read_value(self._link, "$POS_ACT", read_pose)
+            flange_tool = await read_value(self._link, "$TOOL", read_pose)
+        return base_frame @ frame_tip @ flange_tool.inverse()
+
+    async def active_frames(self) -> ActiveFrames:
+        async with self._answer_deadline("reading the active tool"):
+            tool = int(await read_value(self._link, "$ACT_TOOL", read_number))
+            base = int(await read_value(self._link, "$ACT_BASE", read_number))
+            flange_tool = await read_value(self._link, "$TOOL", read_pose)
+            mass = (await read_value(self._link, "$LOAD", read_members)).get("M")
+        return ActiveFrames(tool, flange_tool, base, mass if mass is not None and mass >= 0 else None)
+
+    async def controller_mode(self) -> str:
+        async with self._answer_deadline("reading the mode"):
+            return (await self._link.read_text("$MODE_OP")).strip().lstrip("#")
+
+    async def speed_override(self) -> float:
+        async with self._answer_deadline("reading the speed override"):
+            return await read_fraction(self._link, "$OV_PRO")
+
+    async def read_tool_frame(self, number: int) -> Pose:
+        return await self._read_frame("TOOL_DATA", number)
+
+    async def write_tool_frame(self, number: int, flange_tool: Pose) -> Pose:
+        return await self._write_frame("TOOL_DATA", number, flange_tool)
+
+    async def read_user_frame(self, number: int) -> Pose:
+        return await self._read_frame("BASE_DATA", number)
+
+    async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
+        return await self._write_frame("BASE_DATA", number, base_user)
+
+    # a move
+
+    async def _read_angles(self) -> Joints:
+        return await read_value(self._link, "$AXIS_ACT", read_axes)
+
+    async def _begin_motion(self, speed_rad_s: float) -> None:
+        speed_percent(self.name, speed_rad_s, self._options.fastest_axis_rad_s)
+        await self._server.require_running()
+
+    async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
+        percent = speed_percent(self.name, speed_rad_s, self._options.fastest_axis_rad_s)
+        request = await self._server.order_move(tuple(target_rad.tolist()), percent)
+        return partial(self._server.has_finished, request)
+
+    async def _halt_arm(self) -> None:
+        await self._server.stop()
+
+    async def _release_arm(self) -> None:
+        """Do nothing: the next motion releases the stop."""
+
+    # inside
+
+    async def _read_frame(self, table: str, number: int) -> Pose:
+        async with self._answer_deadline("reading a frame"):
+            return await read_value(self._link, f"{table}[{int(number)}]", read_pose)
+
+    async def _write_frame(self, table: str, number: int, pose: Pose) -> Pose:
+        with self._exclusive_use("frame"):
+            async with self._answer_deadline("writing a frame"):
+                await self._link.write_text(f"{table}[{int(number)}]", write_pose(pose))
+                found = await read_value(self._link, f"{table}[{int(number)}]", read_pose)
+        near = np.allclose(found.position_m, pose.position_m, rtol=0, atol=_SAME_M)
+        alike = np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=_SAME_RAD)
+        if not (near and alike):
+            raise RefusedError(
+                self.name,
+                make_message("frame {number} was not written as sent.", number=number),
+                remedy="Check that the frame is not locked on the controller, then write again.",
+            )
+        return found

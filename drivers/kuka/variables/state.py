@@ -1,0 +1,106 @@
+"""What a KUKA controller says of itself through its variables, and what it means to a person."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_number
+from cellcal.drivers.kuka.variables.variable_link import VariableLink
+
+T = TypeVar("T")
+_AUTOMATIC = ("#AUT", "#EX")
+_LOST = "AXIS_CAL"
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """Switches and messages of the controller."""
+
+    mode: str
+    has_drives: bool
+    has_safety: bool
+    has_stop: bool
+    lost_axes: tuple[int, ...]  # 0-based; empty also where the controller does not tell
+
+
+async def read_value(link: VariableLink, variable: str, convert: Callable[[str], T]) -> T:
+    """Return a variable's value.
+
+    Raises
+    ------
+    WireProtocolError
+        It cannot be read as what it should be.
+    """
+    text = await link.read_text(variable)
+    try:
+        return convert(text)
+    except ValueError as error:
+        raise WireProtocolError(
+            link.device,
+            make_message("the value of {variable} cannot be read: {error}.", variable=variable, error=error),
+            remedy="Report this with the log of the wire.",
+            frame=text[:200],
+        ) from error
+
+
+async def read_state(link: VariableLink) -> ControllerState:
+    """Read mode, drives, safety, stop messages and mastering."""
+    return ControllerState(
+        (await link.read_text("$MODE_OP")).strip().upper(),
+        await read_value(link, "$PERI_RDY", read_flag),
+        await read_value(link, "$USER_SAF", read_flag),
+        await read_value(link, "$STOPMESS", read_flag),
+        await _read_lost_axes(link),
+    )
+
+
+async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
+    """Return the axes that are not mastered; none where this software does not have the variable."""
+    try:
+        flags = [await read_value(link, f"${_LOST}[{axis + 1}]", read_flag) for axis in range(AXES)]
+    except RefusedError:
+        return ()
+    return tuple(axis for axis, mastered in enumerate(flags) if not mastered)
+
+
+async def read_fraction(link: VariableLink, variable: str) -> float:
+    """Return a percentage as a share from 0 to 1."""
+    return await read_value(link, variable, read_number) / 100.0
+
+
+def condition_of(state: ControllerState) -> Condition:
+    """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    alarms = tuple(
+        Alarm(_LOST, make_message("axis A{axis} is not mastered", axis=axis + 1), axis, AlarmKind.TURNS)
+        for axis in state.lost_axes
+    )
+    if alarms:
+        axes = ", ".join(f"A{axis + 1}" for axis in state.lost_axes)
+        remedy = "Master it with the EMD at the pendant, with the tool's load offset, then run a drift check."
+        return Condition(
+            Readiness.POSITION_LOST, make_message("not mastered: {axes}.", axes=axes), remedy, alarms
+        )
+    if not state.has_safety:
+        return Condition(
+            Readiness.STOPPED,
+            "the operator safety is open.",
+            "Close the safety gate and acknowledge at the pendant.",
+        )
+    if state.has_stop:
+        return Condition(
+            Readiness.STOPPED,
+            "a stop message is active.",
+            "Read the message at the pendant and acknowledge it.",
+        )
+    if state.mode not in _AUTOMATIC:
+        return Condition(
+            Readiness.NOT_READY,
+            make_message("the controller is in {mode}, not in AUT or EXT.", mode=state.mode.lstrip("#")),
+            "Turn the mode switch to AUT or EXT.",
+        )
+    if not state.has_drives:
+        return Condition(Readiness.STOPPED, "the drives are off.", "Switch the drives on at the pendant.")
+    return Condition(Readiness.READY)

@@ -1,0 +1,77 @@
+"""Values as KRL writes them: numbers, TRUE and FALSE, #NAMES, texts, and aggregates in braces."""
+
+import math
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
+from cellcal.calibration.orientation import rotation_from, values_from
+
+AXES = 6
+_MEMBER = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s++([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?=[,}])")
+_MOST_TEXT = 4096
+_POSE_MEMBERS = ("X", "Y", "Z", "A", "B", "C")
+
+
+def read_number(text: str) -> float:
+    """Return a number; raise ValueError where it is none or not finite."""
+    value = float(text.strip())
+    if not math.isfinite(value):
+        raise ValueError(make_message("{text!r} is not finite", text=text))
+    return value
+
+
+def read_flag(text: str) -> bool:
+    """Return TRUE or FALSE; raise ValueError for anything else."""
+    word = text.strip().upper()
+    if word not in ("TRUE", "FALSE"):
+        raise ValueError(make_message("{text!r} is neither TRUE nor FALSE", text=text))
+    return word == "TRUE"
+
+
+def read_members(text: str) -> Mapping[str, float]:
+    """Return the numbers of an aggregate by their names; raise ValueError where there are none."""
+    if len(text) > _MOST_TEXT:
+        raise ValueError(
+            make_message("{text_count} characters are more than any aggregate has", text_count=len(text))
+        )
+    found = {name.upper(): float(value) for name, value in _MEMBER.findall(text)}
+    if not found or not all(map(math.isfinite, found.values())):
+        raise ValueError(make_message("{text!r} holds no numbers", text=text[:60]))
+    return found
+
+
+def read_axes(text: str) -> tuple[float, ...]:
+    """Return A1 to A6 [rad]."""
+    members = read_members(text)
+    missing = [f"A{axis}" for axis in range(1, AXES + 1) if f"A{axis}" not in members]
+    if missing:
+        raise ValueError(make_message("{missing} are missing", missing=", ".join(missing)))
+    return tuple(math.radians(members[f"A{axis}"]) for axis in range(1, AXES + 1))
+
+
+def read_pose(text: str) -> Pose:
+    """Return the pose of X Y Z [mm] and A B C [deg]; the rotation is Rz(A) Ry(B) Rx(C)."""
+    members = read_members(text)
+    missing = [name for name in _POSE_MEMBERS if name not in members]
+    if missing:
+        raise ValueError(make_message("{missing} are missing", missing=", ".join(missing)))
+    rotation = rotation_from("kuka_abc", np.radians([members[name] for name in "ABC"]))
+    return Pose.from_matrix(homogeneous_matrix(rotation, np.array([members[n] for n in "XYZ"]) * 1e-3))
+
+
+def write_axes(joints_rad: tuple[float, ...]) -> str:
+    """Return an E6AXIS of six joints."""
+    members = ", ".join(f"A{axis} {math.degrees(value):.6f}" for axis, value in enumerate(joints_rad, 1))
+    return f"{{E6AXIS: {members}}}"
+
+
+def write_pose(pose: Pose) -> str:
+    """Return a FRAME."""
+    abc = np.degrees(values_from("kuka_abc", pose.rotation_matrix()))
+    values = [*(value * 1e3 for value in pose.position_m), *(float(angle) for angle in abc)]
+    members = ", ".join(f"{name} {value:.6f}" for name, value in zip(_POSE_MEMBERS, values, strict=True))
+    return f"{{FRAME: {members}}}"

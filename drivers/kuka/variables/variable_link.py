@@ -1,0 +1,161 @@
+"""Variables of a KUKA controller over TCP: the frames of KUKAVARPROXY, which C3 Bridge speaks, too.
+
+Source: the C3 Bridge protocol description 1.5 and the source of KUKAVARPROXY. Header big endian: tag, length without
+these four octets, type; an answer ends with three octets of which only the last says success with both servers.
+"""
+
+import asyncio
+import struct
+from dataclasses import dataclass
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.trace import FrameTrace
+
+_HEADER, _LENGTH = struct.Struct(">HH"), struct.Struct(">H")
+_READ, _WRITE = 0, 1
+_MOST_TEXT = 2000
+_CABLE = "Check that the controller is on, its variable server runs, and port 7000 is open in its network."
+_PROXY_VERSION = "@PROXY_VERSION"
+
+
+@dataclass(frozen=True, slots=True)
+class VariableServer:
+    """Which program answers on the controller."""
+
+    name: str
+    version: str
+
+
+class VariableLink:
+    """One TCP connection; one question at a time, matched by its tag; opened again by the next one after a loss."""
+
+    def __init__(self, device: str, address: str, port: int, *, deadline_s: float) -> None:
+        self.device = device
+        self._address, self._port, self._deadline_s = address, port, deadline_s
+        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._lock = asyncio.Lock()
+        self._tag = 0
+        self.trace = FrameTrace(device)
+
+    async def close(self) -> None:
+        """Hang up."""
+        if self._streams is not None:
+            self._streams[1].close()
+            self._streams = None
+
+    async def identify_server(self) -> VariableServer:
+        """Return which server answers: only C3 Bridge knows its own version as a variable."""
+        try:
+            version = await self.read_text(_PROXY_VERSION)
+        except RefusedError:
+            return VariableServer("KUKAVARPROXY", "")
+        return VariableServer("C3 Bridge", version.strip('"'))
+
+    async def read_text(self, variable: str) -> str:
+        """Return a variable's value as the controller writes it.
+
+        Raises
+        ------
+        RefusedError
+            There is no such variable; KUKAVARPROXY answers success with an empty value.
+        DeviceError
+            No connection, no answer, or an answer that is none.
+        """
+        value = await self._exchange(_READ, variable, None)
+        if not value.strip():
+            raise self._refused(variable)
+        return value
+
+    async def write_text(self, variable: str, value: str) -> None:
+        """Write a variable; errors as for ``read_text``."""
+        await self._exchange(_WRITE, variable, value)
+
+    async def _exchange(self, kind: int, variable: str, value: str | None) -> str:
+        async with self._lock, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
+            reader, writer = await self._open_streams()
+            self.expect_tag(self._tag % 65535 + 1)
+            body = struct.pack(">B", kind) + _packed(variable)
+            if value is not None:
+                body += _packed(value)
+            frame = _HEADER.pack(self._tag, len(body)) + body
+            self.trace.add_frame(">", frame.hex())
+            try:
+                writer.write(frame)
+                await writer.drain()
+                return await self.read_answer(reader, kind, variable)
+            except (OSError, asyncio.IncompleteReadError) as error:
+                await self.close()
+                raise self._lost(error) from error
+            except (DeviceError, TimeoutError, asyncio.CancelledError) as error:
+                if not isinstance(error, RefusedError):
+                    await self.close()  # what is still on its way must not answer the next question
+                raise
+
+    def expect_tag(self, tag: int) -> None:
+        """Let only the answer with this tag count."""
+        self._tag = tag
+
+    async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
+        """Return the value of the answer to a question; answers to earlier ones are passed over."""
+        while True:
+            tag, length = _HEADER.unpack(await reader.readexactly(_HEADER.size))
+            body = await reader.readexactly(length)
+            self.trace.add_frame("<", f"{tag:04x}{length:04x}{body.hex()}")
+            if tag == self._tag:
+                break
+        if length < 6 or body[0] != kind:
+            raise self._unreadable(body)
+        size = _LENGTH.unpack_from(body, 1)[0]
+        if len(body) != 3 + size + 3:
+            raise self._unreadable(body)
+        if body[-1] != 1:
+            raise self._refused(variable)
+        return body[3 : 3 + size].decode("ascii", "replace")
+
+    async def _open_streams(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        if self._streams is None:
+            try:
+                self._streams = await asyncio.open_connection(self._address, self._port)
+            except OSError as error:
+                raise UnreachableError(
+                    self.device,
+                    make_message(
+                        "no connection to {address}: {strerror}.",
+                        address=self._address,
+                        strerror=error.strerror or error,
+                    ),
+                    remedy=_CABLE,
+                ) from error
+        return self._streams
+
+    def _lost(self, error: Exception) -> UnreachableError:
+        reason = getattr(error, "strerror", None) or "the controller hung up"
+        return UnreachableError(
+            self.device, make_message("the connection was lost: {reason}.", reason=reason), remedy=_CABLE
+        )
+
+    def _refused(self, variable: str) -> RefusedError:
+        return RefusedError(
+            self.device,
+            make_message("the controller does not give {variable}.", variable=variable),
+            remedy="Check that the variable exists in this version of the controller's software.",
+        )
+
+    def _unreadable(self, body: bytes) -> WireProtocolError:
+        return WireProtocolError(
+            self.device,
+            "an answer cannot be read: its lengths do not fit.",
+            remedy="Check that the address is that of a KUKA variable server.",
+            frame=body[:200].hex(),
+        )
+
+
+def _packed(text: str) -> bytes:
+    octets = text.encode("ascii")
+    if len(octets) > _MOST_TEXT:
+        raise ValueError(
+            make_message("a text of {octet_count} octets is too long for one frame", octet_count=len(octets))
+        )
+    return _LENGTH.pack(len(octets)) + octets

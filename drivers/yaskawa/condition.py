@@ -1,0 +1,93 @@
+"""What status and alarms mean for a technician."""
+
+import re
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
+
+# By their text: the numbers differ between controllers, and public lists of them contradict each other.
+_POSITION_LOST = re.compile(r"ABSO|OUT OF RANGE|ENCODER BACKUP|HOME POSITION|POSITION CHECK", re.IGNORECASE)
+_BATTERY = re.compile(r"BATTERY", re.IGNORECASE)
+_ENCODER = re.compile(r"ENCODER", re.IGNORECASE)
+_COLLISION = re.compile(r"COLLISION|SHOCK", re.IGNORECASE)
+_LOST_REMEDY = (
+    "Do not move to taught points. Renew the battery if it is empty, reset the alarm, move to the second home "
+    "position and confirm it at the pendant; then compare with a measurement."
+)
+_OTHER_REMEDY = "Read the alarm at the pendant, mend its cause and reset it."
+_AXES = "SLURBTE8"
+
+
+def describe_alarm(alarm: AlarmEntry) -> Alarm:
+    """Return an alarm with what it says about the position."""
+    return Alarm(str(alarm.code), alarm.name, _axis_of(alarm), _kind_of(alarm.name))
+
+
+def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Condition:
+    """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    described = tuple(describe_alarm(alarm) for alarm in alarms)
+    for alarm in described:
+        if alarm.kind is AlarmKind.TURNS:
+            return Condition(
+                Readiness.POSITION_LOST,
+                make_message(
+                    "alarm {stopping_code} {stopping_text}.",
+                    stopping_code=alarm.code,
+                    stopping_text=alarm.text,
+                ),
+                _LOST_REMEDY,
+                described,
+            )
+    stopping = [alarm for alarm in described if alarm.kind is not AlarmKind.BATTERY_LOW]
+    if stopping:
+        text = make_message(
+            "alarm {stopping_code} {stopping_text}.",
+            stopping_code=stopping[0].code,
+            stopping_text=stopping[0].text,
+        )
+        return Condition(Readiness.STOPPED, text, _OTHER_REMEDY, described)
+    return _condition_of_switches(status, described)
+
+
+def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) -> Condition:
+    if not status.is_remote:
+        return Condition(
+            Readiness.NOT_READY,
+            make_message(
+                "the controller is in {mode_name}, not in command remote.", mode_name=status.mode_name
+            ),
+            "Turn the mode switch to REMOTE and enable command remote.",
+            alarms,
+        )
+    if not status.has_servo_power:
+        return Condition(
+            Readiness.STOPPED,
+            "the servo power is off: emergency stop, open door, or not switched on.",
+            "Look at the cell, release the emergency stop, then switch the servo power on.",
+            alarms,
+        )
+    if status.is_on_hold:
+        return Condition(
+            Readiness.STOPPED, "the robot is on hold.", "Release HOLD at the pendant or the panel.", alarms
+        )
+    return Condition(Readiness.READY, alarms=alarms)
+
+
+def _kind_of(text: str) -> AlarmKind:
+    for pattern, kind in (
+        (_BATTERY, AlarmKind.BATTERY_LOW),
+        (_POSITION_LOST, AlarmKind.TURNS),
+        (_ENCODER, AlarmKind.ENCODER),
+        (_COLLISION, AlarmKind.COLLISION),
+    ):
+        if pattern.search(text):
+            return kind
+    return AlarmKind.UNKNOWN
+
+
+def _axis_of(alarm: AlarmEntry) -> int | None:
+    """Return the only axis whose bit the alarm's data have set, where it is an alarm of axes."""
+    bits = [axis for axis in range(len(_AXES)) if alarm.data >> axis & 1]
+    about_axes = _POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name)
+    return bits[0] if about_axes and len(bits) == 1 else None

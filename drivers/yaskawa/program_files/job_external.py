@@ -1,0 +1,70 @@
+"""Base and station axes of a job: rows of their own beside the robot's, with the number of the position.
+
+``BC00003`` and ``BP003`` hold the axes that carry the robot, ``EC00003`` and ``EX003`` those of a station. Where a
+robot has a seventh axis of its own, it stands behind the pose.
+"""
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.programs.conditions import AxisUnit, ExternalColumn
+from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
+
+BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and behind a P
+ROW_UNITS = {"RECTAN": 1e-3, "ANGLE": np.pi / 180}  # what one unit of a row is counted as; pulses as pulses
+_WRITTEN = {"RECTAN": AxisUnit.UNSTATED, "ANGLE": AxisUnit.DEGREES, "PULSE": AxisUnit.PULSES}
+_OWN = "R7"
+_JobBeside = dict[tuple[int, str, int], JobRow]
+
+
+def external_columns(jobs: list[YaskawaJob], rows: list[JobRow]) -> tuple[Array, tuple[ExternalColumn, ...]]:
+    """Return axes beside each point (N, k), and what the columns are."""
+    beside = rows_beside(jobs, rows)
+    sevenths = any(row.text.count(",") == 6 for row in rows if row.state.mode == "RECTAN")
+    if not beside and not sevenths:
+        return np.zeros((len(rows), 0)), ()
+    columns: list[ExternalColumn] = []
+    values: list[Array] = []
+    if sevenths:
+        columns.append(ExternalColumn(_OWN, AxisUnit.DEGREES))
+        values.append(np.array([[_seventh_axis(row)] for row in rows]))
+    for letter, kinds in (("B", BASE_ROWS), ("S", STATION_ROWS)):
+        its = {row: other for (row, of), other in beside.items() if of == kinds}
+        width = max((other.text.count(",") + 1 for other in its.values()), default=0)
+        if not width:
+            continue
+        units = {_WRITTEN.get(other.state.mode, AxisUnit.MIXED) for other in its.values()}
+        unit = units.pop() if len(units) == 1 else AxisUnit.MIXED
+        columns += [ExternalColumn(f"{letter}{k + 1}", unit) for k in range(width)]
+        table = np.full((len(rows), width), np.nan)
+        for row, other in its.items():
+            numbers = [float(text) for text in other.text.split(",")]
+            table[row, : len(numbers)] = np.array(numbers) * ROW_UNITS.get(other.state.mode, 1.0)
+        values.append(table)
+    return np.hstack(values), tuple(columns)
+
+
+def rows_beside(jobs: list[YaskawaJob], rows: list[JobRow]) -> dict[tuple[int, tuple[str, ...]], JobRow]:
+    """Return the rows of base and station axes by the robot's row and their kinds."""
+    of_jobs: _JobBeside = {}
+    for place, job in enumerate(jobs):
+        for row in job.rows:
+            if row.kind not in ROBOT_ROWS:
+                kind = "EX" if row.kind == "EP" else row.kind
+                of_jobs[place, kind, int(row.number)] = row
+    if not of_jobs:
+        return {}
+    places = {row.start: place for place, job in enumerate(jobs) for row in job.rows}
+    found: dict[tuple[int, tuple[str, ...]], JobRow] = {}
+    for number, row in enumerate(rows):
+        for kinds in (BASE_ROWS, STATION_ROWS):
+            kind = kinds[0] if row.kind == "C" else kinds[1]
+            other = of_jobs.get((places[row.start], kind, int(row.number)))
+            if other is not None:
+                found[number, kinds] = other
+    return found
+
+
+def _seventh_axis(row: JobRow) -> float:
+    texts = row.text.split(",")
+    return float(np.radians(float(texts[6]))) if row.state.mode == "RECTAN" and len(texts) == 7 else np.nan

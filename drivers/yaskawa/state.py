@@ -1,0 +1,163 @@
+"""What the controller says of itself: status, alarms, position, identity."""
+
+import struct
+from dataclasses import dataclass
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.yaskawa.hses_frames import HsesRequest
+from cellcal.drivers.yaskawa.hses_link import HsesLink
+
+AXES = 6
+PULSE_POSITION, CARTESIAN_POSITION = 1, 101  # instances of robot 1
+_READ_ALL, _ALARMS = 0x01, 4
+_PULSE_TYPE = 0
+_ALARM = struct.Struct("<III16s32s")
+_POSITION = struct.Struct("<5I8i")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerStatus:
+    """Two status words (command 0x72)."""
+
+    word_1: int
+    word_2: int
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a job or an ordered move is under way."""
+        return bool(self.word_1 & 0x08)
+
+    @property
+    def is_teaching(self) -> bool:
+        """Whether the mode switch is at TEACH."""
+        return bool(self.word_1 & 0x20)
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether orders over the network count."""
+        return bool(self.word_1 & 0x80)
+
+    @property
+    def is_on_hold(self) -> bool:
+        """Whether the pendant or an external signal holds the robot; our own hold is not meant."""
+        return bool(self.word_2 & 0x06)
+
+    @property
+    def has_command_hold(self) -> bool:
+        """Whether a hold that came over the network is on."""
+        return bool(self.word_2 & 0x08)
+
+    @property
+    def has_alarm(self) -> bool:
+        """Whether an alarm or an error is active."""
+        return bool(self.word_2 & 0x30)
+
+    @property
+    def has_servo_power(self) -> bool:
+        """Whether the motors have power."""
+        return bool(self.word_2 & 0x40)
+
+    @property
+    def mode_name(self) -> str:
+        """Return the mode as the pendant calls it."""
+        if self.is_remote:
+            return "REMOTE"
+        return "TEACH" if self.is_teaching else "PLAY"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEntry:
+    """One alarm (command 0x70) in the maker's words."""
+
+    code: int
+    data: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class PulsePosition:
+    """Command 0x75, instance 1: motor pulses from the home position, by axis S L U R B T."""
+
+    pulses: tuple[int, ...]
+    tool_number: int
+    raw: str
+
+
+@dataclass(frozen=True, slots=True)
+class CartesianPosition:
+    """Command 0x75, instance 101: the tool's tip in the robot's base."""
+
+    position_m: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float]  # Rx, Ry, Rz; the rotation is Rz Ry Rx
+    tool_number: int
+    user_frame_number: int
+
+
+async def read_status(link: HsesLink) -> ControllerStatus:
+    """Read both status words in one telegram."""
+    data = await link.ask(HsesRequest(0x72, 1, 0, _READ_ALL))
+    return ControllerStatus(*_unpack(link, struct.Struct("<II"), data))
+
+
+async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
+    """Read the active alarms, newest first."""
+    found = []
+    for instance in range(1, _ALARMS + 1):
+        data = await link.ask(HsesRequest(0x70, instance, 0, _READ_ALL))
+        code, detail, kind, _, name = _unpack(link, _ALARM, data)
+        if kind == 0 and code == 0:  # an empty place
+            break
+        found.append(AlarmEntry(code, detail, text_of(name)))
+    return tuple(found)
+
+
+async def read_pulses(link: HsesLink) -> PulsePosition:
+    """Read the pulses of robot 1 in one telegram."""
+    data = await link.ask(HsesRequest(0x75, PULSE_POSITION, 0, _READ_ALL))
+    kind, _, tool, _, _, *axes = _unpack_position(link, data)
+    if kind != _PULSE_TYPE:
+        raise _unreadable(link, f"a position of type {kind} came where pulses were asked for", data)
+    return PulsePosition(tuple(axes[:AXES]), tool, data.hex())
+
+
+async def read_cartesian(link: HsesLink) -> CartesianPosition:
+    """Read the tip of the active tool in the base."""
+    data = await link.ask(HsesRequest(0x75, CARTESIAN_POSITION, 0, _READ_ALL))
+    kind, _, tool, user, _, x, y, z, rx, ry, rz, *_ = _unpack_position(link, data)
+    if kind not in (16, 17):
+        raise _unreadable(link, f"a position of type {kind} came where the base was asked for", data)
+    return CartesianPosition((x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user)
+
+
+async def read_system(link: HsesLink) -> tuple[str, str]:
+    """Return the software's version and the robot's model."""
+    data = await link.ask(HsesRequest(0x89, 11, 0, _READ_ALL))
+    version, model, _ = _unpack(link, struct.Struct("<24s16s8s"), data)
+    return text_of(version), text_of(model)
+
+
+def text_of(octets: bytes) -> str:
+    """Return the text before the first zero octet; what is not ASCII is replaced."""
+    return octets.partition(b"\0")[0].decode("ascii", "replace").strip()
+
+
+def _unpack_position(link: HsesLink, data: bytes) -> tuple[int, ...]:
+    if len(data) == _POSITION.size - 4:  # controllers of seven axes leave the eighth out
+        data += bytes(4)
+    return _unpack(link, _POSITION, data)
+
+
+def _unpack(link: HsesLink, form: struct.Struct, data: bytes) -> tuple:  # type: ignore[type-arg]
+    if len(data) < form.size:
+        raise _unreadable(link, f"{len(data)} octets came where {form.size} belong", data)
+    return form.unpack_from(data)
+
+
+def _unreadable(link: HsesLink, what: str, data: bytes) -> WireProtocolError:
+    return WireProtocolError(
+        link.device,
+        make_message("an answer cannot be read: {what}.", what=what),
+        remedy="Check that robot 1 of this controller is an arm of six axes.",
+        frame=data.hex(),
+    )

@@ -1,0 +1,204 @@
+"""The state of an ABB controller with one arm, its RAPID data, and CellcalServer running on it.
+
+Imitates
+    An IRC5 with RobotWare 6 and one six-axis arm.
+Source
+    ABB 3HAC050973-001 rev M for names and states; deploy/controller_setup/abb for the program, whose statements are
+    played by hand here.
+Modelled
+    Mode, motors, speed ratio, axis states, tools by name, event log, the handshake with its heartbeat.
+Not modelled
+    The RAPID interpreter, tasks other than T_ROB1, mastership, jogging, files.
+"""
+
+import datetime
+import math
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from cellcal.fake_devices.arm import SimulatedArm
+from cellcal.fake_devices.kinematics import Array
+
+HEARTBEAT_REAL_S = 0.5
+OFF, WAITING, MOVING, STOPPED = range(4)
+MODULE = "CELLCALSERVER"
+_ACCELERATION_RAD_S2 = 4.0
+_BRAKING_RAD_S2 = 8.0
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
+_TOOLS = {
+    "tool0": ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.001),
+    "tGripper": ([10.0, -5.0, 180.0], [0.9961947, 0.0, 0.0871557, 0.0], 3.5),
+    "tPin": ([0.0, 0.0, 95.0], [0.9659258, 0.0, 0.0, 0.258819], 1.25),
+}
+
+
+class AbbController:
+    """Everything behind the web service."""
+
+    def __init__(self, arm: SimulatedArm, serial: str, real_s: Callable[[], float]) -> None:
+        self.arm, self.serial = arm, serial
+        self.title = arm.model.name.removeprefix("abb_").upper()
+        self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
+        self.axis_states = ["Synchronized"] * 6
+        self.tool_name, self.work_object = "tGripper", "wobj0"
+        self.program_runs, self.state = True, WAITING
+        self.numbers = {"NREQ": 0, "NACK": 0, "NHEART": 0, "NLIFE": 0, "NSTOP": 0}
+        self.time_s, self.target_deg = 1.0, [0.0] * 6
+        self.heartbeat_s = HEARTBEAT_REAL_S
+        self.log: list[tuple[int, int, str, str]] = []  # code, type, time, title
+        self._real_s = real_s
+        self._beat_seen = (0, real_s())
+
+    # RAPID data
+
+    def read_symbol(self, name: str) -> str | None:
+        """Return the value of a symbol of T_ROB1."""
+        module, _, short = name.upper().rpartition("/")
+        if not module and name in _TOOLS:
+            place, turn, mass = _TOOLS[name]
+            return f"[TRUE,[{_list(place)},{_list(turn)}],[{mass:g},[0,0,1],[1,0,0,0],0,0,0]]"
+        if module != MODULE:
+            return None
+        if short in self.numbers:
+            return str(self.numbers[short])
+        others = {"NSTATE": str(self.state), "NTIME": f"{self.time_s:g}"}
+        others["JTARGET"] = f"[{_list(self.target_deg)},[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"
+        return others.get(short)
+
+    def write_symbol(self, name: str, value: str) -> bool:
+        """Write a symbol; return whether it is there and the value fits."""
+        module, _, short = name.upper().rpartition("/")
+        found = [float(word) for word in _NUMBER.findall(value)]
+        if module != MODULE or not found:
+            return False
+        if short in self.numbers and short not in ("NACK", "NLIFE"):
+            self.numbers[short] = int(found[0])
+        elif short == "NTIME":
+            self.time_s = found[0]
+        elif short == "JTARGET" and len(found) >= 6:
+            self.target_deg = found[:6]
+        else:
+            return False
+        return True
+
+    def tool_matrix(self) -> Array:
+        """Return the active tool (4, 4)."""
+        place, (w, x, y, z), _ = _TOOLS[self.tool_name]
+        pose = np.eye(4)
+        pose[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        pose[:3, 3] = np.array(place) * 1e-3
+        return pose
+
+    def payload_kg(self) -> float:
+        """Return the mass of the active tool."""
+        return _TOOLS[self.tool_name][2]
+
+    def tool_names(self) -> list[str]:
+        """Return the tools that a person can select."""
+        return [name for name in _TOOLS if name != "tool0"]
+
+    def joints_deg(self) -> list[float]:
+        """Return the joints as they are told."""
+        return [float(value) for value in np.degrees(self.arm.joints_rad)]
+
+    def flange_pose(self) -> Array:
+        """Return base_flange as the controller computes it."""
+        return np.asarray(self.arm.believed_flange(self.arm.joints_rad)[0])
+
+    # the program on it
+
+    @property
+    def may_move(self) -> bool:
+        """Whether a program may drive the arm."""
+        ready = self.mode == "AUTO" and self.motors == "motoron"
+        return ready and all(state == "Synchronized" for state in self.axis_states)
+
+    def run_program(self) -> None:
+        """One cycle of CellcalServer and of its timer."""
+        if not self.program_runs:
+            self.state = OFF
+            return
+        self.numbers["NLIFE"] = self.numbers["NLIFE"] % 30_000 + 1
+        self._watch_heartbeat()
+        if not self.may_move or self.numbers["NSTOP"]:
+            if self.state == MOVING:
+                self.arm.stop(_BRAKING_RAD_S2)
+                self.numbers["NACK"] = self.numbers["NREQ"]
+            self.state = STOPPED
+        elif self.state in (STOPPED, OFF):
+            self.state = WAITING
+        elif self.state == MOVING and not self.arm.is_moving:
+            self.state, self.numbers["NACK"] = WAITING, self.numbers["NREQ"]
+        elif self.state == WAITING and self.numbers["NREQ"] != self.numbers["NACK"]:
+            self._begin_move()
+
+    def _watch_heartbeat(self) -> None:
+        beat, now_s = self.numbers["NHEART"], self._real_s()
+        if beat != self._beat_seen[0] or self.state != MOVING:
+            self._beat_seen = (beat, now_s)
+        elif now_s - self._beat_seen[1] > self.heartbeat_s:
+            self.numbers["NSTOP"] = 1
+
+    def _begin_move(self) -> None:
+        target = np.radians(self.target_deg)
+        if (target < self.arm.lower_rad).any() or (target > self.arm.upper_rad).any():
+            self.program_runs = False
+            self.note_event(50027, 3, "Joint Out of Range")
+            return
+        way = np.abs(target - self.arm.joints_rad)
+        longest = float(way.max())
+        if longest > 0.0:
+            fastest_s = float((way / self.arm.max_speed_rad_s).max())
+            needed_s = max(self.time_s, fastest_s) * 100.0 / self.speed_percent
+            self.arm.start_move(target, longest / needed_s, _ACCELERATION_RAD_S2)
+        self.state = MOVING
+
+    # what happens
+
+    def note_event(self, code: int, kind: int, title: str) -> None:
+        """Write an entry of the event log."""
+        stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d T %H:%M:%S")
+        self.log.insert(0, (code, kind, stamp, title))
+
+    def press_emergency_stop(self) -> None:
+        """Push the red button."""
+        self.motors = "emergencystop"
+        self.arm.stop(_BRAKING_RAD_S2)
+        self.note_event(10013, 1, "Emergency stop state")
+
+    def turn_mode_switch(self, mode: str) -> None:
+        """Turn the mode switch."""
+        self.mode = mode
+        if mode != "AUTO":
+            self.motors = "motoroff"
+            self.arm.stop(_BRAKING_RAD_S2)
+
+    def lose_counters(self, axes: list[int]) -> None:
+        """Let the battery of the measuring board die: the revolution counters of these axes are gone."""
+        for axis in axes:
+            self.axis_states[axis] = "NotAMSSynchronized"
+        self.note_event(20032, 3, "Rev. counter not updated")
+
+    def set_speed(self, percent: int) -> None:
+        """Turn the speed ratio."""
+        if not 1 <= percent <= 100:
+            raise ValueError("the speed ratio is 1 to 100 %")
+        self.arm.change_pace(percent / self.speed_percent)
+        self.speed_percent = percent
+
+    def mend(self) -> None:
+        """Set everything right at the pendant, and let the program run."""
+        self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
+        self.axis_states = ["Synchronized"] * 6
+
+
+def _list(values: list[float]) -> str:
+    if not all(map(math.isfinite, values)):
+        raise ValueError("a value is not finite")
+    return f"[{','.join(f'{value:.7g}' for value in values)}]"

@@ -1,0 +1,181 @@
+"""What the web service answers to each path.
+
+Imitates
+    Robot Web Services 1 with json=1.
+Source
+    ABB 3HAC050973-001 rev M; the fields that abb-robot-client 0.4.0 reads.
+Modelled
+    The paths in the table; symbols are read and set.
+Not modelled
+    XML, subscriptions, files, signals, mastership: 404.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from cellcal.fake_devices.abb.controller import AbbController
+
+Reply = tuple[int, Any]
+_UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_SYMBOL = "/rw/rapid/symbol/data/RAPID/T_ROB1/"
+_FAR = "8.9999998E+09"
+
+
+class ResourceTable:
+    """Answers of one controller."""
+
+    def __init__(self, controller: AbbController) -> None:
+        self._c = controller
+        c = controller
+        self._states: dict[str, Callable[[], dict[str, Any]]] = {
+            "/rw/panel/opmode": lambda: {"_type": "pnl-opmode", "opmode": c.mode},
+            "/rw/panel/ctrlstate": lambda: {"_type": "pnl-ctrlstate", "ctrlstate": c.motors},
+            "/rw/panel/speedratio": lambda: {"_type": "pnl-speedratio", "speedratio": str(c.speed_percent)},
+            "/rw/rapid/execution": self._execution,
+            "/rw/rapid/tasks": self._task,
+            "/rw/system": lambda: {"_type": "sys-system-li", "name": "cell", "rwversion": "6.15.04.00"},
+            "/ctrl/identity": lambda: {
+                "_type": "ctrl-identity-info",
+                "ctrl-name": "cell",
+                "ctrl-id": c.serial,
+                "ctrl-type": c.title,
+            },
+            _UNIT: lambda: {
+                "_type": "ms-mechunit",
+                "tool-name": c.tool_name,
+                "wobj-name": c.work_object,
+                "mode": "Activated",
+            },
+            f"{_UNIT}/jointtarget": self._joint_target,
+            f"{_UNIT}/robtarget": self._robot_target,
+        }
+
+    def answer(self, method: str, path: str, query: Mapping[str, str], form: Mapping[str, str]) -> Reply:
+        """Return status and content of an answer."""
+        if path.startswith(_SYMBOL):
+            return self._symbol(method, path.removeprefix(_SYMBOL), query, form)
+        return self._read(path) if method == "GET" else self._act(path, query.get("action", ""), form)
+
+    def _read(self, path: str) -> Reply:
+        if path in ("/logout", "/"):
+            return 200, {}
+        if path.rstrip("/") == "/rw/elog/0":
+            return 200, {"_embedded": {"_state": self._log()}}
+        if path.startswith(f"{_UNIT}/axes/"):
+            return self._axis(path.rpartition("/")[2])
+        if path in self._states:
+            return 200, {"_embedded": {"_state": [self._states[path]()]}}
+        return _refusal(404, "no such resource")
+
+    def _act(self, path: str, action: str, form: Mapping[str, str]) -> Reply:
+        if path == "/rw/panel/speedratio" and action == "setspeedratio":
+            return self._set_speed(form)
+        return self._execute(action) if path == "/rw/rapid/execution" else _refusal(404, "no such resource")
+
+    def _symbol(self, method: str, name: str, query: Mapping[str, str], form: Mapping[str, str]) -> Reply:
+        if method == "POST":
+            written = query.get("action") == "set" and self._c.write_symbol(name, form.get("value", ""))
+            return (
+                (204, None)
+                if written
+                else _refusal(400, "the symbol is not there, or the value does not fit")
+            )
+        value = self._c.read_symbol(name)
+        if value is None:
+            return _refusal(400, "no such symbol")
+        return 200, {"_embedded": {"_state": [{"_type": "rap-data", "value": value}]}}
+
+    def _axis(self, number: str) -> Reply:
+        if not number.isdigit() or not 1 <= int(number) <= 6:
+            return _refusal(404, "no such axis")
+        state = {"_type": "ms-axis", "axis-status": self._c.axis_states[int(number) - 1]}
+        return 200, {"_embedded": {"_state": [state]}}
+
+    def _set_speed(self, form: Mapping[str, str]) -> Reply:
+        try:
+            self._c.set_speed(int(form.get("speed-ratio", "")))
+        except ValueError:
+            return _refusal(400, "1 to 100")
+        return 204, None
+
+    def _execute(self, action: str) -> Reply:
+        if action == "start":
+            self._c.program_runs = True
+        elif action == "stop":
+            self._c.program_runs = False
+            self._c.arm.stop(8.0)
+        elif action != "resetpp":
+            return _refusal(400, "no such action")
+        return 204, None
+
+    def _execution(self) -> dict[str, Any]:
+        state = "running" if self._c.program_runs else "stopped"
+        return {"_type": "rap-execution", "ctrlexecstate": state, "cycle": "forever"}
+
+    def _task(self) -> dict[str, Any]:
+        state = "start" if self._c.program_runs else "stop"
+        return {
+            "_type": "rap-task-li",
+            "name": "T_ROB1",
+            "type": "norm",
+            "taskstate": "link",
+            "excstate": state,
+            "active": "On",
+            "motiontask": "TRUE",
+        }
+
+    def _joint_target(self) -> dict[str, Any]:
+        state: dict[str, Any] = {"_type": "ms-jointtarget"}
+        state |= {f"rax_{axis}": f"{value:.9g}" for axis, value in enumerate(self._c.joints_deg(), 1)}
+        return state | {f"eax_{axis}": _FAR for axis in "abcdef"}
+
+    def _robot_target(self) -> dict[str, Any]:
+        pose = self._c.flange_pose()
+        state: dict[str, Any] = {"_type": "ms-robtargets"}
+        state |= {key: f"{float(value) * 1e3:.9g}" for key, value in zip("xyz", pose[:3, 3], strict=True)}
+        state |= {f"q{k}": f"{value:.10g}" for k, value in enumerate(_quaternion(pose[:3, :3]), 1)}
+        state |= dict.fromkeys(("cf1", "cf4", "cf6", "cfx"), "0")
+        return state | {f"eax{axis}": _FAR for axis in "abcdef"}
+
+    def _log(self) -> list[dict[str, Any]]:
+        texts = dict.fromkeys(("desc", "conseqs", "causes", "actions"), "")
+        return [
+            {
+                "_type": "elog-message-li",
+                "_title": f"/rw/elog/0/{len(self._c.log) - k}",
+                "msgtype": str(kind),
+                "code": str(code),
+                "tstamp": stamp,
+                "title": title,
+                "argc": "0",
+                **texts,
+            }
+            for k, (code, kind, stamp, title) in enumerate(self._c.log)
+        ]
+
+
+def _refusal(status: int, text: str) -> Reply:
+    return status, {"_embedded": {"status": {"code": "-1073445859", "msg": text}}}
+
+
+def _quaternion(rotation: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
+    """Return w x y z of a rotation, by its largest component."""
+    r = rotation
+    squares = [
+        1 + r[0, 0] + r[1, 1] + r[2, 2],
+        1 + r[0, 0] - r[1, 1] - r[2, 2],
+        1 - r[0, 0] + r[1, 1] - r[2, 2],
+        1 - r[0, 0] - r[1, 1] + r[2, 2],
+    ]
+    largest = int(np.argmax(squares))
+    s = 2.0 * math.sqrt(float(squares[largest]))
+    rows = (
+        (s / 4, (r[2, 1] - r[1, 2]) / s, (r[0, 2] - r[2, 0]) / s, (r[1, 0] - r[0, 1]) / s),
+        ((r[2, 1] - r[1, 2]) / s, s / 4, (r[0, 1] + r[1, 0]) / s, (r[0, 2] + r[2, 0]) / s),
+        ((r[0, 2] - r[2, 0]) / s, (r[0, 1] + r[1, 0]) / s, s / 4, (r[1, 2] + r[2, 1]) / s),
+        ((r[1, 0] - r[0, 1]) / s, (r[0, 2] + r[2, 0]) / s, (r[1, 2] + r[2, 1]) / s, s / 4),
+    )
+    return [float(value) for value in rows[largest]]

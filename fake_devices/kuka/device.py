@@ -1,0 +1,161 @@
+"""The KUKA robot of a cell: arm, controller and variable server put together, and what can happen to them.
+
+Imitates
+    A KUKA arm on a KR C4 with C3 Bridge or KUKAVARPROXY.
+Source
+    controller.py and server.py.
+Modelled
+    The faults named below and ``fake_devices.kuka.server.LINK_FAULTS``.
+Not modelled
+    Encoders: this link does not reach them.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.keep_running import keep_running
+from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
+from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
+from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.world import World
+
+_CYCLE_REAL_S = 0.004
+_TICK_REAL_S = 0.05
+
+
+class FakeKukaRobot:
+    """One controller on one loopback address."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        self._name = str(table["name"])
+        arm = world.add_arm(self._name, str(table["model"]))
+        title = arm.model.name.removeprefix("kuka_").upper()
+        self.controller = KukaController(arm, str(table.get("serial", "0")), title, world.clock.real_now_s)
+        self.controller.heartbeat_s *= world.watchdog_factor
+        self._faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
+        host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
+        self.server = ProxyPort(host, port, VariableTable(self.controller), self._faults)
+        self._ticks: list[asyncio.Task[None]] = []
+        c = self.controller
+        self._events: dict[str, Callable[[dict[str, Any]], None]] = {
+            "open_gate": lambda _: c.open_gate(is_open=True),
+            "t1_mode": lambda _: self._turn_switch("T1"),
+            "program_stop": lambda _: self._run_program(on=False),
+            "override": lambda p: c.set_override(int(p.pop("percent", 100))),
+            "tool_switched": self._switch_tool,
+            "mastering_lost": lambda p: c.lose_mastering(_parse_axes(p.pop("axes", "all"))),
+            "mend": lambda _: c.mend(),
+            "old_server": lambda _: self._use_server(c3=False),
+            "new_server": lambda _: self._use_server(c3=True),
+        }
+
+    @property
+    def name(self) -> str:
+        """Name in the cell file."""
+        return self._name
+
+    async def start(self) -> None:
+        await self.server.open()
+        self._ticks = [
+            keep_running(f"programs of {self.name}", self._follow_programs),
+            keep_running(f"port of {self.name}", self._follow_faults),
+        ]
+
+    async def stop(self) -> None:
+        for tick in self._ticks:
+            tick.cancel()
+            with suppress(asyncio.CancelledError):
+                await tick
+        self.server.close()
+
+    async def _follow_programs(self) -> None:
+        while True:
+            self.controller.run_programs()
+            await asyncio.sleep(_CYCLE_REAL_S)
+
+    async def _follow_faults(self) -> None:
+        while True:
+            await self._listen_or_not()
+            await asyncio.sleep(_TICK_REAL_S)
+
+    async def _listen_or_not(self) -> None:
+        if self._faults.active_parameters("refuse") is not None:
+            self.server.close()
+        else:
+            with suppress(OSError):  # the address is not free yet; the next tick tries again
+                await self.server.open()
+
+    def fault_names(self) -> frozenset[str]:
+        return self._faults.fault_kinds | frozenset(self._events)
+
+    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        if name in self._events:
+            remaining = dict(parameters)
+            try:
+                self._events[name](remaining)
+            except (TypeError, ValueError) as problem:
+                raise FaultRefusedError(str(problem)) from problem
+            if remaining:
+                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+        else:
+            self._faults.switch_on(name, parameters)
+        await self._listen_or_not()
+        return {}
+
+    def clear_faults(self) -> None:
+        self._faults.clear_all()
+
+    def true_state(self) -> JsonObject:
+        c, arm = self.controller, self.controller.arm
+        return {
+            "joints_rad": arm.joints_rad.tolist(),
+            "controller_joints_rad": arm.joints_rad.tolist(),
+            "moving": arm.is_moving,
+            "mode": c.mode,
+            "state": c.state,
+            "stop_flag": c.stop_flag,
+            "mastered": list(c.mastered),
+            "active": {
+                "tool_number": c.tool_number,
+                "user_frame_number": c.base_number,
+                "flange_tool": c.tool_matrix().tolist(),
+                "payload_kg": c.loads_kg[c.tool_number - 1],
+            },
+            "dh": arm.true_dh.tolist(),
+            "nominal_dh": arm.nominal_dh.tolist(),
+            "base_flange": arm.base_flange().tolist(),
+        }
+
+    def _turn_switch(self, mode: str) -> None:
+        self.controller.mode = mode
+
+    def _run_program(self, *, on: bool) -> None:
+        self.controller.program_runs = on
+        if not on:
+            self.controller.arm.stop(8.0)
+
+    def _use_server(self, *, c3: bool) -> None:
+        self.server.is_c3 = c3
+
+    def _switch_tool(self, parameters: dict[str, Any]) -> None:
+        c = self.controller
+        c.tool_number = int(parameters.pop("number", c.tool_number % FRAMES + 1))
+
+
+def _parse_axes(names: Any) -> list[int]:
+    every = [f"A{axis}" for axis in range(1, 7)]
+    if names == "all":
+        return list(range(6))
+    found = [names] if isinstance(names, str) else list(names)
+    if not found or any(name not in every for name in found):
+        raise FaultRefusedError(f"{names!r} are no axes; they are {', '.join(every)}")
+    return sorted(every.index(name) for name in found)
+
+
+def create_kuka_robot(world: World, table: Mapping[str, Any]) -> FakeKukaRobot:
+    """Build the robot that a cell file names."""
+    return FakeKukaRobot(world, table)

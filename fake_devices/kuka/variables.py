@@ -1,0 +1,115 @@
+"""The variables of the controller as texts, and who may write them.
+
+Imitates
+    The variable access of a KUKA controller through Cross.
+Source
+    As controller.py.
+Modelled
+    The variables in the table; members in any order are accepted when written.
+Not modelled
+    Everything else: it does not exist.
+"""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from cellcal.fake_devices.kuka.controller import FRAMES, KukaController, values_of
+
+_MEMBER = re.compile(r"([A-Z]\w*)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)")
+_INDEXED = re.compile(r"(TOOL_DATA|BASE_DATA|LOAD_DATA|\$AXIS_CAL)\[(\d+)\]")
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+
+
+class VariableTable:
+    """Texts of one controller."""
+
+    def __init__(self, controller: KukaController) -> None:
+        self._c = controller
+        c = controller
+        self._texts: dict[str, Callable[[], str]] = {
+            "$AXIS_ACT": self._axes,
+            "$POS_ACT": lambda: self._frame(
+                "E6POS", values_of(c.tip_in_base()), ", S 2, T 35, E1 0.0, E2 0.0"
+            ),
+            "$BASE": lambda: self._frame("FRAME", values_of(c.base_matrix())),
+            "$TOOL": lambda: self._frame("FRAME", values_of(c.tool_matrix())),
+            "$ACT_TOOL": lambda: str(c.tool_number),
+            "$ACT_BASE": lambda: str(c.base_number),
+            "$LOAD": self._load,
+            "$MODE_OP": lambda: f"#{c.mode}",
+            "$OV_PRO": lambda: str(c.override_percent),
+            "$PERI_RDY": lambda: _flag(c.drives_on),
+            "$USER_SAF": lambda: _flag(c.safety_closed),
+            "$STOPMESS": lambda: _flag(c.stop_message),
+            "$MODEL_NAME[]": lambda: f'"#{c.title}"',
+            "$TRAFONAME[]": lambda: f'"#{c.title}"',
+            "$ROBNAME[]": lambda: '"ROBOT1"',
+            "$KR_SERIALNO": lambda: c.serial,
+            "CC_STATE": lambda: str(c.state),
+            "CC_LIFE": lambda: str(c.life),
+            "CC_STOP": lambda: _flag(c.stop_flag),
+        }
+
+    def read(self, name: str) -> str | None:
+        """Return a variable's text; None where there is none of this name."""
+        name = name.strip().upper()
+        if name in self._texts:
+            return self._texts[name]()
+        if name in self._c.counters:
+            return str(self._c.counters[name])
+        found = _INDEXED.fullmatch(name)
+        if found is None:
+            return None
+        index = int(found[2]) - 1
+        if found[1] == "$AXIS_CAL":
+            return _flag(self._c.mastered[index]) if 0 <= index < 6 else None
+        if not 0 <= index < FRAMES or found[1] == "LOAD_DATA":
+            return None
+        return self._frame("FRAME", self._table(found[1])[index])
+
+    def write(self, name: str, text: str) -> bool:
+        """Write a variable; return whether it may be written and the text fits."""
+        name, c = name.strip().upper(), self._c
+        found = _INDEXED.fullmatch(name)
+        try:
+            if name in c.counters and name != "CC_ACK":
+                c.counters[name] = int(text)
+            elif name == "CC_STOP":
+                c.stop_flag = text.strip().upper() == "TRUE"
+            elif name == "CC_AXIS":
+                members = dict(_MEMBER.findall(text.upper()))
+                c.target_deg = [float(members[f"A{axis}"]) for axis in range(1, 7)]
+            elif name == "$OV_PRO":
+                c.set_override(int(text))
+            elif (
+                found is not None and found[1] in ("TOOL_DATA", "BASE_DATA") and 1 <= int(found[2]) <= FRAMES
+            ):
+                members = dict(_MEMBER.findall(text.upper()))
+                self._table(found[1])[int(found[2]) - 1] = [float(members[key]) for key in _POSE]
+            else:
+                return False
+        except (KeyError, ValueError):
+            return False
+        return True
+
+    def _table(self, name: str) -> list[list[float]]:
+        return self._c.tools if name == "TOOL_DATA" else self._c.bases
+
+    def _axes(self) -> str:
+        angles = np.degrees(self._c.arm.joints_rad)
+        members = ", ".join(f"A{axis} {float(angle):.7g}" for axis, angle in enumerate(angles, 1))
+        return f"{{E6AXIS: {members}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"
+
+    def _frame(self, kind: str, values: list[float], rest: str = "") -> str:
+        members = ", ".join(f"{key} {value:.6f}" for key, value in zip(_POSE, values, strict=True))
+        return f"{{{kind}: {members}{rest}}}"
+
+    def _load(self) -> str:
+        mass = self._c.loads_kg[self._c.tool_number - 1] if self._c.tool_number else -1.0
+        return f"{{M {mass}, CM {{X 0.0, Y 0.0, Z 0.0, A 0.0, B 0.0, C 0.0}}, J {{X 0.0, Y 0.0, Z 0.0}}}}"
+
+
+def _flag(value: bool) -> str:
+    return "TRUE" if value else "FALSE"

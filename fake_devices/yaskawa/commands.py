@@ -1,0 +1,140 @@
+"""What the controller answers to each command of the robot port, and the files of the file port.
+
+Imitates
+    The commands that a host needs for reading, moving and stopping one arm.
+Source
+    As packets.py.
+Modelled
+    0x70 alarms, 0x71 history, 0x72 status, 0x74 axis names, 0x75 position, 0x7A and 0x7C variables, 0x82 reset,
+    0x83 hold and servo, 0x89 system information, 0x8B move by pulses; list and save of files.
+Not modelled
+    Everything else: status 08, as a controller answers what it does not know.
+"""
+
+import struct
+from collections.abc import Callable
+
+import numpy as np
+
+from cellcal.fake_devices.kinematics import wpr_from_matrix
+from cellcal.fake_devices.yaskawa.controller import AXES, PLAY, REMOTE, TEACH, YaskawaController
+from cellcal.fake_devices.yaskawa.packets import CommandRefusal, HostRequest
+
+_GET_ALL, _SET_ALL, _GET_ONE, _SET_ONE = 0x01, 0x02, 0x0E, 0x10
+_UNDEFINED, _NO_INSTANCE, _NO_ELEMENT = 0x08, 0x28, 0x09
+_VARIABLE_OCTETS = {0x7A: 1, 0x7C: 4}
+_SAVE, _LIST = 0x16, 0x32
+_NO_FILE = 0xE2B3
+
+
+class CommandTable:
+    """Answers of one controller."""
+
+    def __init__(self, controller: YaskawaController) -> None:
+        self._c = controller
+        self._answers: dict[int, Callable[[HostRequest], bytes]] = {
+            0x70: lambda request: self._alarm(request, self._c.alarms, 4),
+            0x71: lambda request: self._alarm(request, self._c.history, 100),
+            0x72: self._status,
+            0x74: lambda _: b"".join(name.encode().ljust(4, b"\0") for name in AXES).ljust(32, b"\0"),
+            0x75: self._position,
+            0x7A: self._variable,
+            0x7C: self._variable,
+            0x82: self._reset,
+            0x83: self._switch,
+            0x89: self._system,
+            0x8B: self._move,
+        }
+
+    def answer_command(self, request: HostRequest) -> bytes:
+        """Return the data of an answer, or refuse."""
+        if request.command not in self._answers:
+            raise CommandRefusal(_UNDEFINED)
+        return self._answers[request.command](request)
+
+    def read_file(self, request: HostRequest) -> bytes:
+        """Return the file that is asked for, or the list of files."""
+        name = request.data.partition(b"\0")[0].decode("ascii", "replace").upper()
+        if request.service == _SAVE and name == "TOOL.CND":
+            return self._c.tool_file().encode()
+        if request.service == _LIST:
+            return b"TOOL.CND\r\n"
+        raise CommandRefusal(0x1F, _NO_FILE) if request.service == _SAVE else CommandRefusal(_UNDEFINED)
+
+    def _alarm(self, request: HostRequest, entries: list[tuple[int, int, str, str]], places: int) -> bytes:
+        if not 1 <= request.instance <= places:
+            raise CommandRefusal(_NO_INSTANCE)
+        if request.instance > len(entries):
+            return bytes(60)
+        code, data, stamp, text = entries[request.instance - 1]
+        return struct.pack("<III16s32s", code, data, 1, stamp.encode(), text.encode())
+
+    def _status(self, request: HostRequest) -> bytes:
+        c = self._c
+        word_1 = 0x02 | (0x08 if c.arm.is_moving else 0)
+        word_1 |= {TEACH: 0x20, PLAY: 0x40, REMOTE: 0xC0}[c.mode]
+        word_2 = 0x02 * c.holds["pendant"] | 0x04 * c.holds["external"] | 0x08 * c.holds["command"]
+        word_2 |= (0x10 if c.alarms else 0) | (0x40 if c.has_servo_power else 0)
+        words = struct.pack("<II", word_1, word_2)
+        if request.service == _GET_ALL:
+            return words
+        if request.attribute not in (1, 2):
+            raise CommandRefusal(_NO_ELEMENT)
+        return words[:4] if request.attribute == 1 else words[4:]
+
+    def _position(self, request: HostRequest) -> bytes:
+        c = self._c
+        if request.instance == 1:
+            return struct.pack("<5I8i", 0, 0, c.tool_number, 0, 0, *c.pulses(), 0, 0)
+        if request.instance != 101:
+            raise CommandRefusal(_NO_INSTANCE)
+        pose = c.base_tip()
+        place = [round(float(value) * 1e6) for value in pose[:3, 3]]
+        turn = [round(value * 1e4) for value in wpr_from_matrix(pose[:3, :3])]
+        return struct.pack("<5I8i", 16, 0, c.tool_number, c.user_frame, 0, *place, *turn, 0, 0)
+
+    def _variable(self, request: HostRequest) -> bytes:
+        octets, key = _VARIABLE_OCTETS[request.command], (request.command, request.instance)
+        if request.instance > 99:
+            raise CommandRefusal(0x1F, 0xB001)
+        if request.service == _SET_ONE:
+            self._c.variables[key] = request.data[:octets].ljust(octets, b"\0")
+            return b""
+        return self._c.variables.get(key, bytes(octets))
+
+    def _reset(self, request: HostRequest) -> bytes:
+        if request.instance not in (1, 2):
+            raise CommandRefusal(_NO_INSTANCE)
+        self._c.reset_alarms()
+        return b""
+
+    def _switch(self, request: HostRequest) -> bytes:
+        if len(request.data) != 4:
+            raise CommandRefusal(_NO_ELEMENT)
+        on = struct.unpack("<I", request.data)[0] == 1
+        if request.instance == 1:
+            self._c.order_hold(on=on)
+        elif request.instance == 2:
+            self._c.order_servo(on=on)
+        elif request.instance != 3:
+            raise CommandRefusal(_NO_INSTANCE)
+        return b""
+
+    def _system(self, request: HostRequest) -> bytes:
+        if request.instance not in (11, 101):
+            raise CommandRefusal(_NO_INSTANCE)
+        return struct.pack("<24s16s8s", b"YAS2.80.00A(EN/DE)-00", self._c.title.encode(), b"12.34-00")
+
+    def _move(self, request: HostRequest) -> bytes:
+        if request.service != _SET_ALL or len(request.data) != 88:
+            raise CommandRefusal(_NO_ELEMENT)
+        group, station, speed_class, speed, *rest = struct.unpack("<4I8i10i", request.data)
+        if group != 1 or station != 0:
+            raise CommandRefusal(0x1F, 0xB008)
+        if request.instance not in (1, 2) or speed_class != 0 or not 1 <= speed <= 10000:
+            raise CommandRefusal(_NO_ELEMENT)
+        pulses = rest[: len(AXES)]
+        if any(rest[len(AXES) : 8]) or not np.isfinite(pulses).all():
+            raise CommandRefusal(0x1F, 0xB008)
+        self._c.order_move(pulses, speed / 10000.0)
+        return b""

@@ -1,0 +1,246 @@
+"""``cellcal mastering record`` and ``watch``: FANUC controllers by their files, over FTP or from a backup."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
+    from cellcal.service.engineering.controller_files.nightly_watch import WatchedController
+    from cellcal.service.engineering.controller_files.record_from_files import FilesRecord
+
+RECORDS = Path("mastering_records")
+RecordFolder = Annotated[
+    Path, Parameter(name="--records", help="Folder of the signed records and of the key that signs them.")
+]
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class FtpOptions:
+    """How a controller's FTP server is asked; it is only read, nothing is ever written."""
+
+    user: Annotated[str, Parameter(name="--user", help="FTP user; most controllers let anonymous read.")] = (
+        "anonymous"
+    )
+    password_file: Annotated[
+        Path | None, Parameter(name="--password-file", help="File whose first line is the FTP password.")
+    ] = None
+    timeout_s: Annotated[
+        float, Parameter(name="--timeout", help="Seconds that a controller may take for an answer.")
+    ] = 10.0
+    programs: Annotated[
+        bool,
+        Parameter(name="--programs", help="Read the programs as well, so that a changed one is noticed."),
+    ] = True
+
+
+_USUAL = FtpOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class RobotIdentity:
+    """What the files may leave open about a robot."""
+
+    group: Annotated[
+        int | None, Parameter(name="--group", help="Motion group, where the controller has several.")
+    ] = None
+    model: Annotated[
+        str | None,
+        Parameter(
+            name="--model", help="Name in `cellcal models`, where the controller's own is not known there."
+        ),
+    ] = None
+    serial: Annotated[str | None, Parameter(name="--serial", help="F number, where no file tells it.")] = None
+
+
+_BY_ITS_FILES = RobotIdentity()
+
+
+def record(
+    source: str,
+    /,
+    *,
+    records: RecordFolder = RECORDS,
+    whose: RobotIdentity = _BY_ITS_FILES,
+    ftp: FtpOptions = _USUAL,
+    as_json: Json = False,
+) -> int:
+    """Make a mastering record of a FANUC robot from its controller's files: no option, no program, nothing written.
+
+    Parameters
+    ----------
+    source
+        The controller's address (HOST or HOST:PORT), or a folder that holds a backup of it.
+    whose
+        Which robot of the controller it is.
+    """
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.engineering.controller_files.nightly_watch import read_controller
+    from cellcal.service.engineering.controller_files.record_from_files import make_record
+    from cellcal.service.engineering.controller_files.stored_records import store_record
+
+    files = read_controller(source, _login(ftp), with_programs=ftp.programs)
+    done = make_record(files, group=whose.group, model=whose.model, serial=whose.serial)
+    stored = store_record(records, done, files)
+    if as_json:
+        print_json(_as_document(done) | {"file": str(stored.path), "public_key": stored.public_key})
+    _print_record(done)
+    STDERR_CONSOLE.print(f"record: {stored.path}", markup=False, soft_wrap=True)
+    STDERR_CONSOLE.print(
+        f"Signed. Check it with: cellcal verify {stored.path} --key {stored.public_key}",
+        markup=False,
+        soft_wrap=True,
+    )
+    STDERR_CONSOLE.print(
+        f"Compare every night: cellcal mastering watch {source} --records {records}",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def watch(
+    *sources: str,
+    records: RecordFolder = RECORDS,
+    addresses_file: Annotated[
+        Path | None,
+        Parameter(name="--file", help="A file with one address or folder a line; # begins a remark."),
+    ] = None,
+    ftp: FtpOptions = _USUAL,
+    as_json: Json = False,
+) -> int:
+    """Compare FANUC controllers with their newest records, all at once; one line for each. For a nightly timer.
+
+    Exit code 0: all as recorded; 3: a position is lost, or something changed; 5: a controller was not read;
+    4: one has no record yet. The gravest counts.
+
+    Parameters
+    ----------
+    sources
+        Addresses of controllers, or folders with backups of them.
+    """
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.engineering.controller_files.nightly_watch import (
+        gravest_exit_code,
+        watch_controllers,
+    )
+
+    addresses = (*sources, *_addresses_in(addresses_file))
+    if not addresses:
+        _refuse_nothing()
+    found = watch_controllers(
+        addresses,
+        records,
+        _login(ftp),
+        with_programs=ftp.programs,
+        report=lambda each: STDERR_CONSOLE.print(_line_of(each), markup=False, soft_wrap=True),
+    )
+    if as_json:
+        print_json({"robots": [_watched_document(each) for each in found]})
+    return gravest_exit_code(found)
+
+
+def _login(options: FtpOptions) -> "FtpLogin":
+    from math import isfinite
+
+    from cellcal.calibration.documents.plain_files import read_plain_text
+    from cellcal.calibration.errors import CellError
+    from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
+
+    if not isfinite(options.timeout_s) or not 0.1 <= options.timeout_s <= 600.0:
+        raise CellError("--timeout is from 0.1 to 600 seconds.", code="usage")
+    password = ""
+    if options.password_file is not None:
+        password = (read_plain_text(options.password_file).splitlines() or [""])[0]
+    if any(mark in options.user + password for mark in "\r\n\0"):
+        raise CellError("a user or password holds no line ends.", code="usage")
+    return FtpLogin(options.user, password, options.timeout_s, max(60.0, 12 * options.timeout_s))
+
+
+def _addresses_in(file: Path | None) -> tuple[str, ...]:
+    from cellcal.calibration.documents.plain_files import read_plain_text
+
+    if file is None:
+        return ()
+    lines = (line.partition("#")[0].strip() for line in read_plain_text(file).splitlines())
+    return tuple(line for line in lines if line)
+
+
+def _refuse_nothing() -> None:
+    from cellcal.calibration.errors import CellError
+
+    raise CellError(
+        "no controller was named.", remedy="Give addresses, or a file of them with --file.", code="usage"
+    )
+
+
+def _line_of(each: "WatchedController") -> str:
+    name = f"{each.address} {each.serial}".strip()
+    return f"{name}  {each.state.upper()}  {each.sentence}"
+
+
+def _print_record(done: "FilesRecord") -> None:
+    import math
+
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable
+
+    title = f"{done.device}: {done.robot or 'robot'} {done.record.robot_serial}, group {done.group}"
+    table = PlainTable(
+        "axis", "machine pulse", "master count", "mastered", "angle (deg)", "shown (deg)", title=title
+    )
+    for row in done.rows:
+        table.add_row(
+            f"J{row.axis}",
+            str(row.pulse),
+            str(row.count_at_zero),
+            "yes" if row.mastered else "no",
+            f"{math.degrees(row.angle_rad):.4f}",
+            "-" if row.shown_deg is None else f"{row.shown_deg:.2f}",
+        )
+    STDERR_CONSOLE.print(table)
+    for heading, lines in (
+        ("Checked", done.checked),
+        ("NOT checked", done.not_checked),
+        ("Note", done.findings),
+    ):
+        for line in lines:
+            STDERR_CONSOLE.print(f"{heading}: {line}.", markup=False, soft_wrap=True)
+
+
+def _as_document(done: "FilesRecord") -> dict[str, object]:
+    rows = [
+        {
+            "axis": row.axis,
+            "machine_pulse": row.pulse,
+            "master_count": row.count_at_zero,
+            "mastered": row.mastered,
+            "angle_rad": row.angle_rad,
+            "shown_deg": row.shown_deg,
+        }
+        for row in done.rows
+    ]
+    return {
+        "device": done.device,
+        "serial": done.record.robot_serial,
+        "model": done.record.model,
+        "robot": done.robot,
+        "group": done.group,
+        "axes": rows,
+        "sha256": done.record.sha256,
+        "checked": list(done.checked),
+        "not_checked": list(done.not_checked),
+        "findings": list(done.findings),
+    }
+
+
+def _watched_document(each: "WatchedController") -> dict[str, object]:
+    changes = [{"kind": str(change.kind), "text": change.text} for change in each.changes]
+    document = {"address": each.address, "serial": each.serial, "state": str(each.state)}
+    return document | {"compared_with": each.compared_with, "changes": changes, "error": each.error}

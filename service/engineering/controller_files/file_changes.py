@@ -1,0 +1,184 @@
+"""What differs between a controller's files and its newest record: a loss, mastering, frames, programs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+
+import numpy as np
+
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
+from cellcal.drivers.fanuc.program_files.va_backup import MASTERING
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
+from cellcal.service.engineering.controller_files.record_checks import (
+    ControllerRecordError,
+    check_angles,
+    describe_alarm,
+    position_alarms,
+    read_pulses,
+    require_drives,
+)
+from cellcal.service.engineering.controller_files.stored_records import (
+    ControllerContent,
+    Numbers,
+    StoredRecord,
+    controller_content,
+)
+
+_MOST_NAMES = 8
+
+
+class ChangeKind(StrEnum):
+    """What a change means; the order is that of their gravity."""
+
+    LOSS = "loss"
+    OTHER_ROBOT = "other robot"
+    CONTRADICTION = "contradiction"
+    OLD_BACKUP = "old backup"
+    MASTERING = "mastering"
+    FRAME = "frame"
+    TOOL = "tool"
+    PROGRAM = "program"
+    SOFTWARE = "software"
+    CLOCK = "clock"
+
+
+@dataclass(frozen=True, slots=True)
+class FileChange:
+    """One difference, with its figures."""
+
+    kind: ChangeKind
+    text: str
+
+
+def compare_files(
+    files: ControllerFiles, last: StoredRecord, earlier: Sequence[StoredRecord] = ()
+) -> tuple[FileChange, ...]:
+    """Return what differs from the newest record; ``earlier`` are older records of the same robot."""
+    if files.serial and files.serial != last.record.robot_serial:
+        text = f"controller {files.serial} answers, the record is of {last.record.robot_serial}"
+        return (FileChange(ChangeKind.OTHER_ROBOT, text),)
+    mastering = files.variables.mastering.get(last.controller.group)
+    if mastering is None:
+        absent = f"{MASTERING} holds no mastering of group {last.controller.group}"
+        return (*_find_losses(files, None), FileChange(ChangeKind.CONTRADICTION, absent))
+    now = controller_content(files, last.controller.group)
+    found = [
+        *_find_losses(files, mastering),
+        *_compare_counts(mastering, last, earlier),
+        *_find_contradiction(files, mastering),
+        *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames),
+        *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools),
+        *_compare_programs(last.controller.programs, now.programs),
+        *_compare_rest(last.controller, now),
+    ]
+    return tuple(sorted(found, key=lambda change: list(ChangeKind).index(change.kind)))
+
+
+def describe_shift(record: MasteringRecord, counts: Sequence[int]) -> str:
+    """Say by how much counts at zero differ, axis by axis, in counts, motor turns and degrees."""
+    if len(counts) != len(record.counts_at_zero):
+        return f"{len(counts)} axes are mastered, the record has {len(record.counts_at_zero)}"
+    moved = np.subtract(counts, record.counts_at_zero)
+    joints_deg = np.degrees(record.drive.to_joints(np.zeros(len(moved)), moved))
+    parts = []
+    for axis in np.flatnonzero(moved):
+        turns = moved[axis] / record.drive.counts_per_turn[axis]
+        whole = f", {round(turns):+d} turns of the motor" if float(turns).is_integer() else ""
+        parts.append(f"J{axis + 1} by {int(moved[axis]):+d} counts ({joints_deg[axis]:+.3f} deg{whole})")
+    return ", ".join(parts)
+
+
+def _find_losses(files: ControllerFiles, mastering: GroupMastering | None) -> list[FileChange]:
+    pairs = position_alarms(files)
+    texts = [describe_alarm(*pair) for pair in pairs]
+    if mastering is not None and not mastering.mastered:
+        texts.append("the controller holds no mastering ($MASTER_DONE is FALSE)")
+    if mastering is not None and not mastering.is_valid:
+        texts += [text for text in mastering.findings if "$EACHMST_DON" in text]
+    return [FileChange(ChangeKind.LOSS, text) for text in dict.fromkeys(texts)]
+
+
+def _compare_counts(
+    mastering: GroupMastering, last: StoredRecord, earlier: Sequence[StoredRecord]
+) -> list[FileChange]:
+    counts = mastering.counts_at_zero
+    if counts == last.record.counts_at_zero:
+        return []
+    shift = describe_shift(last.record, counts)
+    old = next((each for each in reversed(earlier) if each.record.counts_at_zero == counts), None)
+    if old is not None:
+        text = f"the mastering is that of {old.day} again, not the newest one of {last.day}: {shift}"
+        return [FileChange(ChangeKind.OLD_BACKUP, text)]
+    return [FileChange(ChangeKind.MASTERING, f"the mastering differs from the record of {last.day}: {shift}")]
+
+
+def _find_contradiction(files: ControllerFiles, mastering: GroupMastering) -> list[FileChange]:
+    """Say where files of a mastered robot disagree; a robot that moves in production is no contradiction."""
+    texts = list(files.list_contradictions())
+    if mastering.is_valid and files.axes is not None and not texts:
+        try:
+            drives = require_drives(files, mastering)
+            check_angles(files, mastering, drives, read_pulses(files, mastering))
+        except ControllerRecordError as error:
+            if not error.code.endswith("moved"):
+                texts.append(error.message.removeprefix(f"{files.device}: ").rstrip("."))
+    return [FileChange(ChangeKind.CONTRADICTION, text) for text in texts]
+
+
+def _compare_frames(
+    kind: ChangeKind, before: Mapping[str, Numbers], now: Mapping[str, Numbers]
+) -> list[FileChange]:
+    found = []
+    for number in sorted({*before, *now}, key=int):
+        old, new = before.get(number), now.get(number)
+        if old == new:
+            continue
+        if old is None or new is None:
+            text = make_message(
+                "{kind} {number} {detail}",
+                kind=kind,
+                number=number,
+                detail="was set" if old is None else "is no longer there",
+            )
+        else:
+            parts = [f"{n} {a:.3f} to {b:.3f}" for n, a, b in zip("XYZWPR", old, new, strict=True) if a != b]
+            text = f"{kind} {number}: {', '.join(parts)} (mm, deg)"
+        found.append(FileChange(kind, text))
+    return found
+
+
+def _compare_programs(before: Mapping[str, str] | None, now: Mapping[str, str] | None) -> list[FileChange]:
+    if before is None or now is None:
+        return []
+    groups = {
+        "changed": sorted(name for name in before.keys() & now.keys() if before[name] != now[name]),
+        "new": sorted(now.keys() - before.keys()),
+        "gone": sorted(before.keys() - now.keys()),
+    }
+    return [
+        FileChange(ChangeKind.PROGRAM, f"{word}: {_list_names(names)}")
+        for word, names in groups.items()
+        if names
+    ]
+
+
+def _compare_rest(before: ControllerContent, now: ControllerContent) -> list[FileChange]:
+    found = []
+    if before.software and now.software and before.software != now.software:
+        found.append(FileChange(ChangeKind.SOFTWARE, f"software {before.software} is {now.software} now"))
+    if before.written and now.written:
+        earlier = datetime.fromisoformat(now.written) < datetime.fromisoformat(before.written)
+        if earlier:
+            text = (
+                f"its files are of {now.written[:16]}, older than those of the record ({before.written[:16]})"
+            )
+            found.append(FileChange(ChangeKind.CLOCK, text))
+    return found
+
+
+def _list_names(names: Sequence[str]) -> str:
+    rest = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,0 +1,172 @@
+"""``cellcal mastering watch``: many controllers at once, one answer each; one that fails does not stop the others."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.controller_files.controller_address import parse_address
+from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles, read_controller_files
+from cellcal.drivers.fanuc.controller_files.file_sources import FileSource, FolderSource
+from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.controller_files.file_changes import (
+    ChangeKind,
+    FileChange,
+    compare_files,
+)
+from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
+from cellcal.service.exit_codes import ExitCode
+
+AT_ONCE = 16
+
+
+class WatchState(StrEnum):
+    """How one robot was found."""
+
+    UNCHANGED = "unchanged"
+    CHANGED = "changed"
+    LOST = "position lost"
+    NO_RECORD = "no record"
+    FAILED = "not read"
+
+
+@dataclass(frozen=True, slots=True)
+class WatchedController:
+    """What the watch found of one robot."""
+
+    address: str
+    state: WatchState
+    serial: str = ""
+    compared_with: str = ""
+    changes: tuple[FileChange, ...] = ()
+    error: str = ""
+    error_code: str = ""
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Return what the shell gets to know of this robot."""
+        return _EXIT_CODES[self.state]
+
+    @property
+    def sentence(self) -> str:
+        """Say it in one line, without the address."""
+        if self.state is WatchState.FAILED:
+            return self.error
+        if self.state is WatchState.NO_RECORD:
+            return f"there is no record yet: cellcal mastering record {self.address}"
+        if self.state is WatchState.UNCHANGED:
+            return f"as in the record of {self.compared_with}"
+        return "; ".join(f"{change.kind}: {change.text}" for change in self.changes)
+
+
+_EXIT_CODES = {
+    WatchState.UNCHANGED: ExitCode.PASS,
+    WatchState.CHANGED: ExitCode.OUT_OF_TOLERANCE,
+    WatchState.LOST: ExitCode.OUT_OF_TOLERANCE,
+    WatchState.NO_RECORD: ExitCode.REFUSED,
+    WatchState.FAILED: ExitCode.UNREACHABLE,
+}
+_GRAVITY = (ExitCode.OUT_OF_TOLERANCE, ExitCode.UNREACHABLE, ExitCode.REFUSED, ExitCode.PASS)
+
+
+@contextmanager
+def open_source(text: str, login: FtpLogin) -> Iterator[FileSource]:
+    """Open a folder that is there, or else the controller at an address."""
+    if Path(text).is_dir():
+        yield FolderSource(text)
+        return
+    with FtpSource(parse_address(text), login) as source:
+        yield source
+
+
+def read_controller(text: str, login: FtpLogin, *, with_programs: bool = True) -> ControllerFiles:
+    """Read the files of a controller, or of a folder with its backup."""
+    with open_source(text, login) as source:
+        try:
+            return read_controller_files(source, with_programs=with_programs)
+        except ProgramFileError as error:
+            error.message = make_message(
+                "{device}: {error_message}", device=source.device, error_message=error.message
+            )
+            raise
+
+
+def watch_controllers(
+    addresses: Sequence[str],
+    records: Path,
+    login: FtpLogin,
+    *,
+    with_programs: bool = True,
+    report: Callable[[WatchedController], None] = lambda _: None,
+) -> tuple[WatchedController, ...]:
+    """Compare every controller with its newest record; ``report`` is called as answers arrive.
+
+    Raises
+    ------
+    RecordFileError
+        The records cannot be read: nothing could be compared with.
+    """
+    stored = list_records(records)
+
+    def look_at(address: str) -> WatchedController:
+        try:
+            files = read_controller(address, login, with_programs=with_programs)
+            return compare_with_records(address, files, stored)
+        except CellError as error:
+            return WatchedController(address, WatchState.FAILED, error=str(error), error_code=error.code)
+        except Exception as error:  # noqa: BLE001  a fault of ours with one robot must not hide the others
+            text = f"{address}: an internal fault, {type(error).__name__}: {error}. Report this."
+            return WatchedController(address, WatchState.FAILED, error=text, error_code="internal")
+
+    unique = tuple(dict.fromkeys(addresses))
+    found: dict[str, WatchedController] = {}
+    with ThreadPoolExecutor(max_workers=min(AT_ONCE, max(1, len(unique)))) as pool:
+        waiting = {pool.submit(look_at, address): address for address in unique}
+        for done in as_completed(waiting):
+            found[waiting[done]] = done.result()
+            report(found[waiting[done]])
+    return tuple(found[address] for address in unique)
+
+
+def compare_with_records(
+    address: str, files: ControllerFiles, stored: Sequence[StoredRecord]
+) -> WatchedController:
+    """Compare the files of one controller with the records of its groups."""
+    ours = _records_of(files, stored)
+    if not ours:
+        return WatchedController(address, WatchState.NO_RECORD, files.serial)
+    changes: list[FileChange] = []
+    compared_with = ""
+    for group in sorted({each.controller.group for each in ours}):
+        *earlier, last = [each for each in ours if each.controller.group == group]
+        changes += compare_files(files, last, earlier)
+        compared_with = max(compared_with, last.day)
+    unique = tuple(dict.fromkeys(changes))
+    state = WatchState.CHANGED if unique else WatchState.UNCHANGED
+    if any(change.kind is ChangeKind.LOSS for change in unique):
+        state = WatchState.LOST
+    return WatchedController(address, state, files.serial, compared_with, unique)
+
+
+def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[StoredRecord]:
+    """Return the records of a controller: by address, else by its number where no two addresses share that.
+
+    Controllers whose number was never set share one.
+    """
+    here = [each for each in stored if each.controller.address == files.device]
+    ours = [each for each in here if each.record.robot_serial == files.serial]
+    if ours or here:
+        return ours or here
+    alike = [each for each in stored if files.serial and each.record.robot_serial == files.serial]
+    return alike if len({each.controller.address for each in alike}) == 1 else []
+
+
+def gravest_exit_code(found: Sequence[WatchedController]) -> ExitCode:
+    """Return the exit code of a whole night: a change or loss first, then a robot that was not read."""
+    codes = {each.exit_code for each in found}
+    return next((code for code in _GRAVITY if code in codes), ExitCode.PASS)

@@ -1,0 +1,180 @@
+"""``cellcal mastering record``: a mastering record from a FANUC controller's files, once they agree."""
+
+from dataclasses import dataclass
+
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.fanuc.controller_files.controller_files import (
+    ALARMS,
+    AXES,
+    POSITION,
+    VERSION,
+    ControllerFiles,
+)
+from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, MASTERING
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
+from cellcal.procedures.recovery.record_seal import seal_record
+from cellcal.service.engineering.controller_files.record_checks import (
+    AngleCheck,
+    ControllerRecordError,
+    alarm_meaning,
+    check_angles,
+    choose_mastering,
+    describe_alarm,
+    read_pulses,
+    refuse_unhealthy,
+    require_drives,
+)
+from cellcal.service.engineering.controller_files.robot_models import name_model
+
+TAKEN_BY = "controller files 1"
+_NEVER_CHECKED = (
+    "lengths and places: lost turns cannot be found with this record alone",
+    "whose arm it is: the files hold the number of the controller, not a plate on the arm",
+    "the mastering itself: the record keeps it as it was found",
+    "this way of reading on a robot: so far it was confirmed on files of public backups only",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisRow:
+    """One axis of the table."""
+
+    axis: int
+    pulse: int
+    count_at_zero: int
+    mastered: bool
+    angle_rad: float
+    shown_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FilesRecord:
+    """A record, and how far its files were checked; sentences without a full stop."""
+
+    device: str
+    group: int
+    robot: str  # the maker's name of it, "" where no file tells it
+    rows: tuple[AxisRow, ...]
+    record: MasteringRecord
+    checked: tuple[str, ...]
+    not_checked: tuple[str, ...]
+    findings: tuple[str, ...]
+
+
+def make_record(
+    files: ControllerFiles, *, group: int | None = None, model: str | None = None, serial: str | None = None
+) -> FilesRecord:
+    """Make a mastering record; nothing is made where the files disagree.
+
+    Raises
+    ------
+    ControllerRecordError
+        A file is missing, the robot is not mastered or moved, or the files disagree.
+    """
+    mastering = choose_mastering(files, group)
+    refuse_unhealthy(files, mastering)
+    drives = require_drives(files, mastering)
+    pulses = read_pulses(files, mastering)
+    angles = check_angles(files, mastering, drives, pulses)
+    number = serial or files.serial
+    if not number:
+        raise ControllerRecordError(
+            files.device,
+            "no file tells the number of the robot (F Number).",
+            remedy="Give it with --serial, as on the plate of the controller.",
+            code="usage",
+        )
+    names = () if files.version is None else files.version.robots
+    robot = names[0] if len(names) == 1 or (names and mastering.group == 1) else ""
+    record = MasteringRecord(
+        robot_serial=number,
+        model=model or name_model(robot) or robot or "unknown",
+        epoch=0,
+        drive=drives.to_shown_drive_train(angles.convention),
+        counts_at_zero=mastering.counts_at_zero,
+        reference_joints_rad=angles.joints_rad,
+        reference_counts=pulses,
+        captures=(),
+        wire=None,
+        prior=None,
+        taken_by=TAKEN_BY,
+        sha256="",
+    )
+    return FilesRecord(
+        device=files.device,
+        group=mastering.group,
+        robot=robot,
+        rows=_table_rows(mastering, pulses, angles),
+        record=seal_record(record),
+        checked=_list_checked(files, mastering, pulses, angles),
+        not_checked=(*_list_not_checked(files, angles), *_NEVER_CHECKED),
+        findings=_list_findings(files, mastering, pulses),
+    )
+
+
+def _table_rows(
+    mastering: GroupMastering, pulses: tuple[int, ...], angles: AngleCheck
+) -> tuple[AxisRow, ...]:
+    shown: tuple[float | None, ...] = angles.shown_deg or (None,) * len(pulses)
+    return tuple(
+        AxisRow(axis, pulse, zero, mastered=True, angle_rad=angle, shown_deg=shown_deg)
+        for axis, (pulse, zero, angle, shown_deg) in enumerate(
+            zip(pulses, mastering.counts_at_zero, angles.joints_rad, shown, strict=True), 1
+        )
+    )
+
+
+def _list_checked(
+    files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...], angles: AngleCheck
+) -> tuple[str, ...]:
+    found = [
+        "every axis is mastered, and no alarm speaks of a lost position"
+        if files.alarms
+        else "every axis is mastered"
+    ]
+    turns = sorted({round(turn) for turn in mastering.drives.counts_per_turn()}) if mastering.drives else []
+    counts = " or ".join(map(str, turns))
+    found.append(
+        f"scale, gear ratio and interaction of each axis agree, and a motor turn has {counts} counts"
+    )
+    if files.axes_again is not None:
+        found.append(f"the robot stood still: {AXES} showed the same counts before and after {POSITION}")
+    if angles.is_compared:
+        coupled = ", J3 counted from J2" if angles.convention.third_follows_second else ""
+        found.append(f"the angles from the counts are those that {POSITION} shows, within 0.01 deg{coupled}")
+    if mastering.pulse_counts == pulses:
+        found.append(f"{MASTERING} holds the same counts as {AXES} ($SPC_COUNT)")
+    return tuple(found)
+
+
+def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, ...]:
+    found = []
+    if not angles.is_compared:
+        found.append(f"the angles: {POSITION} does not show the joints of this group")
+    if files.axes_again is None:
+        found.append("whether the robot stood still: a backup holds its counts once")
+    if files.alarms is None:
+        found.append(f"the alarms: there is no {ALARMS}")
+    if FRAMES in files.missing:
+        found.append(f"frames and tools: there is no {FRAMES}")
+    if VERSION in files.missing:
+        found.append(f"robot and software: there is no {VERSION}")
+    if files.written is None:
+        found.append("the age of the files: their date cannot be read")
+    return tuple(found)
+
+
+def _list_findings(
+    files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...]
+) -> tuple[str, ...]:
+    alarms = () if files.alarms is None else files.alarms.alarms
+    low = [
+        (alarm, entry)
+        for alarm in alarms
+        if (entry := alarm_meaning(alarm)) is not None and entry.kind == "battery_low"
+    ]
+    found = [*(f"{describe_alarm(*pair)}. {pair[1].remedy}".rstrip(".") for pair in low), *mastering.findings]
+    differs = bool(mastering.pulse_counts) and mastering.pulse_counts != pulses
+    if differs and files.axes is not None and files.axes.servo_ready is False:
+        found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
+    return tuple(found)

@@ -1,0 +1,172 @@
+"""The ABB driver against its simulator beyond the contract, and the simulator against a client of others."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from abb_robot_client.rws import RWS
+
+from cellcal.drivers.abb.robot_web_services.rapid_values import (
+    read_numbers,
+    read_tool,
+    write_joint_target,
+)
+from cellcal.drivers.abb.robot_web_services.state import ControllerState, condition_of
+from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import AlarmKind, Readiness
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+
+ROOT = Path(__file__).parents[2]
+CASE = ROBOTS["abb_web_services"]
+
+
+@pytest.fixture
+async def abb(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    """The ABB, healthy and at home."""
+    async with open_retrying(cell.robot_named(CASE.name)) as robot:
+        await CASE.heal(fake_client, robot)
+        await robot.move_joints(CASE.home_rad, speed_rad_s=0.5)
+        yield robot
+        await CASE.heal(fake_client, robot)
+
+
+async def truth_of(fake_client: FakeCellClient) -> dict[str, Any]:
+    return dict((await fake_client.read_truth())["robots"][CASE.name])
+
+
+def test_a_tool_is_read_as_the_controller_writes_it() -> None:
+    carries, pose, mass = read_tool(
+        "[TRUE,[[31.4,0,229.14],[0.707107,0,0.707107,0]],[2.5,[0,0,100],[1,0,0,0],0,0,0]]"
+    )
+    assert carries
+    assert mass == 2.5
+    assert pose.position_m == pytest.approx((0.0314, 0.0, 0.22914))
+    assert np.allclose(pose.rotation_matrix() @ [0, 0, 1], [1, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[]", "TRUE", "[TRUE,[[0,0,0],[1,0,0,0]]]", "[TRUE,[[0,0,0],[0,0,0,0]],[1,[0,0,0]]]", "[x,[1,2]]",
+    ],
+)  # fmt: skip
+def test_what_is_no_tool_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"tooldata|numbers|quaternion"):
+        read_tool(text)
+
+
+def test_a_target_is_written_with_its_external_axes_out_of_use() -> None:
+    numbers = read_numbers(write_joint_target((0.1, -0.2, 0.3, -0.4, 0.5, -0.6)))
+    assert np.allclose(np.radians(numbers[:6]), (0.1, -0.2, 0.3, -0.4, 0.5, -0.6), atol=1e-8)
+    assert numbers[6:] == [9e9] * 6
+
+
+@pytest.mark.parametrize(
+    ("state", "readiness"),
+    [
+        (ControllerState("AUTO", "motoron", {}), Readiness.READY),
+        (ControllerState("MANR", "motoron", {}), Readiness.NOT_READY),
+        (ControllerState("AUTO", "motoroff", {}), Readiness.STOPPED),
+        (ControllerState("AUTO", "emergencystop", {}), Readiness.STOPPED),
+        (ControllerState("MANR", "motoroff", {2: "NotAMSSynchronized"}), Readiness.POSITION_LOST),
+    ],
+)
+def test_a_state_says_who_must_act(state: ControllerState, readiness: Readiness) -> None:
+    condition = condition_of(state)
+    assert condition.readiness is readiness
+    assert bool(condition.remedy) is (readiness is not Readiness.READY)
+    if readiness is Readiness.POSITION_LOST:
+        assert condition.alarms[0].kind is AlarmKind.TURNS
+        assert condition.alarms[0].axis == 2
+
+
+async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
+    abb: Any, cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    await fake_client.inject_fault("counters_lost", device=CASE.name, axes=["3"])
+    config = cell.robot_named(CASE.name)
+
+    def session() -> tuple[Any, ...]:
+        client = RWS(f"http://{config.address}:{config.port}")
+        client.set_rapid_variable("CellcalServer/nTime", "0.75", "T_ROB1")
+        found = (
+            client.get_jointtarget(), client.get_robtarget(), client.get_operation_mode(),
+            client.get_controller_state(), client.get_speedratio(), client.get_execution_state(),
+            client.read_event_log(), client.get_rapid_variable("CellcalServer/nTime", "T_ROB1"),
+        )  # fmt: skip
+        client.logout()
+        return found
+
+    joints, pose, mode, motors, speed, execution, log, written = await asyncio.to_thread(session)
+    assert np.allclose(np.radians(joints.robax), CASE.home_rad, atol=1e-6)
+    assert np.allclose(np.array(pose.trans) * 1e-3, (await abb.flange_pose()).position_m, atol=1e-6)
+    assert (mode, motors, speed) == ("AUTO", "motoron", 100.0)
+    assert execution.ctrlexecstate == "running"
+    assert log[0].code == 20032
+    assert float(written) == 0.75
+
+
+async def test_a_lost_revolution_counter_is_named_by_axis_and_nothing_moves(
+    abb: Any, fake_client: FakeCellClient
+) -> None:
+    await fake_client.inject_fault("counters_lost", device=CASE.name, axes=["2", "5"])
+    condition = await abb.read_condition()
+    assert condition.readiness is Readiness.POSITION_LOST
+    assert [alarm.axis for alarm in condition.alarms] == [1, 4]
+    before = (await truth_of(fake_client))["joints_rad"]
+    with pytest.raises(RefusedError, match="not synchronised"):
+        await abb.move_joints(CASE.away_rad, speed_rad_s=0.5)
+    assert (await truth_of(fake_client))["joints_rad"] == before
+
+
+@pytest.mark.parametrize("fault", ["garbage", "page"])
+async def test_an_answer_that_is_none_is_named_and_the_next_one_counts(
+    abb: Any, fake_client: FakeCellClient, fault: str
+) -> None:
+    await fake_client.inject_fault(fault, device=CASE.name, count=1)
+    with pytest.raises(WireProtocolError, match="no JSON"):
+        await abb.controller_mode()
+    assert await abb.controller_mode() == "AUTO"
+
+
+async def test_a_wrong_password_is_said(cell: CellConfig) -> None:
+    config = cell.robot_named(CASE.name).model_copy(update={"password": "wrong"})
+    with pytest.raises(RefusedError, match="password"):
+        async with config.open():
+            pytest.fail("a stranger was let in")
+
+
+async def test_a_program_that_is_stopped_ends_the_move(abb: Any, fake_client: FakeCellClient) -> None:
+    move = asyncio.create_task(abb.move_joints(CASE.away_rad, speed_rad_s=CASE.slow_rad_s))
+    await wait_until(lambda: _moves(fake_client))
+    await fake_client.inject_fault("program_stop", device=CASE.name)
+    with pytest.raises(MotionStoppedError, match="CellcalServer"):
+        await move
+    with pytest.raises(DeviceError, match="does not run"):
+        await abb.move_joints(CASE.home_rad, speed_rad_s=0.5)
+
+
+def test_the_module_that_ships_declares_what_the_driver_uses() -> None:
+    text = (ROOT / "deploy" / "controller_setup" / "abb" / "CellcalServer.mod").read_text()
+    code = re.sub(r"!.*", "", text)
+    declared = set(re.findall(r"PERS \w+ (\w+) :=", code))
+    source = (ROOT / "drivers" / "abb" / "robot_web_services" / "motion_server.py").read_text()
+    assert set(re.findall(r'"(n[A-Z]\w+)"', source)) | {"jTarget", "nTime"} == declared
+    for opening, closing in (
+        ("PROC ", "ENDPROC"),
+        ("TRAP ", "ENDTRAP"),
+        ("WHILE ", "ENDWHILE"),
+        ("IF ", "ENDIF"),
+    ):
+        lines = [line.strip() for line in code.splitlines()]
+        assert sum(line.startswith(opening) for line in lines) == lines.count(closing), opening
+
+
+async def _moves(fake_client: FakeCellClient) -> bool:
+    return bool((await truth_of(fake_client))["moving"])

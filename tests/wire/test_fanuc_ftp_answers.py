@@ -1,0 +1,126 @@
+"""A server that answers nonsense: an error that is named, within the deadline, or exactly the bytes that were sent."""
+
+import random
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
+from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from tests.unit.helpers.fanuc_mutations import damage_bytes
+
+CONTENT = b"F Number: F1\r\n" * 50
+SEEDS = 120
+REPLIES = {
+    "USER": "230 Logged in.",
+    "PASS": "230 Logged in.",
+    "CWD": "250 OK.",
+    "TYPE": "200 OK.",
+    "QUIT": "221 Bye.",
+}
+
+
+class NonsenseServer:
+    """One client at a time; some replies are damaged, as the seed says."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = random.Random(seed)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self.sent: list[bytes] = []
+        self._data: socket.socket | None = None
+        self._thread = threading.Thread(target=self._serve)
+
+    @contextmanager
+    def running(self) -> Iterator["NonsenseServer"]:
+        self._thread.start()
+        try:
+            yield self
+        finally:
+            self._thread.join(timeout=30)
+            self._listener.close()
+            if self._data is not None:
+                self._data.close()
+
+    def _serve(self) -> None:
+        client, _ = self._listener.accept()
+        with client, client.makefile("rb") as commands:
+            try:
+                self._answer(client, "220 Ready.")
+                for line in commands:
+                    if not self._obey(client, line.decode("latin-1").strip()):
+                        return
+            except OSError:
+                return  # the client has hung up
+
+    def _obey(self, client: socket.socket, line: str) -> bool:
+        verb = line.partition(" ")[0]
+        if verb in ("PASV", "EPSV"):
+            if self._data is not None:
+                self._data.close()
+            self._data = socket.create_server(("127.0.0.1", 0))
+            self._data.settimeout(2.0)
+            port = self._data.getsockname()[1]
+            self._answer(client, f"227 Passive (127,0,0,1,{port >> 8},{port & 255}).")
+        elif verb in ("NLST", "RETR") and self._data is not None:
+            content = b"axis.dg\r\n" if verb == "NLST" else CONTENT
+            with self._data, self._data.accept()[0] as data:
+                self._answer(client, "150 Here.")
+                damaged = self._rng.random() < 0.2
+                body = damage_bytes(content, self._rng) if damaged else content
+                data.sendall(body)
+            if verb == "RETR":
+                self.sent.append(body)
+            self._answer(client, "226 Done.")
+        else:
+            self._answer(client, REPLIES.get(verb, "502 No."))
+        return verb != "QUIT"
+
+    def _answer(self, client: socket.socket, reply: str) -> None:
+        text = f"{reply}\r\n".encode()
+        if self._rng.random() < 0.12:
+            text = damage_bytes(text, self._rng)
+            if b"\n" not in text:
+                text += b"\r\n"
+        client.sendall(text)
+
+
+def test_nonsense_is_named_or_what_was_sent() -> None:
+    read, refusals = 0, []
+    for seed in range(SEEDS):
+        with NonsenseServer(seed).running() as server:
+            login = FtpLogin(timeout_s=0.3, file_timeout_s=1.0)
+            try:
+                with FtpSource(ControllerAddress("127.0.0.1", server.port), login) as source:
+                    content = source.read_file("axis.dg")
+                    assert content is None or content in server.sent
+                    read += content is not None
+            except CellError as error:
+                refusals.append((str(server.port), error))
+    assert all(port in error.message and error.remedy for port, error in refusals)
+    assert min(read, len(refusals)) > SEEDS // 8
+
+
+def test_a_reply_without_an_end_is_no_reply() -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def talk() -> None:
+        client, _ = listener.accept()
+        with client:
+            try:
+                while True:
+                    client.sendall(b"220-and on\r\n" * 100)
+            except OSError:
+                return
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    address = ControllerAddress("127.0.0.1", listener.getsockname()[1])
+    with pytest.raises(CellError, match="no FTP server answers"), FtpSource(address, FtpLogin(timeout_s=5.0)):
+        pytest.fail("it was taken for a controller")
+    thread.join(timeout=30)
+    listener.close()

@@ -1,0 +1,218 @@
+"""The KUKA driver against its simulator beyond the contract, and the simulator against a client of others."""
+
+import asyncio
+import math
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from py_openshowvar import openshowvar
+
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import AlarmKind, Readiness
+from cellcal.drivers.kuka.variables.motion_server import speed_percent
+from cellcal.drivers.kuka.variables.state import ControllerState, condition_of
+from cellcal.drivers.kuka.variables.values import (
+    read_axes,
+    read_flag,
+    read_members,
+    read_number,
+    read_pose,
+    write_axes,
+    write_pose,
+)
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+
+ROOT = Path(__file__).parents[2]
+CASE = ROBOTS["kuka_variables"]
+
+
+@pytest.fixture
+async def kuka(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    """The KUKA, healthy and at home."""
+    async with open_retrying(cell.robot_named(CASE.name)) as robot:
+        await CASE.heal(fake_client, robot)
+        await robot.move_joints(CASE.home_rad, speed_rad_s=0.5)
+        yield robot
+        await CASE.heal(fake_client, robot)
+
+
+async def truth_of(fake_client: FakeCellClient) -> dict[str, Any]:
+    return dict((await fake_client.read_truth())["robots"][CASE.name])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{E6AXIS: A1 10.0, A2 -90.0, A3 90.0, A4 0.0, A5 1.5E+01, A6 -7, E1 0.0}",
+        "{A6 -7,A5 15,A4 0,A3 90.0,A2 -90,A1 1.0e1}",
+        "{AXIS:A1 10.0,  A2 -90.0, A3 90.0, A4 0, A5 15., A6 -7.0 }",
+    ],
+)
+def test_axes_are_read_by_name_in_any_order_and_form(text: str) -> None:
+    expected = [math.radians(angle) for angle in (10.0, -90.0, 90.0, 0.0, 15.0, -7.0)]
+    assert read_axes(text) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "{E6AXIS: A1 10.0, A2 -90.0}", "{A1 nan, A2 1}", "1e999"])
+def test_what_is_no_posture_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"missing|numbers|finite"):
+        read_axes(text)
+
+
+@pytest.mark.parametrize("text", ["inf", "nan", "1,5", "#AUT"])
+def test_what_is_no_finite_number_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"finite|convert"):
+        read_number(text)
+
+
+def test_a_flag_is_true_or_false() -> None:
+    assert read_flag(" TRUE ")
+    assert not read_flag("false")
+    with pytest.raises(ValueError, match="neither"):
+        read_flag("1")
+
+
+def test_a_pose_survives_the_controllers_text() -> None:
+    pose = Pose((0.1, -0.25, 1.5), (0.5, 0.5, -0.5, 0.5))
+    found = read_pose(write_pose(pose).replace("}", ", S 2, T 35}"))
+    assert found.position_m == pytest.approx(pose.position_m, abs=1e-9)
+    assert np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=1e-7)
+    assert read_axes(write_axes((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))) == pytest.approx(
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), abs=1e-7
+    )
+
+
+def test_turns_are_about_z_y_x() -> None:
+    turned = read_pose("{FRAME: X 0, Y 0, Z 0, A 90.0, B 0.0, C 0.0}")
+    assert turned.rotation_matrix()[0][1] == pytest.approx(-1.0)
+    assert read_members("{M 3.5, CM {X 1, Y 2, Z 3}}")["M"] == 3.5
+
+
+@pytest.mark.parametrize(
+    ("state", "readiness"),
+    [
+        (ControllerState("#AUT", True, True, False, ()), Readiness.READY),
+        (ControllerState("#EX", True, True, False, ()), Readiness.READY),
+        (ControllerState("#T1", True, True, False, ()), Readiness.NOT_READY),
+        (ControllerState("#AUT", False, True, False, ()), Readiness.STOPPED),
+        (ControllerState("#AUT", True, False, False, ()), Readiness.STOPPED),
+        (ControllerState("#AUT", True, True, True, ()), Readiness.STOPPED),
+        (ControllerState("#T1", False, False, True, (2,)), Readiness.POSITION_LOST),
+    ],
+)
+def test_a_state_says_who_must_act(state: ControllerState, readiness: Readiness) -> None:
+    condition = condition_of(state)
+    assert condition.readiness is readiness
+    assert bool(condition.remedy) is (readiness is not Readiness.READY)
+    if readiness is Readiness.POSITION_LOST:
+        assert condition.alarms[0].kind is AlarmKind.TURNS
+        assert "A3" in condition.message
+
+
+def test_a_speed_below_one_per_cent_is_refused_not_raised() -> None:
+    assert speed_percent("kuka", 0.199, 10.0) == 1
+    assert speed_percent("kuka", 50.0, 10.0) == 100
+    with pytest.raises(RefusedError, match=r"5\.73 deg/s"):
+        speed_percent("kuka", 0.09, 10.0)
+
+
+async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
+    kuka: Any, cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    address = cell.robot_named(CASE.name).address
+
+    def session() -> tuple[Any, ...]:
+        client = openshowvar(address, 7000)
+        found = [client.read(name, debug=False) for name in ("$AXIS_ACT", "$MODE_OP", "$BASE", "$STOPMESS")]
+        missing = client.read("NO_SUCH_VARIABLE", debug=False)
+        client.write("CC_AXIS", "{E6AXIS: A1 -70.0, A2 -68, A3 74, A4 15, A5 49, A6 20}", debug=False)
+        client.write("CC_VEL", "30", debug=False)
+        client.write("CC_STOP", "FALSE", debug=False)
+        acknowledged = int(client.read("CC_ACK", debug=False))
+        client.write("CC_REQ", str(acknowledged + 1), debug=False)
+        for beat in range(1, 2000):
+            client.write("CC_HB", str(beat), debug=False)
+            if int(client.read("CC_ACK", debug=False)) == acknowledged + 1:
+                break
+        client.close()
+        return *found, missing
+
+    axes, mode, base, stopped, missing = await asyncio.to_thread(session)
+    assert read_axes(axes.decode()) == pytest.approx(CASE.home_rad, abs=1e-6)
+    assert (mode, stopped, missing) == (b"#AUT", b"FALSE", None)
+    assert read_pose(base.decode()).position_m == (0.0, 0.0, 0.0)
+    assert math.degrees((await truth_of(fake_client))["joints_rad"][0]) == pytest.approx(-70.0, abs=1e-6)
+
+
+async def test_both_servers_are_told_apart_and_an_empty_value_is_a_failure(
+    kuka: Any, fake_client: FakeCellClient
+) -> None:
+    assert (await kuka.identify()).firmware.startswith("C3 Bridge")
+    with pytest.raises(RefusedError, match="NO_SUCH"):
+        await kuka._link.read_text("NO_SUCH")
+    await fake_client.inject_fault("old_server", device=CASE.name)
+    assert (await kuka.identify()).firmware == "KUKAVARPROXY"
+    with pytest.raises(RefusedError, match="NO_SUCH"):
+        await kuka._link.read_text("NO_SUCH")
+    assert (await kuka.read_joints()).joints_rad
+
+
+async def test_late_and_split_answers_do_no_harm_and_a_short_one_is_named(
+    kuka: Any, fake_client: FakeCellClient
+) -> None:
+    expected = (await kuka.read_joints()).joints_rad
+    for fault in ("stale", "split"):
+        await fake_client.inject_fault(fault, device=CASE.name)
+        assert (await kuka.read_joints()).joints_rad == expected
+        await fake_client.send_command("clear")
+    await fake_client.inject_fault("short", device=CASE.name, count=1)
+    with pytest.raises(WireProtocolError):
+        await kuka.read_joints()
+    assert (await kuka.read_joints()).joints_rad == expected
+
+
+async def test_a_program_that_is_stopped_ends_the_move(kuka: Any, fake_client: FakeCellClient) -> None:
+    move = asyncio.create_task(kuka.move_joints(CASE.away_rad, speed_rad_s=CASE.slow_rad_s))
+    await wait_until(lambda: _moves(fake_client))
+    await fake_client.inject_fault("program_stop", device=CASE.name)
+    with pytest.raises(MotionStoppedError, match="CELLCAL"):
+        await move
+    with pytest.raises(DeviceError, match="does not run"):
+        await kuka.move_joints(CASE.home_rad, speed_rad_s=0.5)
+
+
+async def test_lost_mastering_is_seen_and_nothing_moves(kuka: Any, fake_client: FakeCellClient) -> None:
+    await fake_client.inject_fault("mastering_lost", device=CASE.name, axes=["A4"])
+    condition = await kuka.read_condition()
+    assert condition.readiness is Readiness.POSITION_LOST
+    assert condition.alarms[0].axis == 3
+    before = (await truth_of(fake_client))["joints_rad"]
+    with pytest.raises(RefusedError, match="not mastered"):
+        await kuka.move_joints(CASE.away_rad, speed_rad_s=0.5)
+    assert (await truth_of(fake_client))["joints_rad"] == before
+
+
+async def _moves(fake_client: FakeCellClient) -> bool:
+    return bool((await truth_of(fake_client))["moving"])
+
+
+def test_the_program_that_ships_uses_the_variables_of_the_driver() -> None:
+    folder = ROOT / "deploy" / "controller_setup" / "kuka"
+    declared = set(
+        re.findall(r"^GLOBAL \w+ (CC_\w+)", (folder / "CELLCAL_GLOBALS.DAT").read_text(), re.MULTILINE)
+    )
+    parts = "".join((folder / name).read_text() for name in ("CELLCAL.SRC", "CELLCAL_SPS.SRC"))
+    words = set(re.findall(r"\bCC_[A-Z_]+\b", re.sub(r";.*", "", parts))) - {"CC_SERVE", "CC_BRAKE"}
+    assert words == declared
+    source = (ROOT / "drivers" / "kuka" / "variables" / "motion_server.py").read_text()
+    assert set(re.findall(r'"(CC_\w+)"', source)) <= declared
+    lines = [line.strip() for line in parts.splitlines()]
+    assert sum(line.startswith("DEF ") for line in lines) == lines.count("END")
+    assert sum(line.startswith("IF ") for line in lines) == lines.count("ENDIF")

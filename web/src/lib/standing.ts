@@ -1,0 +1,30 @@
+// Where the robot stands, what is safe to do and how to go on: for a person who comes back to a run half-way.
+
+import type { Key } from "./i18n.svelte";
+import type { RunHead } from "./review";
+import type { Session } from "./types";
+
+export interface Standing {
+  colour: "warn" | "bad" | "good";
+  title: Key;
+  safe: Key;
+}
+
+/** States of a run that can be gone on with. */
+const HALF_WAY = ["interrupted", "cell_failed", "declined", "cancelled"];
+
+/** What to say of a run that is under way or was just left. */
+export function standingOf(session: Session, moving: boolean, stopped: boolean): Standing {
+  if (stopped) return { colour: "bad", title: "stand_stopped", safe: "stand_stopped_safe" };
+  if (moving) return { colour: "warn", title: "stand_moving", safe: "stand_moving_safe" };
+  if (session.run?.state === "paused") return { colour: "warn", title: "stand_paused", safe: "stand_paused_safe" };
+  if (session.prompt) return { colour: "warn", title: "stand_asks", safe: "stand_asks_safe" };
+  if (session.waits_for_hold) return { colour: "warn", title: "stand_hold", safe: "stand_hold_safe" };
+  return { colour: "warn", title: "stand_works", safe: "stand_works_safe" };
+}
+
+/** The newest run of a robot, where it ended half-way and nothing was done since. */
+export function halfWay(runs: RunHead[], serial: string): RunHead | null {
+  const newest = runs.find((each) => each.robot_serial === serial);
+  return newest && HALF_WAY.includes(newest.state) ? newest : null;
+}
