@@ -1,6 +1,6 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -75,10 +75,10 @@ def spec_of(procedure: str, settings: Mapping[str, object]) -> Any:
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = "; ".join(
-            f"{_fault_place(procedure, [str(each) for each in fault['loc']])}: {_fault_text(fault)}"
+        faults = [
+            _labelled_fault(procedure, [str(each) for each in fault["loc"]], _fault_text(fault))
             for fault in error.errors()
-        )
+        ]
         raise _settings_error(procedure, faults) from error
     became = asdict(spec)
     endless = [key for key, value in became.items() if not is_finite(value)]
@@ -139,10 +139,17 @@ def _setting_fault(setting: str, fault: str) -> str:
     return make_message("{setting}: {fault}", setting=setting, fault=fault)
 
 
-def _fault_place(procedure: str, path: Sequence[str]) -> str:
-    """Return a setting as pages call it and, behind it, as ``--set`` does."""
+def _labelled_fault(procedure: str, path: Sequence[str], fault: str) -> str:
+    """Return what is wrong with a setting, which is named as pages call it and as ``--set`` does."""
     known = [name for name in path if not name.startswith("function-")]
-    return f"{label_of(procedure, known)} ({'.'.join(known)})" if known else ""
+    if not known:
+        return fault
+    return make_message(
+        "{label} ({setting}): {fault}",
+        label=label_of(procedure, known),
+        setting=".".join(known),
+        fault=fault,
+    )
 
 
 def _fault_text(fault: ErrorDetails) -> str:

@@ -68,9 +68,9 @@ SAID = {
            "Benutzerkoordinaten aus drei Punkten", "Zertifikat am Bus",
            "eine Nachricht hat nicht die Teile einer signierten"),
     "es": ("no se sabe nada de su servicio", "Haga que se realice.", "calibración de gauge_7: venció el",
-           "calibración del robot", "control de deriva", "medición 3", "sistema de usuario con tres puntos",
+           "Calibración del robot", "Control de deriva", "medición 3", "Sistema de usuario con tres puntos",
            "certificado en el bus", "un mensaje no tiene las partes de uno firmado"),
-    "zh": ("收不到其服务的消息", "请安排执行。", "gauge_7 的校准: 已于", "机器人标定", "漂移检查", "测量 3",
+    "zh": ("收不到其服务的消息", "请安排执行。", "gauge_7 的校准: 已于", "用拉绳或跟踪仪标定机器人", "漂移检查", "测量 3",
            "三点法用户坐标系", "总线证书", "消息缺少签名消息应有的部分"),
 }  # fmt: skip
 
@@ -232,14 +232,14 @@ async def test_cell_messages_are_shown_in_the_language_of_the_page(tmp_path: Pat
         "heard of",
         "was due",
         "calibration of",
-        "robot calibration",
-        "drift check",
-        "three point",
+        "Robot calibration",
+        "Drift check",
+        "three points",
         "on the bus",
     )
     async with page_of(hall, tmp_path) as page:
         row = page.get_by_test_id("cell-cell-000")
-        await expect(row).to_contain_text("drift check")
+        await expect(row).to_contain_text("Drift check against the reference")
         await page.locator("summary").click()
         for locale, expected_texts in SAID.items():
             await page.locator("select").select_option(locale)

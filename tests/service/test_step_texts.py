@@ -12,12 +12,11 @@ from cellcal.procedures.catalogue import DEFINITIONS
 from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.procedure_guide import GUIDE, NEED_REMEDIES
 from cellcal.procedures.prompt_answers import all_answers
+from tests.service.source_sentences import SENTENCE, expression_texts, number_holes
 
 ROOT = Path(__file__).parents[2]
 TRANSLATED = ("de", "es", "zh")
-# the same cuts and holes as in web/src/lib/say.svelte.ts
-NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
-SENTENCE = re.compile(r"(?<=[.?!])\s+")
+HOLE = re.compile(r"\{\w+\}")
 
 # Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
 ENGLISH_ONLY = 22  # at most; it may only fall
@@ -72,11 +71,10 @@ def step_names() -> set[str]:
 
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_titles_steps_and_plain_instructions_are_translated(locale: str) -> None:
-    table = translation_tables()[locale]
     expected_texts = {
-        "titles": {text_key(entry.title) for entry in DEFINITIONS},
-        "guide": {text_key(text) for entry in GUIDE.values() for text in (entry.when, entry.uses)},
-        "remedies": {text_key(part) for text in NEED_REMEDIES.values() for part in SENTENCE.split(text)},
+        "titles": {entry.title for entry in DEFINITIONS},
+        "guide": {text for entry in GUIDE.values() for text in (entry.when, entry.uses)},
+        "remedies": {part for text in NEED_REMEDIES.values() for part in SENTENCE.split(text)},
         "answers": {text for answers in all_answers() for text in (answers.yes, answers.no, answers.question)}
         - {""},
         "steps": step_names(),

@@ -11,9 +11,9 @@ export interface Fault {
   words: string;
 }
 
-const ALL = /^\S+ cannot be run so: (.*)\.$/s;
-const ONE = /^(.*) \(([\w.]+)\): (.*)$/s; // what a setting is called and, for the terminal, its name
-const BOUND = /^Input should be (less than or equal to|greater than or equal to|less than|greater than) (-?[\d.e+-]+)$/;
+const ALL = "{procedure} cannot be run so: {faults}.";
+const ONE = "{label} ({setting}): {fault}"; // what a setting is called and, for the terminal, its name
+const BOUND = "Input should be {bound} {limit}";
 const BOUNDS: Record<string, Key> = {
   "less than or equal to": "fault_most",
   "greater than or equal to": "fault_least",
@@ -23,19 +23,19 @@ const BOUNDS: Record<string, Key> = {
 
 /** The settings that are wrong; empty where the service says something else. */
 export function faultsOf(message: string): Fault[] {
-  const all = ALL.exec(message)?.[1]?.split("; ") ?? [];
-  const found = all.map((each) => ONE.exec(each));
-  if (found.includes(null)) return [];
-  return found.map((each) => ({
-    setting: each![1]!.split(" · ").map(sayings.say).join(" · "),
-    words: inWords(each![2]!, each![3]!),
-  }));
+  const found = messageOf(message);
+  const faults = found?.template === ALL ? found.arguments.faults : undefined;
+  if (faults === undefined || typeof faults === "string") return [];
+  const each = faults.template === ONE ? [faults] : Object.values(faults.arguments);
+  const all = each.map(faultOf);
+  return all.includes(null) ? [] : (all as Fault[]);
 }
 
 function faultOf(one: Argument): Fault | null {
   if (typeof one === "string" || one.template !== ONE) return null;
-  const { setting = "", fault = "" } = one.arguments;
-  return { setting: nameOf(english(setting)), words: inWords(english(setting), fault) };
+  const { label = "", setting = "", fault = "" } = one.arguments;
+  const called = english(label).split(" · ").map(sayings.say).join(" · ");
+  return { setting: called, words: inWords(english(setting), fault) };
 }
 
 function inWords(path: string, fault: Argument): string {

@@ -1,6 +1,7 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
 import { language } from "./i18n.svelte";
+import { learn } from "./messages";
 
 export interface ReviewPoint {
   step: string;

@@ -8,6 +8,7 @@
 
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
+import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
 import labels from "./setting_labels.json";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
@@ -60,15 +61,8 @@ class Sayings {
   }
 
   /** The same, sentence by sentence. */
-  parts = (text: string): Spoken[] => {
-    const english = language.locale !== "en";
-    if (text === "") return [];
-    return text.split(SENTENCE).map((part) => {
-      const said = this.#one(part);
-      const text = this.#labelled(said ?? part);
-      return { text, english: said === null && english && WORD.test(part) };
-    });
-  };
+  parts = (text: string): Spoken[] =>
+    this.#parts(text).map((part) => ({ text: this.#labelled(part.text), english: this.#isEnglish(part) }));
 
   /** The same as whole sentences, each with its capital and its stop, where they were parts of one. */
   sentences = (text: string): Spoken[] => this.parts(text).map((part) => ({ ...part, text: wholeSentence(part) }));
@@ -89,11 +83,16 @@ class Sayings {
       const label = LABELS[name];
       if (label === undefined) return whole;
       if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;
-      return `${before ?? ""}“${this.#one(label) ?? label}”${after ?? ""}`;
+      return `${before ?? ""}“${this.#text(label) ?? label}”${after ?? ""}`;
     });
   }
 
-  #one(text: string): string | null {
+  #isEnglish(part: Part): boolean {
+    return !part.said && language.locale !== "en" && WORD.test(part.text);
+  }
+
+  #parts(text: string): Part[] {
+    if (text === "") return [];
     const table = this.#table; // read first: who asks is told when another language has come
     let parts = this.#heard.get(text);
     if (parts) return parts;
