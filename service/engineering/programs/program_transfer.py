@@ -45,6 +45,7 @@ from cellcal.service.engineering.programs.external.carried_points import (
 )
 from cellcal.service.engineering.programs.external.point_groups import carry_group
 from cellcal.service.engineering.programs.external.standing_tools import standing_change
+from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
 from cellcal.service.engineering.programs.postures import PostureSearch
@@ -148,7 +149,7 @@ class ProgramTransfer:
             result.axis_values = np.full((len(points), len(self._route.target.axes)), np.nan)
             result.carried = CarriedChanges.make_empty(len(points))
         result.target_axes = self._route.target.axes
-        warnings = self._judge.unchecked_shapes(points)
+        warnings = [*self._judge.unchecked_shapes(points), *unconfirmed_meanings(points)]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
         findings = find_turned_shifts(points, self._route, result.carried)
