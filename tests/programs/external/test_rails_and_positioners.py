@@ -153,6 +153,7 @@ def test_a_led_motion_goes_along_where_the_project_states_the_leader(tmp_path: P
     text = write_fanuc(cell.points([{spelling.table: 20.0 * k} for k in range(5)]), spelling.frame, "COORD")
     result = move(cell.project(tmp_path), spelling, text)
     assert_moved(cell, result, spelling.read(text))
+    assert any("(COORD)" in warning for warning in result.warnings)
     unstated = move(HandCell(spelling, ()).project(tmp_path / "other"), spelling, text)
     assert unstated.after.to_bytes() == text.encode()
     assert unstated.exit_code is ExitCode.REFUSED

@@ -130,6 +130,7 @@ def test_a_fanuc_point_with_rtcp_goes_along_where_the_project_states_the_tool(tm
         distance, angle = apart(np.linalg.inv(FRAME) @ CHANGE @ FRAME @ old.tip, new.tip)
         assert distance < 1e-3
         assert angle < 1e-4
+    assert any("(RTCP, #TCP)" in warning for warning in result.warnings)
     unstated = move("fanuc", text, "", tmp_path / "other")
     assert set(unstated.status) == {LEFT}
     assert "stands in the cell" in unstated.reason[0]
