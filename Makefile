@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 PAGES := service/web/dist/index.html
 
-.PHONY: demo test check soak bench lock pages clean
+.PHONY: demo test check soak bench lock pages types clean
 
 $(VENV)/.runtime: requirements.lock pyproject.toml
 	@./deploy/prepare_machine.sh
@@ -51,6 +51,10 @@ bench: $(VENV)/.dev
 	@$(BIN)/cellcal bench $(ARGS)
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_commands
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_routes
+
+# The pages' types are written from the service's description of itself.
+types: $(VENV)/.runtime
+	@$(BIN)/python deploy/typescript_types.py
 
 # The locks name packages and hashes, and no registry host.
 lock:

@@ -1,74 +1,20 @@
-// What the service tells; the field names are those of its OpenAPI description.
+// What the pages know of the service. Its answers are described by itself (api_types.ts); here stands what its description
+// leaves open: what the live channel sends, what a page of some kind draws, and the words that a text can be.
 
-export interface Phase {
-  name: string;
-  repeats: number | null;
-  adaptive: boolean;
-}
+import type * as Api from "./api_types";
 
-export interface RunEvent {
-  n: number;
-  kind: string;
-  step: string;
-  message: string;
-}
+export type Phase = Api.PhaseSeen;
 
-export interface Characteristic {
-  name: string;
-  value: number;
-  unit: string;
-  standard_uncertainty: number;
-  coverage: number; // U is coverage times standard_uncertainty
-  limit: number | null;
-  decision: string | null;
-  rule?: string;
-}
+export type RunEvent = Api.RunEvent;
 
-export interface Outcome {
-  verdict: string;
-  reason: string;
-  remedy: string;
-  code?: string;
-  judgement?: {
-    word: string;
-    characteristics?: Characteristic[];
-    not_verified?: string[];
-    remarks?: string[];
-    to_sign?: string[];
-  } | null;
-  signed?: { who: string; at_s: number };
-  result?: unknown;
-  certificate?: string | null;
-  no_certificate?: string;
-}
+export type Characteristic = Api.CharacteristicSeen;
 
-export interface Run {
-  id: string;
-  procedure: string;
-  title: string;
-  who: string; // began or resumed it; "watch" and "service" are no people
-  state: "starting" | "running" | "paused" | "ended";
-  step: string;
-  index: number;
-  expected: number;
-  phases: Phase[];
-  found: string[];
-  events: RunEvent[];
-  outcome: Outcome | null;
-  hold_to_move: boolean;
-  does: "" | "read" | "move" | "write" | "solve";
-  instrument: string; // the role of the one that was read last
-  left_s: number | null;
-  series: Series | null;
-}
+export type Outcome = Api.OutcomeSeen;
+
+export type Run = Omit<Api.RunSeen, "does"> & { does: "" | "read" | "move" | "write" | "solve" };
 
 /** Where a run stands in the plan that was approved last. */
-export interface Series {
-  poses: { name: string; joints_rad: number[] }[];
-  next: number | null; // gone to or measured at just now
-  elsewhere_rad: number[] | null; // gone to just now, where that is none of them
-  measured: number[];
-}
+export type Series = Api.PlanSeen;
 
 export type StepKind = "ask" | "enter" | "teach" | "capture" | "approve" | "motion" | "review" | "sign";
 
@@ -91,29 +37,12 @@ export interface Plan {
 }
 
 /** How well something would be known, and each class's limit for it. */
-export interface Prediction {
-  name: string;
-  expanded: number;
-  unit: string;
-  limits: Record<string, number>;
-  sentence: string;
-}
+export type Prediction = Api.PredictionSeen;
 
 /** What a run would bring, as far as a dry run tells. */
-export interface Forecast {
-  duration_s: number;
-  poses: PlannedPose[];
-  predictions: Prediction[];
-  assumed: string[];
-  not_checked: string[];
-}
+export type Forecast = Api.ForecastSeen;
 
-export interface Changed {
-  name: string;
-  before: number | null;
-  after: number | null;
-  unit: string;
-}
+export type Changed = Api.ChangeSeen;
 
 export interface Review {
   word: string;
@@ -150,21 +79,7 @@ export interface PromptData {
   target?: { joints_rad: number[]; tolerance_rad: number };
 }
 
-export interface Prompt {
-  id: string;
-  kind: "confirm" | "enter";
-  key: string;
-  text: string;
-  unit: string;
-  step: string;
-  page: StepKind;
-  data: PromptData;
-  yes: string; // what the buttons say
-  no: string;
-  question: string; // in place of the words; may be empty
-  is_folded: boolean;
-  drawing: string;
-}
+export type Prompt = Omit<Api.PromptSeen, "data" | "page"> & { data: PromptData; page: StepKind };
 
 export interface MeterFigure {
   name: string;
@@ -185,39 +100,15 @@ export interface Recording {
   figures: MeterFigure[];
 }
 
-export interface Loss {
-  robot: string;
-  what: "lost" | "held" | "differs" | "unconfirmed";
-  detected_by: string;
-  mode: string;
-  words: string;
-  procedure: string | null;
-  settings: Record<string, unknown>;
-  reasons: string[]; // why it was not started alone
-  alone_wanted: boolean; // whether the cell file wants that at all
-}
+export type Loss = Omit<Api.LossSeen, "what"> & { what: "lost" | "held" | "differs" | "unconfirmed" };
 
-export interface Session {
-  rev: number;
-  cell: string;
-  robots: { name: string; model: string; serial: string }[];
-  robot: string;
-  level: string;
-  connection: { connected: boolean; message: string; remedy: string };
+export type Session = Omit<Api.SessionState, "run" | "prompt" | "losses"> & {
   run: Run | null;
   prompt: Prompt | null;
-  waits_for_hold: boolean;
   losses: Loss[];
-  journal_end: string; // in words, that its end is missing
-}
+};
 
-export interface Trouble {
-  task: string;
-  message: string;
-  remedy: string;
-  failures: number;
-  running: boolean;
-}
+export type Trouble = Api.TroubleSeen;
 
 export interface DeviceValue {
   joints_rad?: number[];
@@ -245,20 +136,7 @@ export interface Device {
   settle?: { std_m: number | null; limit_m: number; settled: boolean } | null;
 }
 
-type Triple = [number, number, number];
-
-export interface CellSeen {
-  robot: string;
-  model: string;
-  title: string;
-  joints: string[];
-  description_from_controller: number[][];
-  boxes: { name: string; base_box: number[]; size_m: Triple }[];
-  balls: { name: string; centre_in_base_m: Triple; radius_m: number }[];
-  planes: { name: string; point_in_base_m: Triple; normal_in_base: Triple }[];
-  wire: { name: string; anchor_in_base_m: Triple; hook_in_flange_m: Triple } | null;
-  remarks: string[];
-}
+export type CellSeen = Api.CellSeen;
 
 export interface Live {
   rev: number;
@@ -267,66 +145,29 @@ export interface Live {
   record?: Recording | null;
 }
 
-export interface Procedure {
-  name: string;
-  title: string;
-  version: number;
-  lacks: string[] | null;
-  due: string | null; // when it should be run next (ISO date)
-  remedies: string[]; // how to get each thing that it lacks
-  uses: string; // what a person has at hand for it
+export type Procedure = Omit<Api.ProcedureSeen, "intention" | "minutes"> & {
   intention: "lost" | "tool" | "work" | "accurate" | "check";
-  when: string;
   minutes: [number, number];
-  settings: Record<string, unknown>;
-}
+};
 
-export interface PointSeen {
-  name: string;
-  value_m: number;
-  used: boolean;
-  reason: string;
-}
+export type PointSeen = Api.PointSeen;
 
-export interface SeriesSeen {
-  kind: "errors" | "spread";
-  what: string;
-  points: PointSeen[];
-}
+export type SeriesSeen = Omit<Api.PointSeriesSeen, "kind"> & { kind: "errors" | "spread" };
 
-export interface RunPoints {
-  readings: { step: string; at_utc: string; used: boolean; reason: string; length_m: number | null; samples: number }[];
-  series: SeriesSeen[];
-}
+export type RunPoints = Omit<Api.RunPoints, "series"> & { series: SeriesSeen[] };
 
-export interface RunDetail extends RunLine {
-  spec: Record<string, unknown>;
-  findings: { step: string; value: unknown }[];
-  result: unknown;
-  judgement: {
-    word?: string;
-    characteristics?: Characteristic[];
-    not_verified?: string[];
-    remarks?: string[];
-  } | null;
-}
+export type RunDetail = Api.RunDetail;
 
-export interface RunLine {
-  run_id: string;
-  procedure: string;
-  started_utc: string;
-  state: string;
-  reason: string;
-}
+export type RunLine = Api.RunLine;
 
 export type Order =
-  | { op: "start"; procedure: string; settings?: Record<string, unknown>; hold_to_move?: boolean; accept_missing_end?: boolean }
-  | { op: "resume"; run_id: string; redo_from?: string; hold_to_move?: boolean; accept_missing_end?: boolean }
-  | { op: "answer"; prompt_id: string; value?: string }
-  | { op: "decline"; prompt_id: string }
-  | { op: "stop" }
-  | { op: "pause" }
-  | { op: "go_on" }
-  | { op: "select_robot"; robot: string }
-  | { op: "sign"; run_id: string; lines: string[] }
-  | { op: "dismiss" };
+  | Api.StartRun
+  | Api.ResumeRun
+  | Api.AnswerPrompt
+  | Api.DeclinePrompt
+  | Api.StopRun
+  | Api.PauseRun
+  | Api.ContinueRun
+  | Api.SelectRobot
+  | Api.SignOff
+  | Api.DismissRun;
