@@ -11,7 +11,7 @@ from cellcal.procedures.steps.length import capture_length
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.driver_cases import Fault, RobotCase
+from tests.wire.driver_cases import ROBOTS, Fault, RobotCase
 
 ASIDE_RAD = 0.05
 BACK: dict[str, Fault] = {  # how a technician selects again what was active
@@ -30,6 +30,7 @@ async def _expect_refused(work: Any, name: str) -> None:
     assert refused.value.remedy.startswith(SAYS[name][1])
 
 
+@pytest.mark.parametrize("robot_case", [ROBOTS["modbus_robot"], ROBOTS["universal_robots"]], ids=["fanuc", "ur"])
 async def test_a_foreign_tool_moves_nothing_until_the_old_one_is_selected_again(
     robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
 ) -> None:

@@ -54,6 +54,8 @@ class WebLink:
 
     async def close(self) -> None:
         """Give the session back and hang up."""
+        if self._client.is_closed:
+            return
         try:
             async with answer_deadline(self.device, self._deadline_s, "stopping"):
                 await self._client.get("/logout")
