@@ -30,7 +30,9 @@ async def _expect_refused(work: Any, name: str) -> None:
     assert refused.value.remedy.startswith(SAYS[name][1])
 
 
-@pytest.mark.parametrize("robot_case", [ROBOTS["modbus_robot"], ROBOTS["universal_robots"]], ids=["fanuc", "ur"])
+@pytest.mark.parametrize(
+    "robot_case", [ROBOTS["modbus_robot"], ROBOTS["universal_robots"]], ids=["fanuc", "ur"]
+)
 async def test_a_foreign_tool_moves_nothing_until_the_old_one_is_selected_again(
     robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
