@@ -9,7 +9,6 @@ from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
-from cellcal.calibration.message import make_message
 
 _FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
 _NEAR_RAD = float(np.deg2rad(2.0))
@@ -197,4 +196,4 @@ def _is_within(few: Array, many: Array) -> bool:
 
 
 def _row_range(rows: Rows) -> str:
-    return f"{rows[0]}" if len(rows) == 1 else make_message("{rows}-{rows_2}", rows=rows[0], rows_2=rows[-1])
+    return f"{rows[0]}" if len(rows) == 1 else f"{rows[0]}-{rows[-1]}"

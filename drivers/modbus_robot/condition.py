@@ -32,9 +32,7 @@ async def read_alarms(panel: RegisterClient) -> Findings:
         family, index = block.integer_of("alarm_id"), block.integer_of("alarm_number")
         if family == 0:
             break
-        code = make_message(
-            "{rows}-{rows_2:03d}", rows=panel.profile.alarms.get(family, f"ID{family}"), rows_2=index
-        )
+        code = f"{panel.profile.alarms.get(family, f'ID{family}')}-{index:03d}"
         text = block.text_of("alarm_text")
         axis = _AXIS.search(text)
         unknown = CodeEntry(index, "unknown", text, "Read the alarm on the pendant and reset it.")

@@ -74,7 +74,7 @@ class Coupler:
         firmware, series, item, major, minor = await self._read_register("name_plate")
         return Identity(
             "WAGO",
-            make_message("{rows}-{rows_2}", rows=series, rows_2=item),
+            f"{series}-{item}",
             await self._read_serial(),
             f"{major}.{minor} ({firmware})",
         )

@@ -152,7 +152,7 @@ def _copy_files(config: CellConfig, scratch: Path, odd: list[str]) -> dict[str, 
     """Copy what is kept, so that nothing of it changes any more; return the copies by their paths in the backup."""
     files: dict[str, Path] = {}
     for name, source in (*_parameter_files(config), *_data_files(config.cell.data_dir, odd)):
-        copy = scratch / make_message("{rows}-{rows_2}", rows=len(files), rows_2=source.name)
+        copy = scratch / f"{len(files)}-{source.name}"
         try:
             _copy_database(source, copy) if _is_database(source) else shutil.copyfile(source, copy)
         except FileNotFoundError:

@@ -114,7 +114,7 @@ async def run_procedure(
     entry = definition_named(name)
     refuse_unmet(entry, cell)
     _refuse_small_disk(journal.path, how.free_bytes)
-    run_id = make_message("{rows}-{rows_2}", rows=name, rows_2=uuid4().hex[:12])
+    run_id = f"{name}-{uuid4().hex[:12]}"
     serial = (await cell.robot.identify()).serial
     with acquire_lease(_lease_folder(journal), serial, f"{how.actor} ({run_id})") as run_lease:
         await _refuse_unconfirmed(cell, journal, entry, serial)

@@ -9,7 +9,6 @@ import re
 from dataclasses import dataclass
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
 
 ROOT = "cellcal/v1"
 ROUTER_NAME, MONITOR_NAME = "site-router", "site-monitor"
@@ -50,7 +49,7 @@ def key_part(name: str, most: int = 32) -> str:
     if plain == name:
         return plain
     mark = hashlib.sha256(name.encode()).hexdigest()[:6]
-    return make_message("{rows}-{rows_2}", rows=plain[: most - 7].strip("-"), rows_2=mark).strip("-")
+    return f"{plain[: most - 7].strip('-')}-{mark}".strip("-")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from cellcal.calibration.message import make_message
 from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.record.journal_reading import read_only
 from cellcal.service.site.keys import SiteError
@@ -143,9 +142,7 @@ class SiteOutbox:
     def _begin_epoch(self) -> tuple[str, int]:
         row = self._database.execute("SELECT epoch, starts FROM counter").fetchone()
         if row is None:
-            epoch = make_message(
-                "{rows:%Y%m%dT%H%M%S%f}-{rows_2}", rows=datetime.now(UTC), rows_2=secrets.token_hex(3)
-            )
+            epoch = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
             self._database.execute("INSERT INTO counter VALUES(?, 1)", (epoch,))
             return epoch, 1
         self._database.execute("UPDATE counter SET starts = starts + 1")

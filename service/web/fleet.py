@@ -21,7 +21,6 @@ from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.people.authentication import Authenticator
@@ -132,11 +131,7 @@ async def get_certificate(cell: str, run_id: str, request: Request, who: Who) ->
             remedy="Look into that cell before you trust it.",
             code="signature",
         )
-    name = "".join(
-        letter
-        for letter in make_message("{rows}-{rows_2}", rows=cell, rows_2=run_id)
-        if letter.isalnum() or letter in "_-"
-    )
+    name = "".join(letter for letter in f"{cell}-{run_id}" if letter.isalnum() or letter in "_-")
     headers = {"content-disposition": f'attachment; filename="{name}.json"'}
     return Response(raw, media_type="application/json", headers=headers)
 

@@ -11,7 +11,6 @@ import re
 from dataclasses import dataclass
 from datetime import datetime
 
-from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.report_text import (
     damaged_report_error,
     decode_report,
@@ -74,7 +73,7 @@ def _parse_line(line: str, file: str, number: int) -> ControllerAlarm:
     return ControllerAlarm(
         number=int(found[1]),
         raised=found[2].strip(),
-        code="" if code is None else make_message("{rows}-{rows_2}", rows=code[1], rows_2=code[2]),
+        code="" if code is None else f"{code[1]}-{code[2]}",
         text=(found[3] if code is None else code[3]).strip(),
         group=int(axis[1]) if axis else None,
         axis=int(axis[2]) if axis else None,
