@@ -146,7 +146,7 @@ def _alarm_of(text: str) -> Alarm:
     entry = code_table("cellcal.drivers.modbus_robot", "alarms.tsv").get(_SERVO_FAMILY + int(found[2]))
     kind = AlarmKind.UNKNOWN if entry is None else _KINDS.get(entry.kind, AlarmKind.UNKNOWN)
     return Alarm(
-        f"{found[1]}-{found[2]}",
+        "-".join((found[1], found[2])),
         found[3].strip(),
         int(axis[1]) - 1 if axis else None,
         kind,
