@@ -86,7 +86,8 @@ SHORT_LIVED = {
     ("drivers/wire/worker.py", "__init__"): "hands whatever a call raises to its caller",
     ("drivers/wire/process.py", "_spawn_child"): "a device's process: its end is told to every caller",
     ("drivers/wire/modbus.py", "_first_result"): "one request, awaited",
-    ("drivers/universal_robots/robot.py", "_run_to_end"): "one stop, awaited",
+    ("drivers/wire/cancellation.py", "run_to_end"): "one stop, awaited",
+    ("service/engineering/controller_files/nightly_watch.py", "watch_controllers"): "threads of one command",
     ("procedures/run.py", "to_the_end"): "one clean-up, awaited",
     ("service/export/webhook_target.py", "deliver_event"): "cuts one delivery off, and is cancelled with it",
     ("fake_devices/universal_robots/ports.py", "open"): "a port of a fake",
@@ -441,7 +442,7 @@ TRIED = {
     "devices of the cell", "news of other robots", "watch of {}", "CAN receiver of {}", "process of the cell",
     "words for {}", "{}", "webhook: delivery", "desk tap", "monitor: hearing", "monitor: asking",
     "monitor: view of the cells", "web server: accepting", "web server: idle connections", "time of {}",
-    "time of the control box",
+    "time of the control box", "motions of {}", "ports of {}", "programs of {}", "port of {}",
     # in test_long_lived_processes
     "router of the site",
     # the mechanism of a link's task alone, in test_a_links_task_that_raises_is_told_to_the_link

@@ -9,12 +9,14 @@ import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from cellcal.calibration.documents.errors import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.tables import code_table
 from cellcal.drivers.wire.trace import FrameTrace
@@ -71,7 +73,9 @@ class RmiLink:
                 reader, self._writer = await self._connect(port, _OCCUPIED)
             self._failure = None
             self.connections += 1
-            self._reading = asyncio.create_task(self._read_packets(reader))
+            self._reading = start_link_task(
+                f"answers of {self.device}", partial(self._read_packets, reader), self._end_broken
+            )
 
     async def close(self) -> None:
         """Say goodbye and hang up."""
@@ -222,6 +226,10 @@ class RmiLink:
         elif self._answer is not None and packet.get("Command") in (self._answer[0], "Unknown"):
             self._answer[1].set_result(packet)
             self._answer = None
+
+    def _end_broken(self, error: Exception) -> None:
+        """End a connection whose reading failed in a way that nothing foresees; the next question connects anew."""
+        self._fail(self._lost(error))
 
     def _fail(self, error: DeviceError) -> None:
         self._failure = error
