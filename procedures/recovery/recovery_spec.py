@@ -1,6 +1,6 @@
 """What a mastering recovery is told beforehand."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -11,6 +11,8 @@ from cellcal.procedures.accuracy_limits import AccuracyClass, MasteringLimits
 from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.recovery.position_alarms import AlarmCodes
 from cellcal.procedures.run import RefusalError
+
+HAND_FIRST, HAND_CHECKS, HAND_FINALS = 7, 2, 1  # captures, where a person jogs
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,19 @@ class MasteringRecoverySpec:
     limits: MasteringLimits | None = None
     room: MotionBounds = field(default_factory=MotionBounds)
     alarms: AlarmCodes = field(default_factory=AlarmCodes)
+
+
+def fewest_captures(spec: MasteringRecoverySpec) -> MasteringRecoverySpec:
+    """Return the spec of a recovery whose poses a person jogs to: every capture costs minutes, and none is wasted.
+
+    The gate asks for more where these do not decide.
+    """
+    return replace(
+        spec,
+        first_captures=min(spec.first_captures, HAND_FIRST),
+        check_captures=min(spec.check_captures, HAND_CHECKS),
+        final_captures=min(spec.final_captures, HAND_FINALS),
+    )
 
 
 def refuse_other_gears(record: MasteringRecord, drive: DriveTrain) -> None:

@@ -112,17 +112,22 @@ async def jog_to(
     Each turn is as fast as its own ``pace`` lets it be: a wrist need not wait for what a stretched arm asks for.
     """
     store = motor_store(cell)
-    tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
+    tolerance = motion_gate.jog_tolerance_rad(cell, AXIS_TOLERANCE_RAD)
+    near = tolerance if cell.is_jogged_by_hand else tolerance / 20
 
-    async def turn_joint(axis: int, delta_rad: float, here_rad: Joints) -> None:
+    async def turn_joint(axis: int, delta_rad: float, here_rad: Joints, back_rad: float = 0.0) -> None:
         there = tuple(q + delta_rad * (k == axis) for k, q in enumerate(here_rad))
         (speed,) = pace.leg_speeds(here_rad, [there])
-        await motion_gate.jog_axis(cell, JogMove(axis, delta_rad, speed, here_rad, doubt))
+        turn = JogMove(axis, delta_rad, speed, here_rad, doubt, back_rad=back_rad, tolerance_rad=tolerance)
+        await motion_gate.jog_axis(cell, turn)
 
     for axis, target in enumerate(target_rad):
         here = mapping.joints_at(await store.encoder_counts())
         delta = target - here[axis]
-        if abs(delta) <= tolerance / 20:
+        if abs(delta) <= near:
+            continue
+        if delta < 0 and cell.is_jogged_by_hand:
+            await turn_joint(axis, delta - OVERSHOOT_RAD, here, OVERSHOOT_RAD)
             continue
         if delta < 0:
             await turn_joint(axis, delta - OVERSHOOT_RAD, here)
@@ -130,7 +135,7 @@ async def jog_to(
             delta = target - here[axis]
         await turn_joint(axis, delta, here)
     arrival = await _read_arrival(cell)
-    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, tolerance)
+    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, 1.1 * tolerance)
     return arrival
 
 
@@ -161,13 +166,15 @@ async def pass_index(cell: Cell, index_turn: IndexTurn, speed_rad_s: float) -> A
     if turned_rad / delta_rad < ALREADY_TURNED:
         left_rad = delta_rad - turned_rad
         turns = [left_rad] if left_rad > 0 else [left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+        back_rad = 0.0
+        if cell.is_jogged_by_hand and left_rad < 0:
+            turns, back_rad = turns[:1], OVERSHOOT_RAD
         here = np.array(index_turn.likely_rad) + turned
         began = tuple(float(q) for q in here)
         for turn in turns:
             at = tuple(float(q) for q in here)
-            await motion_gate.jog_axis(
-                cell, JogMove(axis, turn, speed_rad_s, at, index_turn.doubt, MotionCare.FREE, began)
-            )
+            jog = JogMove(axis, turn, speed_rad_s, at, index_turn.doubt, MotionCare.FREE, began, back_rad)
+            await motion_gate.jog_axis(cell, jog)
             here[axis] += turn
     return await _read_arrival(cell)
 

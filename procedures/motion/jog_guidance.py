@@ -1,0 +1,98 @@
+"""What a person is shown while turning an axis: which key, how much is left, when to stop, and what went wrong."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, runtime_checkable
+
+from cellcal.calibration.geometry import Array
+from cellcal.procedures.motion.axis_watch import OTHER_AXIS_RAD, AxisWatch
+
+Advice = Literal["turn", "slow", "stop", "wrong_way", "wrong_axis"]
+SLOW_RAD = math.radians(3.0)  # before the end: at 2 deg/s a person has a second and a half
+WRONG_WAY_RAD = math.radians(0.3)
+
+
+@dataclass(frozen=True, slots=True)
+class JogLeg:
+    """A turn of one joint, and the short way back up at its end where the gears need it."""
+
+    axis: int
+    turn_rad: float
+    back_rad: float
+
+    def sentence(self, speed_rad_s: float) -> str:
+        """Return the leg in words: the axis, the amount, the key of the pendant."""
+        degrees, pace = math.degrees(self.turn_rad), math.degrees(speed_rad_s)
+        words = f"With the pendant, turn J{self.axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
+        if self.back_rad:
+            return f"{words} Then turn it back by {math.degrees(self.back_rad):+.2f} deg, with its plus key."
+        return words
+
+
+@runtime_checkable
+class GuidesJogs(Protocol):
+    """An operator's screen or terminal that shows a turn while it is made."""
+
+    def show_jog(self, shown: "JogGuidance") -> None:
+        """Show it; called again and again until the turn's question is answered."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class JogGuidance:
+    """One moment of a leg."""
+
+    leg: JogLeg
+    began_rad: float  # where the joint stood before the leg, since the watch began
+    tolerance_rad: float
+    left_rad: float
+    advice: Advice = "turn"
+    other_axis: int | None = None
+    other_rad: float = 0.0
+    reached: bool = False  # the end of the turn; what is left is then the way back
+
+    @staticmethod
+    def begin(leg: JogLeg, watch: AxisWatch, tolerance_rad: float) -> "JogGuidance":
+        """Return it before the joint turns."""
+        return JogGuidance(leg, float(watch.turned_rad[leg.axis]), tolerance_rad, leg.turn_rad)
+
+    def after(self, watch: AxisWatch, allowed_rad: Array) -> "JogGuidance":
+        """Return it after another look at the counts; ``allowed_rad`` (n,) is what other joints may turn."""
+        turned = float(watch.turned_rad[self.leg.axis]) - self.began_rad
+        reached = self.reached or (self.leg.turn_rad - turned) * self.leg.turn_rad <= 0.0
+        goal = self.leg.turn_rad + (self.leg.back_rad if reached else 0.0)
+        left = goal - turned
+        other = watch.other_axis(self.leg.axis, allowed_rad)
+        if other is not None:
+            away = float(watch.turned_rad[other] - watch.accepted_rad[other])
+            return replace(
+                self, left_rad=left, advice="wrong_axis", other_axis=other, other_rad=away, reached=reached
+            )
+        advice = _advice(left, turned, self.leg, reached=reached)
+        return replace(self, left_rad=left, advice=advice, other_axis=None, other_rad=0.0, reached=reached)
+
+    @property
+    def key(self) -> str:
+        """The key of the pendant that takes the joint nearer."""
+        return "+" if self.left_rad >= 0.0 else "-"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a screen."""
+        return {
+            "axis": self.leg.axis,
+            "key": self.key,
+            "left_rad": self.left_rad,
+            "turn_rad": self.leg.turn_rad,
+            "advice": self.advice,
+            "other_axis": self.other_axis,
+            "other_rad": self.other_rad,
+        }
+
+
+def _advice(left_rad: float, turned_rad: float, leg: JogLeg, *, reached: bool) -> Advice:
+    onward = leg.back_rad if reached and leg.back_rad else leg.turn_rad
+    if left_rad * onward <= 0.0 or abs(left_rad) < OTHER_AXIS_RAD:
+        return "stop"
+    if not reached and turned_rad * leg.turn_rad < 0.0 and abs(turned_rad) > WRONG_WAY_RAD:
+        return "wrong_way"
+    return "slow" if abs(left_rad) < SLOW_RAD else "turn"

@@ -1,0 +1,106 @@
+"""One recovery with a person at the pendant, from a seed: what was lost, where the arm stands, who jogs it."""
+
+import asyncio
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.interfaces import Counts
+from cellcal.procedures.cell import MotionLevel
+from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.recovery.pendant_mastering import PendantMastering
+from cellcal.procedures.recovery.recovery_result import RecoveryResult
+from cellcal.procedures.run import ProcedureError, Run
+from tests.procedures.ideal_devices import IdealArm
+from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.misjudging_technician import MisjudgingTechnician
+from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene, record_of
+
+
+@dataclass(frozen=True, slots=True)
+class PendantRecovery:
+    """How it ended. ``counts_at_zero`` are what the controller holds."""
+
+    result: RecoveryResult | None
+    counts_at_zero: Counts
+    true_zero: Counts
+    mastered: bool
+    guided_s: float
+    slips: tuple[str, ...]
+    commands: tuple[str, ...]
+    reason: str = ""
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether it was written and confirmed."""
+        return self.result is not None and self.mastered
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the robot is mastered by a zero that is not its own."""
+        return self.mastered and self.counts_at_zero != self.true_zero
+
+    @property
+    def captures(self) -> int:
+        """All captures of the recovery: fitted, for checks, after the write, and those made again."""
+        result = self.result
+        if result is None:
+            return 0
+        return result.captures + result.check_captures + result.final_captures
+
+
+async def pendant_scene(seed: int) -> tuple[ProcedureScene, MisjudgingTechnician]:
+    """Return a cell without any way to jog or write by wire, its encoders lost somewhere."""
+    record: MasteringRecord = await record_of(healthy_scene())
+    rng = np.random.default_rng([seed, 26])
+    made = healthy_scene()
+    postures = record.capture_joints_rad()
+    made.arm.write_program(postures[seed % len(postures)] + rng.uniform(-0.1, 0.1, 6))
+    last = await made.arm.encoder_counts()
+    made.arm.lose_encoders(tuple(int(k) for k in rng.integers(-3, 4, 6)))
+    hands = MisjudgingTechnician(arm=made.arm, seed=seed)
+    hands.does["power_cycle"] = made.arm.power_cycle
+    made.cell = replace(
+        made.cell,
+        record=record,
+        jogs=None,
+        operator=hands,
+        mastering=PendantMastering(made.arm, hands),
+        level=MotionLevel.OBSERVE,
+        limits=replace(made.cell.limits, look_s=0.0),
+    )
+    made.spec = MasteringRecoverySpec(last_counts=last, samples=2)
+    return made, hands
+
+
+async def recover_by_hand(seed: int) -> PendantRecovery:
+    """Recover a robot by instructions alone."""
+    made, hands = await pendant_scene(seed)
+    result, reason = None, ""
+    try:
+        result = await mastering_recovery(Run(made.cell, MemoryLedger()), made.spec)
+    except ProcedureError as error:
+        reason = f"{error.code}: {error.message}"
+    data = made.arm.data
+    return PendantRecovery(
+        result,
+        data.counts_at_zero,
+        _true_zero(made.arm),
+        data.mastered,
+        hands.guided_s,
+        tuple(hands.slips),
+        tuple(made.arm.moves),
+        reason,
+    )
+
+
+def _true_zero(arm: IdealArm) -> Counts:
+    """Return what the encoders count with all joints at zero, the turns that they lost taken off."""
+    zeros = zip(arm.true_zero, arm.lost_turns, arm.drive.counts_per_turn, strict=True)
+    return tuple(zero - turns * per_turn for zero, turns, per_turn in zeros)
+
+
+def recover_seed(seed: int) -> PendantRecovery:
+    """Recover from outside of an event loop."""
+    return asyncio.run(recover_by_hand(seed))
