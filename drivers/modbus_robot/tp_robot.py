@@ -1,12 +1,15 @@
 """A robot that a TP program moves: no axis moves without mastering, and mastering is not written."""
 
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
+    Counts,
     Identity,
     JointReading,
     Joints,
+    MasteringData,
     RobotCapabilities,
 )
 from cellcal.drivers.modbus_robot.robot import ModbusRobot
@@ -43,6 +46,18 @@ class TpRobot:
 
     async def stop(self) -> None:
         await self._robot.stop()
+
+    async def encoder_counts(self) -> Counts:
+        return await self._robot.encoder_counts()
+
+    async def drive_train(self) -> DriveTrain:
+        return await self._robot.drive_train()
+
+    async def encoder_epoch(self) -> int:
+        return await self._robot.encoder_epoch()
+
+    async def read_mastering(self) -> MasteringData:
+        return await self._robot.read_mastering()
 
     async def read_tool_frame(self, number: int) -> Pose:
         return await self._robot.read_tool_frame(number)

@@ -1,4 +1,4 @@
-"""What the motors' counts show while a person turns one axis: how far, from which side, and whether another turned."""
+"""What the motors' counts show while a person turns one axis: how far, from which side, and which other turned."""
 
 import math
 from dataclasses import dataclass, field

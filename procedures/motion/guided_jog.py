@@ -13,12 +13,12 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Instruction
+from cellcal.drivers.interfaces import GuidesPerson, Instruction
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.instruction_page import with_page
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD
 from cellcal.procedures.motion.axis_watch import AxisWatch
-from cellcal.procedures.motion.jog_guidance import GuidesJogs, JogGuidance, JogLeg
+from cellcal.procedures.motion.jog_guidance import JogGuidance, JogLeg
 from cellcal.procedures.motion.manual_moves import NotThereError
 from cellcal.procedures.motors import motor_store
 from cellcal.procedures.questions import ask_confirmation
@@ -111,11 +111,13 @@ def _next_leg(jog: HandJog, watch: AxisWatch, axis: int) -> JogLeg:
     return JogLeg(axis, left - OVERSHOOT_RAD, OVERSHOOT_RAD)
 
 
-async def _ask_and_watch(  # noqa: PLR0913 - one asking needs all of it
+async def _ask_and_watch(
     cell: Cell, jog: HandJog, leg: JogLeg, watch: AxisWatch, forgiven: Array, progress_text: str
 ) -> None:
     """Ask for a leg, and show from the counts what is left of it until the person says that it stands."""
-    words = Instruction("jog_by_hand", f"{progress_text}{leg.sentence(jog.speed_rad_s)} Say yes when it stands.")
+    words = Instruction(
+        "jog_by_hand", f"{progress_text}{leg.sentence(jog.speed_rad_s)} Say yes when it stands."
+    )
     shown = JogGuidance.begin(leg, watch, jog.tolerance_rad)
     page = with_page(words, "ask", jog=shown.as_json())
     asked = asyncio.ensure_future(ask_confirmation(cell, page))
@@ -126,8 +128,8 @@ async def _ask_and_watch(  # noqa: PLR0913 - one asking needs all of it
             with contextlib.suppress(DeviceError):  # the look after the answer raises it
                 watch.take_counts(await store.encoder_counts())
             shown = shown.after(watch, _forgiven_others(forgiven, leg.axis))
-            if isinstance(guides, GuidesJogs) and not asked.done():
-                guides.show_jog(shown)
+            if isinstance(guides, GuidesPerson) and not asked.done():
+                guides.show_guidance(shown.sentence, shown.as_json())
         await asked
     finally:
         if not asked.done():

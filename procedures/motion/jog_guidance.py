@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 from cellcal.calibration.geometry import Array
 from cellcal.procedures.motion.axis_watch import OTHER_AXIS_RAD, AxisWatch
@@ -23,19 +23,12 @@ class JogLeg:
     def sentence(self, speed_rad_s: float) -> str:
         """Return the leg in words: the axis, the amount, the key of the pendant."""
         degrees, pace = math.degrees(self.turn_rad), math.degrees(speed_rad_s)
-        words = f"With the pendant, turn J{self.axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
+        words = (
+            f"With the pendant, turn J{self.axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
+        )
         if self.back_rad:
             return f"{words} Then turn it back by {math.degrees(self.back_rad):+.2f} deg, with its plus key."
         return words
-
-
-@runtime_checkable
-class GuidesJogs(Protocol):
-    """An operator's screen or terminal that shows a turn while it is made."""
-
-    def show_jog(self, shown: "JogGuidance") -> None:
-        """Show it; called again and again until the turn's question is answered."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +68,20 @@ class JogGuidance:
     def key(self) -> str:
         """The key of the pendant that takes the joint nearer."""
         return "+" if self.left_rad >= 0.0 else "-"
+
+    @property
+    def sentence(self) -> str:
+        """What to do now, in words."""
+        name, left = f"J{self.leg.axis + 1}", abs(math.degrees(self.left_rad))
+        if self.advice == "wrong_axis" and self.other_axis is not None:
+            other = f"J{self.other_axis + 1}"
+            return f"Stop: {other} turned by {math.degrees(self.other_rad):+.1f} deg. Only {name} may turn."
+        if self.advice == "wrong_way":
+            return f"Stop: {name} turns the wrong way. Use the {self.key} key, {left:.1f} deg are left."
+        if self.advice == "stop":
+            return f"Stop now: {name} is there. Say yes when it stands."
+        pace = "Slowly: " if self.advice == "slow" else ""
+        return f"{pace}{name} with the {self.key} key, {left:.1f} deg are left."
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a screen."""

@@ -3,11 +3,9 @@
 A FANUC takes its six counts in the data entry of Master/Cal, and RES_PCA there; no program and no wire writes them.
 """
 
-from typing import Protocol
-
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.interfaces import Counts, Instruction, MasteringData, Operator, ReadsEncoderCounts
+from cellcal.drivers.interfaces import Counts, Instruction, MasteringData, Operator, ReadsMastering
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
 
 TRIES = 5
@@ -20,14 +18,6 @@ CLEAR_MASTERED = Instruction(
     "This robot was not mastered before. On the pendant, take its mastering out of force again (FANUC: set "
     "$DMR_GRP[1].$MASTER_DONE to FALSE).",
 )
-
-
-class ReadsMastering(ReadsEncoderCounts, Protocol):
-    """Robots whose counts and mastering can be read."""
-
-    @property
-    def name(self) -> str: ...
-    async def read_mastering(self) -> MasteringData: ...
 
 
 class PendantMastering:

@@ -12,7 +12,7 @@ from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.recovery.position_alarms import AlarmCodes
 from cellcal.procedures.run import RefusalError
 
-HAND_FIRST, HAND_CHECKS, HAND_FINALS = 7, 2, 1  # captures, where a person jogs
+HAND_CHECKS, HAND_FINALS = 2, 1  # captures, where a person jogs
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +45,12 @@ class MasteringRecoverySpec:
 
 
 def fewest_captures(spec: MasteringRecoverySpec) -> MasteringRecoverySpec:
-    """Return the spec of a recovery whose poses a person jogs to: every capture costs minutes, and none is wasted.
+    """Return the spec of a recovery whose poses a person jogs to: every capture costs a minute of it.
 
-    The gate asks for more where these do not decide.
+    The gate still asks for twelve captures, and for more checks where these do not decide.
     """
     return replace(
         spec,
-        first_captures=min(spec.first_captures, HAND_FIRST),
         check_captures=min(spec.check_captures, HAND_CHECKS),
         final_captures=min(spec.final_captures, HAND_FINALS),
     )

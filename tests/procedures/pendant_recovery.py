@@ -42,12 +42,16 @@ class PendantRecovery:
         return self.mastered and self.counts_at_zero != self.true_zero
 
     @property
-    def captures(self) -> int:
-        """All captures of the recovery: fitted, for checks, after the write, and those made again."""
-        result = self.result
-        if result is None:
+    def fitted_captures(self) -> int:
+        """The captures that the turns were found from, those measured again among them."""
+        return 0 if self.result is None else self.result.captures  # `taken` counts the repeats
+
+    @property
+    def all_captures(self) -> int:
+        """Those, the checks elsewhere, and the ones after the mastering was written."""
+        if self.result is None:
             return 0
-        return result.captures + result.check_captures + result.final_captures
+        return self.result.captures + self.result.check_captures + self.result.final_captures
 
 
 async def pendant_scene(seed: int) -> tuple[ProcedureScene, MisjudgingTechnician]:
