@@ -2,14 +2,24 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from enum import StrEnum
+from typing import Any
 
 from cellcal.calibration.geometry import Array
 from cellcal.procedures.motion.axis_watch import OTHER_AXIS_RAD, AxisWatch
 
-Advice = Literal["turn", "slow", "stop", "wrong_way", "wrong_axis"]
 SLOW_RAD = math.radians(3.0)  # before the end: at 2 deg/s a person has a second and a half
 WRONG_WAY_RAD = math.radians(0.3)
+
+
+class Advice(StrEnum):
+    """What the person should do now."""
+
+    TURN = "turn"
+    SLOW = "slow"
+    STOP = "stop"
+    WRONG_WAY = "wrong_way"
+    WRONG_AXIS = "wrong_axis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +49,7 @@ class JogGuidance:
     began_rad: float  # where the joint stood before the leg, since the watch began
     tolerance_rad: float
     left_rad: float
-    advice: Advice = "turn"
+    advice: Advice = Advice.TURN
     other_axis: int | None = None
     other_rad: float = 0.0
     reached: bool = False  # the end of the turn; what is left is then the way back
@@ -59,7 +69,12 @@ class JogGuidance:
         if other is not None:
             away = float(watch.turned_rad[other] - watch.accepted_rad[other])
             return replace(
-                self, left_rad=left, advice="wrong_axis", other_axis=other, other_rad=away, reached=reached
+                self,
+                left_rad=left,
+                advice=Advice.WRONG_AXIS,
+                other_axis=other,
+                other_rad=away,
+                reached=reached,
             )
         advice = _advice(left, turned, self.leg, reached=reached)
         return replace(self, left_rad=left, advice=advice, other_axis=None, other_rad=0.0, reached=reached)
@@ -73,15 +88,15 @@ class JogGuidance:
     def sentence(self) -> str:
         """What to do now, in words."""
         name, left = f"J{self.leg.axis + 1}", abs(math.degrees(self.left_rad))
-        if self.advice == "wrong_axis" and self.other_axis is not None:
+        if self.advice is Advice.WRONG_AXIS and self.other_axis is not None:
             other = f"J{self.other_axis + 1}"
             return f"Stop: {other} turned by {math.degrees(self.other_rad):+.1f} deg. Only {name} may turn."
-        if self.advice == "wrong_way":
+        if self.advice is Advice.WRONG_WAY:
             return f"Stop: {name} turns the wrong way. Use the {self.key} key, {left:.1f} deg are left."
-        if self.advice == "stop":
+        if self.advice is Advice.STOP:
             return f"Stop now: {name} is there. Say yes when it stands."
-        pace = "Slowly: " if self.advice == "slow" else ""
-        return f"{pace}{name} with the {self.key} key, {left:.1f} deg are left."
+        words = f"Turn {name} with the {self.key} key, {left:.1f} deg are left."
+        return f"{words} Now slowly." if self.advice is Advice.SLOW else words
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a screen."""
@@ -90,7 +105,7 @@ class JogGuidance:
             "key": self.key,
             "left_rad": self.left_rad,
             "turn_rad": self.leg.turn_rad,
-            "advice": self.advice,
+            "advice": self.advice.value,
             "other_axis": self.other_axis,
             "other_rad": self.other_rad,
         }
@@ -99,7 +114,7 @@ class JogGuidance:
 def _advice(left_rad: float, turned_rad: float, leg: JogLeg, *, reached: bool) -> Advice:
     onward = leg.back_rad if reached and leg.back_rad else leg.turn_rad
     if left_rad * onward <= 0.0 or abs(left_rad) < OTHER_AXIS_RAD:
-        return "stop"
+        return Advice.STOP
     if not reached and turned_rad * leg.turn_rad < 0.0 and abs(turned_rad) > WRONG_WAY_RAD:
-        return "wrong_way"
-    return "slow" if abs(left_rad) < SLOW_RAD else "turn"
+        return Advice.WRONG_WAY
+    return Advice.SLOW if abs(left_rad) < SLOW_RAD else Advice.TURN

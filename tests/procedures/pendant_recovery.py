@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
 from cellcal.procedures.recovery.pendant_mastering import PendantMastering
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
-from cellcal.procedures.run import ProcedureError, Run
+from cellcal.procedures.run import Run
 from tests.procedures.ideal_devices import IdealArm
 from tests.procedures.memory_ledgers import MemoryLedger
 from tests.procedures.misjudging_technician import MisjudgingTechnician
@@ -84,7 +85,7 @@ async def recover_by_hand(seed: int) -> PendantRecovery:
     result, reason = None, ""
     try:
         result = await mastering_recovery(Run(made.cell, MemoryLedger()), made.spec)
-    except ProcedureError as error:
+    except CellError as error:
         reason = f"{error.code}: {error.message}"
     data = made.arm.data
     return PendantRecovery(
