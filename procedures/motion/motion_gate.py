@@ -138,11 +138,6 @@ def tolerance_rad(cell: Cell, commanded_rad: float) -> float:
     return commanded_rad if cell.level is MotionLevel.COMMANDED else max(commanded_rad, HAND_TOLERANCE_RAD)
 
 
-def jog_tolerance_rad(cell: Cell, commanded_rad: float) -> float:
-    """Return how far from its target a joint may come to rest that is turned alone."""
-    return HAND_JOG_TOLERANCE_RAD if cell.is_jogged_by_hand else commanded_rad
-
-
 def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> None:
     """Raise OffTargetError where an arm did not come to rest where it should."""
     errors = [abs(f - t) for f, t in zip(found, target, strict=True)]

@@ -20,6 +20,7 @@ from cellcal.procedures.motors import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
 ALREADY_TURNED = 0.5  # of a motor's way past its index
+HAND_ROUNDS = 3  # over all axes, where a person moves one that had to stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,23 +112,20 @@ async def jog_to(
 
     Each turn is as fast as its own ``pace`` lets it be: a wrist need not wait for what a stretched arm asks for.
     """
+    if cell.is_jogged_by_hand:
+        return await _jog_by_hand_to(cell, target_rad, mapping, pace, doubt)
     store = motor_store(cell)
-    tolerance = motion_gate.jog_tolerance_rad(cell, AXIS_TOLERANCE_RAD)
-    near = tolerance if cell.is_jogged_by_hand else tolerance / 20
+    tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
 
-    async def turn_joint(axis: int, delta_rad: float, here_rad: Joints, back_rad: float = 0.0) -> None:
+    async def turn_joint(axis: int, delta_rad: float, here_rad: Joints) -> None:
         there = tuple(q + delta_rad * (k == axis) for k, q in enumerate(here_rad))
         (speed,) = pace.leg_speeds(here_rad, [there])
-        turn = JogMove(axis, delta_rad, speed, here_rad, doubt, back_rad=back_rad, tolerance_rad=tolerance)
-        await motion_gate.jog_axis(cell, turn)
+        await motion_gate.jog_axis(cell, JogMove(axis, delta_rad, speed, here_rad, doubt))
 
     for axis, target in enumerate(target_rad):
         here = mapping.joints_at(await store.encoder_counts())
         delta = target - here[axis]
-        if abs(delta) <= near:
-            continue
-        if delta < 0 and cell.is_jogged_by_hand:
-            await turn_joint(axis, delta - OVERSHOOT_RAD, here, OVERSHOOT_RAD)
+        if abs(delta) <= tolerance / 20:
             continue
         if delta < 0:
             await turn_joint(axis, delta - OVERSHOOT_RAD, here)
@@ -135,7 +133,38 @@ async def jog_to(
             delta = target - here[axis]
         await turn_joint(axis, delta, here)
     arrival = await _read_arrival(cell)
-    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, 1.1 * tolerance)
+    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, tolerance)
+    return arrival
+
+
+async def _jog_by_hand_to(
+    cell: Cell,
+    target_rad: Joints,
+    mapping: CountsToJoints,
+    pace: SpeedLimit,
+    doubt: PositionUncertainty | None,
+) -> Arrival:
+    """Have a person bring the axes near joints, J1 first; again where one was moved that had to stand.
+
+    A capture counts where it is taken: an axis that is near enough is not asked for.
+    """
+    store, near = motor_store(cell), motion_gate.HAND_JOG_TOLERANCE_RAD
+    for _ in range(HAND_ROUNDS):
+        for axis, target in enumerate(target_rad):
+            here = mapping.joints_at(await store.encoder_counts())
+            delta = target - here[axis]
+            if abs(delta) <= near:
+                continue
+            back = OVERSHOOT_RAD if delta < 0 else 0.0
+            there = tuple(q + (delta - back) * (k == axis) for k, q in enumerate(here))
+            (speed,) = pace.leg_speeds(here, [there])
+            jog = JogMove(axis, delta - back, speed, here, doubt, back_rad=back, tolerance_rad=near)
+            await motion_gate.jog_axis(cell, jog)
+        arrival = await _read_arrival(cell)
+        found = mapping.joints_at(arrival.counts)
+        if np.abs(np.subtract(found, target_rad)).max() <= near:
+            break
+    refuse_off_target(found, target_rad, near)
     return arrival
 
 
