@@ -2,17 +2,21 @@
 
 import asyncio
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.motion.motion_check import allowed_postures
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.motion.turn_uncertainty import lost_limits
 from cellcal.procedures.recovery.pendant_mastering import PendantMastering
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import Run
+from cellcal.procedures.steps.mastering import read_motors
 from tests.procedures.ideal_devices import IdealArm
 from tests.procedures.memory_ledgers import MemoryLedger
 from tests.procedures.misjudging_technician import MisjudgingTechnician
@@ -60,8 +64,7 @@ async def pendant_scene(seed: int) -> tuple[ProcedureScene, MisjudgingTechnician
     record: MasteringRecord = await record_of(healthy_scene())
     rng = np.random.default_rng([seed, 26])
     made = healthy_scene()
-    postures = record.capture_joints_rad()
-    made.arm.write_program(postures[seed % len(postures)] + rng.uniform(-0.1, 0.1, 6))
+    made.arm.write_program(await _free_posture(made, record, seed, rng))
     last = await made.arm.encoder_counts()
     made.arm.lose_encoders(tuple(int(k) for k in rng.integers(-3, 4, 6)))
     hands = MisjudgingTechnician(arm=made.arm, seed=seed)
@@ -77,6 +80,21 @@ async def pendant_scene(seed: int) -> tuple[ProcedureScene, MisjudgingTechnician
     )
     made.spec = MasteringRecoverySpec(last_counts=last, samples=2)
     return made, hands
+
+
+async def _free_posture(
+    made: ProcedureScene, record: MasteringRecord, seed: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return joints near a pose of the record, as far from everything as half a turn of each motor needs."""
+    postures, made.cell = record.capture_joints_rad(), replace(made.cell, record=record)
+    state, room = await read_motors(made.cell), MasteringRecoverySpec().room
+    limits = lost_limits(state, record, room, (0.5,) * len(postures[0]))
+    hook = state.gauge_setup.hook_in_flange_m
+    for k in count(seed):
+        found = postures[k % len(postures)] + rng.uniform(-0.1, 0.1, 6)
+        if allowed_postures(made.arm.model, found[None], limits, hook)[0]:
+            return found
+    raise AssertionError
 
 
 async def recover_by_hand(seed: int) -> PendantRecovery:
