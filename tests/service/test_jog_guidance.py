@@ -33,7 +33,9 @@ async def test_a_screen_shows_the_turn_of_the_present_question_only() -> None:
         "text": "Turn J3 with the + key, 5.7 deg are left.",
         "values": LEFT,
     }
-    assert len(changes) == notices  # it goes with the live values: ten times a second is no news of the session
+    assert (
+        len(changes) == notices
+    )  # it goes with the live values: ten times a second is no news of the session
     screen.answer_prompt(screen.prompt.id, "anna", "yes")
     assert await asked == Answer("anna")
     assert screen.guidance is None
